@@ -14,8 +14,7 @@ from flexstage.lumped import (
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.latex import latex_document, plain_text, sheet_data
-from flexstage.lumped.sheet_items import Formula, SheetSection
+from flexstage.lumped.latex import Formula, SheetSection, latex_document, plain_text, sheet_data
 from flexstage.lumped.symbols import upright
 from tests.mechanisms import damped_parallelogram
 

@@ -22,11 +22,11 @@ from flexstage.lumped import (
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.hinge_block import generic_body, generic_hinge
 from flexstage.lumped.reduction import find_mirror
 from flexstage.lumped.symbolic import SymbolicModel
+from flexstage.lumped.symbols import generic_body, generic_hinge
 from flexstage.system import frequency_response, modes
-from flexstage.system.damping import RayleighDamping
+from flexstage.system.mechanical import RayleighDamping
 from tests.mechanisms import chain, damped_parallelogram, parallelogram
 
 

@@ -19,7 +19,12 @@ from flexstage.system import MechanicalSystem
 from flexstage.system.axis_states import decoupled_axis, stress_anywhere
 from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
-from flexstage.system.zonotope import box_section, polygon_area, zonogon_outline, zonotope_volume
+from flexstage.system.reachable_area import (
+    box_section,
+    polygon_area,
+    zonogon_outline,
+    zonotope_volume,
+)
 from tests.parallel_stage import ARM, AWRY, CRANK, EDGE, NOTCH, three_legs
 
 

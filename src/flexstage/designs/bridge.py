@@ -53,8 +53,8 @@ def bridge(p: BridgeParameters) -> Stage:
                               \__)_____(__/
                                |  base   |
 
-    Bodies, drive, probe and axis are those of `flexstage.designs.amplifier_frame.amplifier`; the
-    links are called after their corner, their hinges end in ``-in`` and ``-out``.
+    Bodies, drive, probe and axis are those of `flexstage.designs.amplifier_frame.AmplifierFrame`;
+    the links are called after their corner, their hinges end in ``-in`` and ``-out``.
 
     Notes
     -----

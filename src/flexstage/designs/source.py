@@ -76,7 +76,7 @@ def find_stage(
             f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
         )
     if text.casefold() in DESIGNS:
-        return _design_with(text.casefold(), set) if set else design(text)
+        return construct(*chosen_design(text.casefold(), set)) if set else design(text)
     path = _file(text)
     if path.suffix.lower() in DRAWINGS:
         from flexstage.stage.drawing.drawn_stage import DrawingOptions, stage_of_drawing
@@ -190,10 +190,6 @@ def _file(text: str) -> Path:
         hint = f"did you mean '{near}'?" if near else f"the designs are {some_of(DESIGNS)}"
         raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
     return path
-
-
-def _design_with(name: str, settings: Mapping[str, object]) -> Stage:
-    return construct(*chosen_design(name, settings))
 
 
 def chosen_design(

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
     from flexstage.explore.optimise.optimum import Optimum
     from flexstage.explore.optimise.problem import Goal, Problem
-    from flexstage.explore.sampling import saltelli_points
+    from flexstage.explore.sampling import SweepPlan, saltelli_points, usual_plan
     from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
-    from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
+    from flexstage.explore.sweep import Sweep, sweep
     from flexstage.explore.tolerance import ToleranceStudy, tolerance
     from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances
     from flexstage.explore.variables import Variable, every_variable, variables_of

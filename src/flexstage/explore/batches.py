@@ -1,4 +1,7 @@
-"""A job: work on many samples, cut into batches that do not depend on who computes them."""
+"""A job: work on many samples, cut into batches that do not depend on who computes them.
+
+Finished batches are kept in a folder, so that a run can go on from them.
+"""
 
 import hashlib
 import io

@@ -16,8 +16,6 @@ from flexstage.stage import PiezoStack, Stage
 from flexstage.units import Dimension
 from flexstage.virtual.imperfections import Scatter
 
-_WORDS = 4  # that one step of the counter gives
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
@@ -147,9 +145,10 @@ def _normal(seed: int, stream: int, start: int, stop: int, count: int) -> Array:
 
     if count == 0:
         return np.zeros((stop - start, 0))
-    blocks = -(-count // _WORDS)
+    words_of_step = 4  # that one step of the counter gives
+    blocks = -(-count // words_of_step)
     generator = np.random.Philox(key=seed + (stream << 64), counter=start * blocks)
-    words = generator.random_raw((stop - start) * blocks * _WORDS)
+    words = generator.random_raw((stop - start) * blocks * words_of_step)
     # the middle of each of 2^53 parts of 0 to 1, so that neither end is met
     uniform = ((words >> np.uint64(11)) + 0.5) * 2.0**-53
     return ndtri(uniform.reshape(stop - start, -1)[:, :count])

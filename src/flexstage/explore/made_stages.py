@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,6 @@ from flexstage.virtual.imperfections import Scatter
 
 #: How many standard deviations the tables of the notches reach; one neck in 4e11 is further off.
 REACH = 7.0
-
-_DIGITS = 12  # of a root's width [m] that tell notches apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,6 +64,8 @@ class Process:
         return max((table.error for table in self.tables), default=0.0)
 
 
+# a lot and the search for its tolerances begin with the same one
+@lru_cache(maxsize=4)
 def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Process:
     """Prepare a stage and its process: `reach` is how many standard deviations are covered.
 
@@ -79,7 +80,7 @@ def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Proce
     table_of = []
     for spring in hinge_springs(stage):
         profile, roots = spring.hinge.profile, spring.root_widths
-        rounded = None if roots is None else tuple(round(w, _DIGITS) for w in roots)
+        rounded = None if roots is None else tuple(round(w, 12) for w in roots)  # [m]
         key = (profile, spring.plane, rounded)
         if key not in found:
             found[key] = len(tables)

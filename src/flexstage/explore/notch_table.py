@@ -17,7 +17,7 @@ TOLERANCE = 1e-9
 #: Where the neck of a notch ends that a process may leave, as a share of what was drawn.
 THINNEST = 0.2
 
-_FEWEST, _MOST = (6, 4), 16  # nodes in the directions of neck and radius
+_FEWEST = (6, 4)  # nodes in the directions of neck and radius
 # rows and columns of a stiffness matrix that are not its mirror image
 _UPPER = np.triu_indices(3)
 _HALF = 4  # area, first moments and polar moment of half a notch
@@ -139,7 +139,7 @@ def _built(
         )
         found = table._values(points[:, 0], points[:, 1])
         error = float(np.abs(found - truth / sizes).max())
-        if error <= TOLERANCE or max(counts) >= _MOST:
+        if error <= TOLERANCE or max(counts) >= 16:
             return replace(table, error=error)
         # more in the direction whose last terms have not died out
         last = (float(np.abs(c[-1]).max()), float(np.abs(c[:, -1]).max()))

@@ -1,4 +1,4 @@
-"""Where in a box of parameters stages are looked at: on a grid, or spread evenly over it."""
+"""Which stages a sweep looks at: where in a box of parameters, on a grid or spread over it."""
 
 import math
 from collections.abc import Sequence

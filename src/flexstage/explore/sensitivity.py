@@ -109,10 +109,6 @@ def hinge_variables(template: StageTemplate, patterns: Sequence[str] = ()) -> Hi
 SHARE = 0.01
 #: What a length that is zero changes by where nothing else is said [m].
 LENGTH = 10e-6
-# part of the range of a variable of hinges that a difference quotient takes [1]
-_PART = 1e-5
-# hinges are alike if what they do differs by less than this of the largest, or of the figure [1]
-_ALIKE, _UNSEEN = 1e-3, 5e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -334,7 +330,8 @@ def _mean_of_sides(
     family: Family, point: Array, figures: Sequence[Figure], model: str
 ) -> tuple[Array, Array]:
     """Values of figures, shape (f,), and their central difference quotients, shape (f, d)."""
-    steps = _PART * np.diag(np.ptp(family.bounds, axis=1))
+    # a part of the range of each
+    steps = 1e-5 * np.diag(np.ptp(family.bounds, axis=1))
     found = evaluate(
         family, np.concatenate((point[None], point + steps, point - steps)), figures, model
     )
@@ -356,8 +353,9 @@ def _grouped(found: Sensitivities, family: HingeFamily) -> Sensitivities:
     places = dict(zip(family.names, family.places, strict=True))
     # mirror images do the same the other way round
     rows = np.abs(np.nan_to_num(found.slopes)).T
-    tolerance = _ALIKE * rows.max(axis=0, initial=0.0)
-    unseen = np.where(found.vanishing, 0.0, _UNSEEN * np.abs(np.nan_to_num(found.values)) / LENGTH)
+    # hinges are alike if what they do differs by less than this of the largest, or of the figure
+    tolerance = 1e-3 * rows.max(axis=0, initial=0.0)
+    unseen = np.where(found.vanishing, 0.0, 5e-5 * np.abs(np.nan_to_num(found.values)) / LENGTH)
     tolerance = np.maximum(tolerance, unseen)
     groups: list[list[int]] = []
     for k, variable in enumerate(found.variables):

@@ -12,7 +12,6 @@ from flexstage.explore.figures import ROUNDING
 LARGEST_SHARE_LEFT_OUT = 0.05
 #: Fewest base samples that intervals are estimated from.
 FEWEST = 16
-_RESAMPLES = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +43,7 @@ class SobolIndices:
 
 
 def sobol_indices(
-    values: Array, seed: int = 0, *, confidence: float = 0.95, resamples: int = _RESAMPLES
+    values: Array, seed: int = 0, *, confidence: float = 0.95, resamples: int = 1000
 ) -> SobolIndices:
     r"""Estimate Sobol' indices from the values at `flexstage.explore.saltelli_points`.
 

@@ -18,9 +18,6 @@ PERCENTILES: tuple[float, ...] = (0.5, 2.5, 50.0, 97.5, 99.5)
 CONFIDENCE = 0.95
 
 _BINS = (12, 60)  # of a histogram, at least and at most
-# a value this many robust standard deviations from the median is one of its own
-_APART = 8.0
-_NORMAL = 1.4826  # standard deviation over the median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +85,8 @@ def spread_of(figure: Figure, nominal: float, values: Array) -> Spread:
     if not kept.size:
         raise ModelError(f"no sample has the figure {figure.name}: give a finer process")
     median = kept[(kept.size - 1) // 2]
-    robust = _NORMAL * float(np.median(np.abs(kept - median)))
+    # standard deviation over the median absolute deviation of a normal distribution
+    robust = 1.4826 * float(np.median(np.abs(kept - median)))
     ends = (kept[0], kept[-1])
     if kept.size > 200:  # a lonely value must not squeeze all others into one bin
         ends = tuple(np.quantile(kept, (0.5e-3, 1.0 - 0.5e-3)))
@@ -105,7 +103,7 @@ def spread_of(figure: Figure, nominal: float, values: Array) -> Spread:
         edges=edges,
         counts=np.diff(np.searchsorted(kept, edges)),
         count=kept.size,
-        apart=int((np.abs(kept - median) > _APART * robust).sum()) if robust > 0.0 else 0,
+        apart=int((np.abs(kept - median) > 8.0 * robust).sum()) if robust > 0.0 else 0,
     )
 
 

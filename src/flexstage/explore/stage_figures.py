@@ -13,13 +13,6 @@ from flexstage.system.axis_states import axis_states
 
 # of every drive of each axis at full stroke, its elongation [m] and force [N]
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]
-# of the largest elongation of a motion, less is none
-_STILL = 1e-9
-
-
-def _smallest_slot(stage: Stage) -> Mapping[str, float]:
-    """Narrowest cut, negative where bodies overlap."""
-    return {WHOLE_STAGE: narrowest_slot(stage)}
 
 
 def _smallest_wall(stage: Stage) -> Mapping[str, float]:
@@ -71,7 +64,8 @@ def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
         largest = max((abs(length) for length, _ in drives.values()), default=0.0)
         for name, (length, force) in drives.items():
             drive = stage.drive(name)
-            if isinstance(drive, Force) or abs(length) <= _STILL * largest:
+            # of the largest elongation of a motion, less is none
+            if isinstance(drive, Force) or abs(length) <= 1e-9 * largest:
                 continue
             lost = 0.0 if drive.spring is None else force / drive.spring
             left = length / (length + lost) if length + lost else math.inf
@@ -90,7 +84,8 @@ def _buckling_factor(stage: Stage, forces: Forces) -> Mapping[str, float]:
 #: By quantity: what computes it of the geometry alone, by axis, ``stage`` for the whole.
 _OF_GEOMETRY: Mapping[str, Callable[[Stage], Mapping[str, float]]] = {
     "smallest_neck": _smallest_neck,
-    "smallest_slot": _smallest_slot,
+    # the narrowest cut, negative where bodies overlap
+    "smallest_slot": lambda stage: {WHOLE_STAGE: narrowest_slot(stage)},
     "smallest_wall": _smallest_wall,
     "output_wall": _output_wall,
 }

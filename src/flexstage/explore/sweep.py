@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 
 # what differs between two sentences that say the same of two stages
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
-#: Fewest impossible points from which a bound is worth naming.
-_FEW = 3
-#: How much more of the impossible points than of the others a cut takes away, to be named.
-_WORTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +87,7 @@ def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
     """
     bad = np.array([bool(fault) for fault in faults])
     n, m = int(bad.sum()), int((~bad).sum())
-    if n < _FEW or m == 0:
+    if n < 3 or m == 0:  # too few for a bound to be worth naming
         return None
     best: tuple[float, NarrowerBound] | None = None
     for i, column in enumerate(points.T):
@@ -107,7 +103,7 @@ def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
                 continue
             k = int(np.argmax(a - b))
             worth = float(a[k] - b[k])
-            if worth >= _WORTH and (best is None or worth > best[0]):
+            if worth >= 0.5 and (best is None or worth > best[0]):
                 cut = NarrowerBound(
                     variable=i,
                     bound=bound,
@@ -127,9 +123,6 @@ _COST = {
     "superelement-3d": 10.0,
     "solid": 30.0,
 }
-
-# a figure that varies by less than this share of its size is hardly worth a diagram
-_HARDLY = 1e-3
 
 
 def usual_cost(model: str) -> float:
@@ -218,7 +211,7 @@ class Sweep:
         """The figures worth looking at: those that vary by more than 0.1 %, else all that vary."""
         found = self.values[self.possible]
         with np.errstate(invalid="ignore"):
-            much = np.ptp(found, axis=0) > _HARDLY * np.abs(found).max(axis=0)
+            much = np.ptp(found, axis=0) > 1e-3 * np.abs(found).max(axis=0)
         much &= ~self.still
         return tuple(int(k) for k in np.flatnonzero(much if much.any() else ~self.still))
 

@@ -161,10 +161,6 @@ class ToleranceStudy:
         """What is required."""
         return tuple(y.requirement for y in self.yields if y.requirement is not None)
 
-    def shares_of(self, figure: Figure) -> Shares | None:
-        """Return where the variance of a figure comes from; None where that is not known."""
-        return next((s for s in self.shares if s.figure == figure), None)
-
 
 def lot_of(
     stage: Stage,

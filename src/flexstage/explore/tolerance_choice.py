@@ -19,13 +19,6 @@ from flexstage.virtual.imperfections import Scatter
 #: Finest and coarsest scatter that is thought of, as parts of the given one.
 FINEST, COARSEST = 0.02, 3.0
 
-_ROUNDS = 10
-# a change of the cost that is not worth another round [1]
-_WORTH = 0.01
-_FITTED = 2000  # samples of each kind alone, at most
-# halvings of a step between a scatter that is good and one that is not
-_HALVINGS = 6
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToleranceChoice:
@@ -192,15 +185,15 @@ class _Search:
         best: _Drawn | None = usual if self._good(usual) else None
         last, aim = usual, _probit(self.needed)
         settled = False
-        for round_ in range(_ROUNDS):
-            update("tolerances that reach the yield", round_ / _ROUNDS)
+        for round_ in range(10):
+            update("tolerances that reach the yield", round_ / 10)
             factors = self._cheapest(last, aim)
             drawn = self._draw(factors)
             # the model is right at the last drawn scatter; beyond it goes a little too far or short
             if self._good(drawn):
                 gain = 1.0 if best is None else 1.0 - self._cost(drawn) / self._cost(best)
                 best = drawn if gain > 0.0 else best
-                if settled := gain < _WORTH:
+                if settled := gain < 0.01:  # not worth another round
                     break
             last = drawn
         if best is None:
@@ -231,7 +224,7 @@ class _Search:
     def _nearest(self, missed: _Drawn) -> _Drawn | None:
         """Return the widest scatter in proportion to one that misses the target, or None."""
         found, low, high = None, math.log(FINEST / float(missed.factors.max())), 0.0
-        for _ in range(_HALVINGS):
+        for _ in range(6):  # halvings of the step between a good scatter and one that is not
             middle = 0.5 * (low + high)
             drawn = self._draw(np.maximum(missed.factors * math.exp(middle), FINEST))
             if self._good(drawn):
@@ -258,7 +251,7 @@ class _Search:
 
     def _modelled(self, factors: Array, lot: Lot, values: Array) -> _Drawn:
         taken = values[:, self.column]
-        count = min(len(values), _FITTED)
+        count = min(len(values), 2000)
         shift, variance = [], []
         for kind in self.kinds:
             # by itself, as a straight line does not see what is the largest of several necks

@@ -20,8 +20,6 @@ _HOW = (
     'expected NAME=LOW..HIGH, such as {0}="{1}", with /6 behind it for six values, or {0}="20 %" '
     "for the value that it has and 20 % to either side"
 )
-# names that a sentence has at most
-_NAMED = 12
 # the part of a name behind which the data sheet of an actuator stands
 _ACTUATOR = "actuator"
 #: Share of its value by which a parameter is varied to either side where nothing is said.
@@ -180,12 +178,8 @@ def _value(parameter: StageParameter) -> float | None:
     value = parameter.value
     if not isinstance(value, float) or is_expression(parameter.text):
         return None
-    known = parameter.dimension or _is_number(parameter.text)
+    known = parameter.dimension or re.fullmatch(_NUMBER, parameter.text.strip())
     return value if known and math.isfinite(value) else None
-
-
-def _is_number(text: str) -> bool:
-    return re.fullmatch(_NUMBER, text.strip()) is not None
 
 
 def _variable(parameter: StageParameter, told: str, text: str) -> Variable:
@@ -259,5 +253,5 @@ def _how(parameters: Iterable[StageParameter]) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """Return names as a sentence has them, twelve at most."""
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return (", ".join(names[:_NAMED]) or "none") + more
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    return (", ".join(names[:12]) or "none") + more

@@ -6,7 +6,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
-    from flexstage.lumped.batch import assemble_batch, lumped_characteristics
+    from flexstage.lumped.batch import assemble_batch, lumped_characteristics, system_tangents
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
         parameter_tangents,
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
-    from flexstage.lumped.system_tangents import system_tangents
     from flexstage.lumped.time_integration import Motion, motion
     from flexstage.lumped.transfer import TransferFunction, transfer_function
 

@@ -26,8 +26,8 @@ from flexstage.stage import (
     root_widths,
 )
 from flexstage.system import Damping, MechanicalSystem
-from flexstage.system.damping import DEFAULT_DAMPING
 from flexstage.system.mechanical import (
+    DEFAULT_DAMPING,
     STANDARD_GRAVITY,
     AxisPort,
     BodyPort,

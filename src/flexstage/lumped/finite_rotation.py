@@ -253,7 +253,7 @@ class NonlinearMechanism:
         Along the drive's direction, which turns with the body it stands on [m]; of one state, with
         gradient, shape (n,), and Hessian, shape (n, n).
         """
-        i = _index("drive", drive, self.mechanism.drives)
+        i = self.mechanism.drives.index(self.mechanism.drive(drive))
         x, b = self.drives.rates(q)
         unit = np.zeros((self.drives.count, 3))
         unit[i, 0] = 1.0
@@ -267,7 +267,7 @@ class NonlinearMechanism:
         Displacement along and across its direction [m] and rotation of the body [rad], against the
         body it is read from, shape (..., 3).
         """
-        i = _index("probe", probe, self.mechanism.probes)
+        i = self.mechanism.probes.index(self.mechanism.probe(probe))
         return self.probes.deformation(np.asarray(q, dtype=float))[..., i, :]
 
 
@@ -324,11 +324,3 @@ def _assembled(which: Connections, local: Array) -> Array:
     spread = which.gather.reshape(which.count, 6, n)
     total = which.gather.T @ (local @ spread).reshape(-1, n)
     return 0.5 * (total + total.T)
-
-
-def _index(noun: str, name: str, sights: tuple[Sight, ...]) -> int:
-    for i, sight in enumerate(sights):
-        if sight.name == name:
-            return i
-    have = ", ".join(s.name for s in sights) or "none"
-    raise ModelError(f"there is no {noun} '{name}': the mechanism has {have}")

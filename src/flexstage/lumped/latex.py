@@ -1,4 +1,4 @@
-"""The sheet of equations as LaTeX, plain text, MathML or plain data."""
+"""What a sheet of equations is made of, and it as LaTeX, plain text, MathML or plain data."""
 
 # SymPy's own annotations are partial and contradict what its functions return.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
@@ -7,12 +7,57 @@
 import html
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-from flexstage.lumped.sheet_items import Formula, Item, Paragraph, SheetSection, Tabular
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paragraph:
+    """A sentence or two."""
+
+    text: str
+    """Plain text."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Formula:
+    """An equation."""
+
+    left: sp.Basic | str
+    """Left side; LaTeX where it is a text."""
+    right: sp.Basic | str
+    """Right side; LaTeX where it is a text."""
+    plain: str = ""
+    """Left side in plain text, where `left` is LaTeX that does not read well as such."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tabular:
+    """A table of texts, numbers and expressions."""
+
+    header: tuple[str | sp.Basic, ...]
+    """Heads of the columns: texts or expressions."""
+    rows: tuple[tuple[str | float | sp.Basic, ...], ...]
+    """Cells: texts, numbers or expressions."""
+
+
+Item = Paragraph | Formula | Tabular
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SheetSection:
+    """A section of the sheet."""
+
+    key: str
+    """Short name by which a program finds it."""
+    title: str
+    """Its heading."""
+    items: tuple[Item, ...]
+    """Paragraphs, formulas and tables in order."""
+
 
 _ESCAPES = {c: "\\" + c for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",

@@ -5,7 +5,8 @@
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import sympy as sp
@@ -15,9 +16,9 @@ from scipy.linalg import eigh, qr
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.lumped.finite_rotation import nonlinear
-from flexstage.lumped.rigid_bodies import Mechanism, named
-from flexstage.lumped.symbolic import DampingKind, SymbolicModel, SymbolicPort
-from flexstage.lumped.symbols import number, starting_values, upright
+from flexstage.lumped.rigid_bodies import Mechanism
+from flexstage.lumped.symbolic import Equations, SymbolicModel, SymbolicPort
+from flexstage.lumped.symbols import upright
 
 # masses and places agree to this, relative to their size
 _NEAR = 1e-9
@@ -99,49 +100,15 @@ def _image(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReducedModel:
+class ReducedModel(Equations):
     """Equations of motion in fewer coordinates z, with q = basis z."""
 
-    name: str
-    """Name of the stage."""
+    has: ClassVar[str] = " in these coordinates: they have"
+
     how: str
     """How it was reduced."""
-    coordinates: tuple[sp.Symbol, ...]
-    """z."""
-    M: sp.ImmutableMatrix
-    """Mass, shape (r, r)."""
-    C: sp.ImmutableMatrix
-    """Damping, shape (r, r)."""
-    K: sp.ImmutableMatrix
-    """Stiffness, shape (r, r)."""
     basis: Array
-    """Displacements for unit z, shape (n, r)."""
-    drives: tuple[SymbolicPort, ...]
-    """Where the stage is driven, as far as z can describe it."""
-    probes: tuple[SymbolicPort, ...]
-    """Where it is read, as far as z can describe it."""
-    values: dict[sp.Symbol, float]
-    """The number that each symbol stands for [SI]."""
-    damping: DampingKind
-    """``none``, ``hinge`` or ``rayleigh``."""
-
-    @property
-    def order(self) -> int:
-        """Number of coordinates r."""
-        return len(self.coordinates)
-
-    def numbers(self, matrix: sp.MatrixBase) -> Array:
-        """Evaluate a matrix of the model."""
-        known = starting_values(self.values)
-        return np.array([number(e, known) for e in matrix]).reshape(matrix.shape)
-
-    def drive(self, name: str) -> SymbolicPort:
-        """Return a drive by name."""
-        return named("drive", name, self.drives, " in these coordinates: they have")
-
-    def probe(self, name: str) -> SymbolicPort:
-        """Return a probe by name."""
-        return named("probe", name, self.probes, " in these coordinates: they have")
+    """Displacements for unit z, shape (q, n)."""
 
 
 def reduce_by_symmetry(
@@ -216,11 +183,7 @@ def reduce_by_symmetry(
 
     def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
         return tuple(
-            SymbolicPort(
-                name=p.name,
-                vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)),
-                stiffness=p.stiffness,
-            )
+            replace(p, vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)))
             for p in ports
             if _parity(found, model.numbers(p.vector)[:, 0]) == parity
         )
@@ -311,14 +274,7 @@ def condense(
         Cr = _floats(basis.T @ C @ basis)
 
     def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
-        return tuple(
-            SymbolicPort(
-                name=p.name,
-                vector=_floats(basis.T @ model.numbers(p.vector)),
-                stiffness=p.stiffness,
-            )
-            for p in ports
-        )
+        return tuple(replace(p, vector=_floats(basis.T @ model.numbers(p.vector))) for p in ports)
 
     return ReducedModel(
         name=model.name,

@@ -5,19 +5,19 @@ the distance of a point of one body from a point of another. Both the symbolic e
 nonlinear model are built from this; neither looks at outlines or notches.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.short_repr import short_repr
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
+from flexstage.system.mechanical import named
 
 Pair = tuple[float, float]
+_HAS = ": the mechanism has"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +123,7 @@ class Mechanism:
         ModelError
             There is no such drive.
         """
-        return named("drive", name, self.drives)
+        return named("drive", name, self.drives, _HAS)
 
     def probe(self, name: str) -> Sight:
         """Return a probe by name.
@@ -143,7 +143,7 @@ class Mechanism:
         ModelError
             There is no such probe.
         """
-        return named("probe", name, self.probes)
+        return named("probe", name, self.probes, _HAS)
 
 
 def mechanism(
@@ -218,12 +218,3 @@ def mechanism(
             for p in stage.probes
         ),
     )
-
-
-def named(noun: str, name: str, among: Sequence[Any], where: str = ": the mechanism has") -> Any:
-    """Return the one of a name; `where` says in a refusal what has the others."""
-    for one in among:
-        if one.name == name:
-            return one
-    have = ", ".join(one.name for one in among) or "none"
-    raise ModelError(f"there is no {noun} '{name}'{where} {have}")

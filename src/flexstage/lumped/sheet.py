@@ -8,11 +8,10 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from flexstage.lumped.hinge_block import generic_body, generic_hinge
+from flexstage.lumped.latex import Formula, Item, Paragraph, SheetSection, Tabular
 from flexstage.lumped.reduction import ReducedModel
-from flexstage.lumped.sheet_items import Formula, Item, Paragraph, SheetSection, Tabular
 from flexstage.lumped.symbolic import SymbolicModel
-from flexstage.lumped.symbols import upright
+from flexstage.lumped.symbols import generic_body, generic_hinge, upright
 from flexstage.lumped.transfer import TransferFunction
 
 # a determinant of more operations is shown with its numbers only

@@ -15,23 +15,26 @@ a symmetric stage has symmetric equations and a table of constants that can be r
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import sympy as sp
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.lumped.hinge_block import (
+from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
+from flexstage.lumped.symbols import (
     HingeConstants,
+    SymbolTable,
     assemble_blocks,
     generic_hinge,
     hinge_constants,
+    number,
     sight_vector,
+    starting_values,
 )
-from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism, named
-from flexstage.lumped.symbols import SymbolTable, number, starting_values
 from flexstage.stage.model import Stage
+from flexstage.system.mechanical import named
 
 DampingKind = Literal["none", "hinge", "rayleigh"]
 
@@ -49,49 +52,30 @@ class SymbolicPort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SymbolicModel:
-    """Equations of motion in symbols, M q'' + C q' + K q = Q."""
+class Equations:
+    """Linear equations of motion in symbols, with where they are driven and read."""
+
+    has: ClassVar[str] = ": the model has"
+    """What a refusal says of a name that there is not."""
 
     name: str
     """Name of the stage."""
-    bodies: tuple[str, ...]
-    """Names of the free bodies: number i is ``bodies[i - 1]``."""
-    held: tuple[str, ...]
-    """Names of the held bodies."""
     coordinates: tuple[sp.Symbol, ...]
-    """q, for each free body x, y of its centre of mass and its rotation theta."""
-    rates: tuple[sp.Symbol, ...]
-    """Their first derivatives in time."""
-    accelerations: tuple[sp.Symbol, ...]
-    """Their second derivatives in time."""
-    forces: tuple[sp.Symbol, ...]
-    """Generalised forces Q."""
-    kinetic_energy: sp.Expr
-    """T."""
-    potential_energy: sp.Expr
-    """V."""
-    dissipation: sp.Expr
-    """Rayleigh's function D."""
-    M: sp.ImmutableSparseMatrix
+    """Coordinates; n of them."""
+    M: sp.MatrixBase
     """Mass, shape (n, n)."""
-    C: sp.ImmutableSparseMatrix
+    C: sp.MatrixBase
     """Damping, shape (n, n)."""
-    K: sp.ImmutableSparseMatrix
+    K: sp.MatrixBase
     """Stiffness, shape (n, n)."""
-    hinges: tuple[HingeConstants, ...]
-    """The hinges."""
-    body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
-    """Mass and inertia of each free body."""
     drives: tuple[SymbolicPort, ...]
-    """Where the stage is driven."""
+    """Where the stage is driven, as far as the coordinates can describe it."""
     probes: tuple[SymbolicPort, ...]
-    """Where it is read."""
+    """Where it is read, as far as they can."""
     values: dict[sp.Symbol, float]
     """The number that each symbol stands for [SI]."""
     damping: DampingKind
     """``none``, ``hinge`` or ``rayleigh``."""
-    source: Mechanism
-    """The bodies and springs that it was derived from."""
 
     @property
     def order(self) -> int:
@@ -116,7 +100,7 @@ class SymbolicModel:
         ModelError
             There is no such drive.
         """
-        return named("drive", name, self.drives, ": the model has")
+        return named("drive", name, self.drives, self.has)
 
     def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name.
@@ -136,7 +120,57 @@ class SymbolicModel:
         ModelError
             There is no such probe.
         """
-        return named("probe", name, self.probes, ": the model has")
+        return named("probe", name, self.probes, self.has)
+
+    def numbers(self, matrix: sp.MatrixBase) -> Array:
+        """Evaluate a matrix of the model.
+
+        Parameters
+        ----------
+        matrix : sympy.Matrix
+            A matrix whose symbols have values.
+
+        Returns
+        -------
+        numpy.ndarray
+            Its numbers, of the matrix's shape.
+        """
+        out = np.zeros(matrix.shape)
+        known = starting_values(self.values)
+        for at, entry in sp.ImmutableSparseMatrix(matrix).todok().items():
+            out[at] = number(entry, known)
+        return out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SymbolicModel(Equations):
+    """Equations of motion in symbols, M q'' + C q' + K q = Q.
+
+    For each free body q has x, y of its centre of mass and its rotation theta.
+    """
+
+    bodies: tuple[str, ...]
+    """Names of the free bodies: number i is ``bodies[i - 1]``."""
+    held: tuple[str, ...]
+    """Names of the held bodies."""
+    rates: tuple[sp.Symbol, ...]
+    """First derivatives of q in time."""
+    accelerations: tuple[sp.Symbol, ...]
+    """Second derivatives of q in time."""
+    forces: tuple[sp.Symbol, ...]
+    """Generalised forces Q."""
+    kinetic_energy: sp.Expr
+    """T."""
+    potential_energy: sp.Expr
+    """V."""
+    dissipation: sp.Expr
+    """Rayleigh's function D."""
+    hinges: tuple[HingeConstants, ...]
+    """The hinges."""
+    body_constants: tuple[tuple[sp.Expr, sp.Expr], ...]
+    """Mass and inertia of each free body."""
+    source: Mechanism
+    """The bodies and springs that it was derived from."""
 
     def equations(self) -> tuple[sp.Eq, ...]:
         """Return Lagrange's equations of motion, one for each coordinate.
@@ -196,25 +230,6 @@ class SymbolicModel:
                     f"the model has no symbol '{name}': it has {', '.join(sorted(known)[:12])}, ..."
                 )
         return replace(self, values=self.values | {known[k]: v for k, v in numbers.items()})
-
-    def numbers(self, matrix: sp.MatrixBase) -> Array:
-        """Evaluate a matrix of the model.
-
-        Parameters
-        ----------
-        matrix : sympy.Matrix
-            A matrix whose symbols have values.
-
-        Returns
-        -------
-        numpy.ndarray
-            Its numbers, of the matrix's shape.
-        """
-        out = np.zeros(matrix.shape)
-        known = starting_values(self.values)
-        for at, entry in sp.ImmutableSparseMatrix(matrix).todok().items():
-            out[at] = number(entry, known)
-        return out
 
 
 def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh") -> SymbolicModel:

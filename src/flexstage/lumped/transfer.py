@@ -27,8 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympy.polys.matrices import DomainMatrix
 
 from flexstage.errors import ModelError
-from flexstage.lumped.reduction import ReducedModel
-from flexstage.lumped.symbolic import SymbolicModel
+from flexstage.lumped.symbolic import Equations
 
 InputKind = Literal["force", "free displacement"]
 
@@ -126,7 +125,7 @@ class TransferFunction:
 
 
 def transfer_function(
-    model: SymbolicModel | ReducedModel,
+    model: Equations,
     drive: str,
     probe: str,
     *,

@@ -9,11 +9,14 @@ if TYPE_CHECKING:
     from flexstage.system.batch import SystemBatch
     from flexstage.system.batch_analysis import batch_characteristics
     from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
-    from flexstage.system.damping import Damping, LossFactor, ModalDamping, RayleighDamping
     from flexstage.system.derivatives import characteristic_derivatives
     from flexstage.system.mechanical import (
+        Damping,
         DriveCondition,
+        LossFactor,
         MechanicalSystem,
+        ModalDamping,
+        RayleighDamping,
     )
     from flexstage.system.modes import Modes, modes
     from flexstage.system.response import (

@@ -9,8 +9,8 @@ from flexstage.errors import ModelError
 from flexstage.stage import Stage
 from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
 from flexstage.system.mechanical import MechanicalSystem
+from flexstage.system.reachable_area import MOST_DRIVES
 from flexstage.system.statics import AxisAnalysis, analyse_axis, static_state
-from flexstage.system.zonotope import MOST_DRIVES
 
 
 def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:

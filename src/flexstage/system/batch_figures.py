@@ -7,9 +7,10 @@ an engineer would decide by looking is decided on the nominal stage, for all.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,194 @@ from flexstage.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
 from flexstage.system.axis_states import axis_states
 from flexstage.system.batch_modes import start_shapes
-from flexstage.system.characteristics import axis_quantity, cross_figures
 from flexstage.system.coupled_axes import CoupledAxes
-from flexstage.system.coupling_figures import CouplingFigures
-from flexstage.system.figure_source import Key, Source, added, stress_at, stress_rows
-from flexstage.system.forward_mode import largest, largest_row, magnitude, root, solved
+from flexstage.system.figure_source import (
+    AxisMeasures,
+    Key,
+    Source,
+    added,
+    axis_figures,
+    stress_at,
+    stress_figures,
+)
+from flexstage.system.forward_mode import (
+    largest,
+    largest_row,
+    magnitude,
+    power,
+    root,
+    singular_values,
+    solved,
+    where_larger,
+)
 from flexstage.system.mechanical import MechanicalSystem
+from flexstage.system.reachable_area import MOST_DRIVES
 from flexstage.system.statics import AxisAnalysis, probe_stiffness
+
+
+class CouplingFigures:
+    """What all drives do to all axes."""
+
+    def __init__(
+        self, stage: Stage, system: MechanicalSystem, nominal: CoupledAxes, source: Source
+    ) -> None:
+        self.stage, self.system, self.nominal, self.source = stage, system, nominal, source
+        drives, probes = ([port.name for port in ports] for ports in (system.drives, system.probes))
+        self.drives = [drives.index(name) for name in nominal.drives]
+        self.probes = [probes.index(axis.probe) for axis in nominal.axes]
+        self.stiff = [j for j in self.drives if system.drives[j].stiffness != 0.0]
+        # drives of no axis are held, where they hold
+        self.rest = [
+            j
+            for j, drive in enumerate(system.drives)
+            if j not in self.drives and drive.stiffness != 0.0
+        ]
+
+    @cached_property
+    def forces(self) -> dict[int, dict[int, Any]]:
+        """Forces of all drives for a unit elongation of each, the others held."""
+        gram, out = self.source.gram, {}
+        for j in self.drives:
+            held = [*dict.fromkeys([*self.stiff, j]), *self.rest]
+            unit = [float(i == j) for i in held]
+            found = solved([[gram(a, b) for b in held] for a in held], unit)
+            out[j] = dict(zip(held, found, strict=True))
+        return out
+
+    @cached_property
+    def jacobian(self) -> list[list[Any]]:
+        """What each axis reads for a unit of each drive."""
+        reach = self.source.reach
+        return [
+            [added([f * reach(p, i) for i, f in self.forces[j].items()]) for j in self.drives]
+            for p in self.probes
+        ]
+
+    @cached_property
+    def scaled(self) -> list[list[Any]]:
+        """The same with rotations times the characteristic length."""
+        units = self.nominal.units
+        if "rad" not in units:
+            return self.jacobian
+        probe = self.probes[units.index("rad")]
+        length = self.source.length(tuple(self.drives), probe)
+        return [
+            [length * x for x in row] if unit == "rad" else row
+            for row, unit in zip(self.jacobian, units, strict=True)
+        ]
+
+    def gains(self, axis: int) -> dict[int, Any]:
+        """What an axis reads for a unit of each drive."""
+        return dict(zip(self.drives, self.jacobian[axis], strict=True))
+
+    @cached_property
+    def ranges(self) -> list[tuple[Any, Any]]:
+        """Least and greatest elongation of each drive."""
+        out = []
+        for j in self.drives:
+            if self.system.drives[j].stroke is None:
+                reach = self.source.of_drive("largest_force", j) / self.forces[j][j]
+                out.append((-reach, reach))
+            else:
+                stroke = self.source.of_drive("stroke", j)
+                out.append((0.0 * stroke, stroke))
+        return out
+
+    def motion(self, axis: int) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
+        """Elongations, forces, and those with drives that only hold, of one axis alone."""
+        # pivots as a plain elimination of the nominal J has them, the same ones for all samples
+        order = _pivot_rows(self.nominal.scaled)
+        unit = [float(row == axis) for row in order]
+        direction = solved([self.jacobian[row] for row in order], unit)
+        parts = [
+            magnitude(w) / (high - low)
+            for w, (low, high) in zip(direction, self.ranges, strict=True)
+        ]
+        longest = largest(parts)
+        moved = {j: w / longest for j, w in zip(self.drives, direction, strict=True)}
+        every: dict[int, Any] = {}
+        for j, elongation in moved.items():
+            for i, f in self.forces[j].items():
+                every[i] = every[i] + f * elongation if i in every else f * elongation
+        return moved, {j: every[j] for j in self.drives}, every
+
+    def rows(self) -> dict[Key, Callable[[], Any]]:
+        """Its figures, in the order of `flexstage.system.analyse`."""
+        rows: dict[Key, Callable[[], Any]] = {}
+        nominal = self.nominal
+        if len(nominal.axes) < 2:
+            return rows
+        if nominal.independent:
+            rows["condition_number", WHOLE_STAGE] = lambda: self.sigma[0] / self.sigma[-1]
+            rows["isotropy", WHOLE_STAGE] = self._isotropy
+        known = self.system.stress is not None and len(self.drives) <= MOST_DRIVES
+        if nominal.coupled and known:
+            found = stress_figures(
+                self.stage.material, self.source.strength, lambda: self._stress_anywhere
+            )
+            rows |= {(name, WHOLE_STAGE): row for name, row in found}
+        reached = nominal.workspace
+        if reached is not None and (len(reached.axes) == 2 or len(self.drives) == 3):
+            rows["workspace_area", "".join(reached.axes[:2])] = self._area
+        return rows
+
+    @cached_property
+    def sigma(self) -> list[Any]:
+        """Singular values of the scaled J."""
+        return singular_values(self.scaled, self.source.fine())
+
+    def _isotropy(self) -> Any:
+        squares = [s * s for s in self.sigma]
+        whole = squares[0]
+        for square in squares[1:]:
+            whole = whole * square
+        return power(whole, 1.0 / len(squares)) / (added(squares) / len(squares))
+
+    @cached_property
+    def _stress_anywhere(self) -> Any:
+        each = [stress_at(self.source, self.forces[j]) for j in self.drives]
+        ends = []
+        for corner in product(*self.ranges):
+            stress = added([w * s for w, s in zip(corner, each, strict=True)])
+            ends.append(largest_row(magnitude(stress)))
+        return largest(ends)
+
+    def _area(self) -> Any:
+        """Area of the workspace, with a rotation that at its middle."""
+        units = self.nominal.units
+        straight = [i for i, unit in enumerate(units) if unit == "m"][:2]
+        turning = [i for i, unit in enumerate(units) if unit == "rad"]
+        spans = [high - low for low, high in self.ranges]
+        reach = [
+            [x * span for x, span in zip(self.jacobian[i], spans, strict=True)]
+            for i in (*straight, *turning)
+        ]
+        (x, y), pairs = reach[:2], list(combinations(range(len(spans)), 2))
+        minors = {(i, j): x[i] * y[j] - x[j] * y[i] for i, j in pairs}
+        if not turning:
+            return added([magnitude(minor) for minor in minors.values()])
+        # a parallelepiped: its volume, times how likely the middle is for a sum of uniform parts
+        z = reach[2]
+        volume = z[0] * minors[1, 2] - z[1] * minors[0, 2] + z[2] * minors[0, 1]
+        a, b, c = (magnitude(part) for part in z)
+        most = largest([a, b, c])
+        four = 2.0 * (a * b + b * c + c * a) - a * a - b * b - c * c
+        # 1/most where one part is as large as the others together; else none of them is nothing
+        alone = where_larger(most + most, a + b + c, 4.0 * a * b * c * 0.0 + 1.0, 4.0 * a * b * c)
+        return magnitude(volume) * where_larger(most + most, a + b + c, 1.0 / most, four / alone)
+
+
+def _pivot_rows(matrix: Array) -> list[int]:
+    """Order of rows by which elimination never meets a small pivot."""
+    left, order = matrix / np.abs(matrix).max(), []
+    rows = list(range(len(matrix)))
+    for column in range(len(matrix)):
+        best = max(rows, key=lambda r: abs(left[r, column]))
+        rows.remove(best)
+        order.append(best)
+        for r in rows:
+            left[r] -= left[r, column] / left[best, column] * left[best]
+    return order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,8 +299,6 @@ class AxisFigures:
         self.stage, self.source, self.index, self.nominal = stage, stage.source, index, nominal
         self.name = nominal.axis
         self.probe = stage.probe[nominal.probe]
-        system = stage.decided.system
-        self.port = system.probes[self.probe]
         self.together = stage.coupling if stage.decided.together is not None else None
 
     @cached_property
@@ -151,11 +331,6 @@ class AxisFigures:
         return self.reading(self.probe)
 
     @cached_property
-    def stress(self) -> Any:
-        """Largest equivalent stress."""
-        return largest_row(magnitude(stress_at(self.source, self.motion[2])))
-
-    @cached_property
     def held(self) -> tuple[Any, dict[int, Any]]:
         """Reading for a unit force on the probe, drives in place, and the forces that they hold."""
         system, source = self.stage.decided.system, self.source
@@ -176,63 +351,36 @@ class AxisFigures:
         force = dict(zip(drives, solved(matrix, reached), strict=True))
         return soft - added([f * source.reach(self.probe, j) for j, f in force.items()]), force
 
-    def rows(self) -> list[tuple[str, Callable[[], Any]]]:
+    def rows(self) -> Iterator[tuple[str, Callable[[], Any]]]:
         """Its figures, in the order of `flexstage.system.analyse`."""
-        source, system, nominal = self.source, self.stage.decided.system, self.nominal
-        turns, unit = self.port.unit == "rad", self.port.unit
-        rows: list[tuple[str, Callable[[], Any]]] = [
-            ("input_displacement", lambda: self.input),
-            (axis_quantity("output_displacement", unit), lambda: self.output),
-        ]
-        if not turns:
-            rows.append(("transmission_ratio", lambda: self.output / self.input))
-        if nominal.static.hinge_stress:
-            rows += stress_rows(source, self.stage.decided.stage.material, lambda: self.stress)
-        steps = [
-            self.stage.drive[n] for n in nominal.drives if system.drive(n).smallest_displacement
-        ]
-        if steps:
-            rows.append((axis_quantity("resolution", unit), lambda: self._resolution(steps)))
-        rows.append(("natural_frequency_hz", lambda: root(source.mode(self.index)[0]) / math.tau))
-        rows += self._cross()
-        if not turns:
-            rows.append(("parasitic_rotation", self._parasitic))
-        rows.append(("input_stiffness", self._input_stiffness))
-        if math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")):
-            rows.append((axis_quantity("output_stiffness", unit), lambda: 1.0 / self.held[0]))
-        if np.any(self.port.vector):
-            inertia = axis_quantity("effective_mass", unit)
-            rows.append((inertia, lambda: 1.0 / source.mode(self.index)[1]))
-        if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
-            rows.append(("gravity_sag", self._sag))
-        return rows
-
-    def _resolution(self, steps: list[int]) -> Any:
-        gains = (
-            {steps[0]: self.output / self.input}
-            if self.together is None
-            else self.together.gains(self.index)
+        decided, source, nominal = self.stage.decided, self.source, self.nominal
+        system = decided.system
+        measures = AxisMeasures(
+            input=lambda: self.input,
+            output=lambda: self.output,
+            stress=lambda: largest_row(magnitude(stress_at(source, self.motion[2]))),
+            strength=source.strength,
+            step=self._step,
+            frequency_hz=lambda: root(source.mode(self.index)[0]) / math.tau,
+            shown=lambda: source.mode(self.index)[1],
+            worst=lambda probes: largest(
+                [self.reading(self.stage.probe[p]) for p in probes], by_magnitude=True
+            ),
+            rotation=lambda: added(
+                [f * source.rotation(self.probe, j) for j, f in self.motion[2].items()]
+            ),
+            input_stiffness=self._input_stiffness,
+            output_stiffness=lambda: 1.0 / self.held[0],
+            sag=self._sag,
+            yields=math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")),
+            seen=bool(np.any(system.probes[self.probe].vector)),
         )
-        step = "smallest_displacement"
-        return largest([magnitude(gains[j]) * self.source.of_drive(step, j) for j in steps])
+        return axis_figures(system, nominal, decided.stage.material, measures)
 
-    def _cross(self) -> list[tuple[str, Callable[[], Any]]]:
-        system = self.stage.decided.system
-        others = [axis.probe for axis in system.axes if axis.name != self.name]
-
-        def worst(probes: list[str]) -> Any:
-            readings = [self.reading(self.stage.probe[p]) for p in probes]
-            return largest(readings, by_magnitude=True)
-
-        def row(quantity: str, probes: list[str]) -> Callable[[], Any]:
-            if quantity == "cross_coupling":
-                return lambda: worst(probes) / self.output
-            return lambda: worst(probes)
-
-        return [(q, row(q, probes)) for q, probes in cross_figures(system, self.nominal, others)]
-
-    def _parasitic(self) -> Any:
-        return added([f * self.source.rotation(self.probe, j) for j, f in self.motion[2].items()])
+    def _step(self, drive: str) -> Any:
+        j, together = self.stage.drive[drive], self.together
+        gain = self.output / self.input if together is None else together.gains(self.index)[j]
+        return gain * self.source.of_drive("smallest_displacement", j)
 
     def _input_stiffness(self) -> Any:
         moved, force, _ = self.motion

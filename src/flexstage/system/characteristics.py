@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.axis_states import AxisStates, stress_anywhere
 from flexstage.system.coupled_axes import CoupledAxes
+from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
 from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import Modes
@@ -26,21 +28,6 @@ AS_MUCH = 1e-3
 _AT_POINTS = 1e-2
 #: Modes that are computed, among which that of an axis is sought.
 MODES_SEARCHED = 12
-
-# an axis that moves by less than this of what another does is not moved by its drive
-_NOTHING = 0.1
-# what a figure of an axis is called where the axis is a rotation
-_OF_ROTATION = {
-    "output_displacement": "rotation_stroke",
-    "resolution": "rotation_resolution",
-    "output_stiffness": "rotational_stiffness",
-    "effective_mass": "effective_inertia",
-}
-
-
-def axis_quantity(quantity: str, unit: str) -> str:
-    """Return what a figure of an axis is called, by the unit in which the axis is read."""
-    return _OF_ROTATION[quantity] if unit == "rad" else quantity
 
 
 def axis_mode(
@@ -99,89 +86,120 @@ def axis_characteristics(
     frequency with them `in_place` as well, unless a frequency of it was published, whose condition
     is that of the comparison.
     """
-    others = [a for a in system.axes if a.name != axis.axis]
-    static, unit = axis.static, system.probe(axis.probe).unit
-    turns = unit == "rad"
-    ports = {name: system.drive(name) for name in axis.drives}
-    add = _Rows(system.model, axis.axis)
+    static, port, add = axis.static, system.probe(axis.probe), _Rows(system.model, axis.axis)
+    mode = axis_mode(system, removed, static.drive_force, axis.probe)
+    frequency_hz = removed.frequency_hz
+    # of modes of one frequency any mixture is one: what they do together is sure
+    alike = np.abs(frequency_hz / frequency_hz[mode] - 1.0) < ALIKE
+    shown = np.sum((port.vector @ removed.shapes[:, alike]) ** 2)
+    stiffness = probe_stiffness(system, axis.probe, drives="in place")
+    stress = static.hinge_stress
+    hinge = max(stress, key=lambda name: stress[name], default="")
+    ratio = np.float64(axis.output_displacement) / axis.input_displacement
+    gains = dict.fromkeys(axis.drives, ratio) if coupled is None else coupled.gains(axis.axis)
+    measures = AxisMeasures(
+        input=lambda: axis.input_displacement,
+        output=lambda: axis.output_displacement,
+        stress=lambda: stress[hinge],
+        strength=partial(_strength, stage.material),
+        step=lambda name: (
+            np.float64(gains[name]) * (system.drive(name).smallest_displacement or 0.0)
+        ),
+        frequency_hz=lambda: frequency_hz[mode],
+        shown=lambda: shown,
+        worst=lambda probes: max((static.readings[p] for p in probes), key=abs),
+        rotation=lambda: static.body_motion[port.body][2],
+        input_stiffness=lambda: axis.input_stiffness,
+        output_stiffness=lambda: stiffness,
+        sag=lambda: _sag(stage, system, axis.probe),
+        yields=stiffness < math.inf,
+        seen=bool(shown),
+    )
+    published = {(row.quantity, row.axis) for row in stage.published}
+    stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
+    both = stacks and ("natural_frequency_hz", axis.axis) not in published
+    which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
+    notes = {
+        **_motion_notes(system, axis, alone=coupled is None),
+        **_stress_notes(stage.material, f"hinge '{hinge}', {_over(coupled)}"),
+        "natural_frequency_hz": f"mode {mode + 1}, "
+        + ("without stack (drives removed)" if both else "drives removed"),
+        axis_quantity("effective_mass", port.unit): f"modal mass of {which} {mode + 1} (drives "
+        "removed) where the probe moves by one",
+    }
+    for quantity, value in axis_figures(system, axis, stage.material, measures):
+        scatter = _scatter(axis, hinge) if quantity == "max_stress" else None
+        add(quantity, value(), notes[quantity], scatter)
+        frequency = quantity == "natural_frequency_hz"
+        if frequency and both and in_place is not None and in_place.frequency_hz.size:
+            driven = axis_mode(system, in_place, static.drive_force, axis.probe)
+            condition = f"mode {driven + 1}, with stack (drives in place)"
+            add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
+    for quantity, value, note in _loaded(system, axis.probe):
+        add(quantity, value, note)
+    return add.rows
 
-    alone = coupled is None
+
+def _over(coupled: CoupledAxes | None) -> str:
+    """Say over what the stress of an axis is the largest."""
+    if coupled is None:
+        return "full stroke"
+    return "change from end to end (the largest is of the stage)"
+
+
+def _scatter(axis: AxisAnalysis, hinge: str) -> float | None:
+    """Return what the largest stress of an axis may be off by, as far as a mesh tells [Pa]."""
+    static = axis.static
+    if static.stress is None:
+        return None
+    scatter = static.stress.of(hinge).scatter(static.q)[hinge]
+    # nothing is known of its scatter where the stress comes from no mesh; on one, elements that
+    # agree at a point do not know that it lies elsewhere on the next
+    return scatter + _AT_POINTS * static.hinge_stress[hinge] if scatter else None
+
+
+def _sag(stage: Stage, system: MechanicalSystem, probe: str) -> float:
+    """Return what the weight along the direction of a probe does to it."""
+    c, s = stage.probe(probe).along
+    weight = {"gravity x": c, "gravity y": s}
+    return static_loads(system, weight, drives="in place").readings[probe]
+
+
+def _motion_notes(system: MechanicalSystem, axis: AxisAnalysis, *, alone: bool) -> dict[str, str]:
+    """Return what is said of the figures of a motion, by one drive `alone` or by all together."""
+    port = system.probe(axis.probe)
+    unit, turns = port.unit, port.unit == "rad"
     if alone:
-        pushed = "imposed" if ports[axis.drive].stroke is not None else "at its largest force"
+        stroke = system.drive(axis.drive).stroke
+        pushed = "imposed" if stroke is not None else "at its largest force"
         pushed, rest = f"elongation of the drive, {pushed}", "other drives removed"
     else:
         largest = max(axis.drives, key=lambda name: abs(axis.drives[name]))
         pushed = f"largest elongation of a drive ('{largest}') in a motion of this axis alone"
         rest = "this axis alone, all drives within their strokes"
-    add("input_displacement", axis.input_displacement, pushed)
-    stroke = axis_quantity("output_displacement", unit)
-    add(stroke, axis.output_displacement, f"probe '{axis.probe}', {rest}")
-    if not turns:
-        ratio = axis.output_displacement / axis.input_displacement
-        add("transmission_ratio", ratio, "output over input displacement")
-    if static.hinge_stress:
-        worst = max(static.hinge_stress, key=lambda k: static.hinge_stress[k])
-        stress = static.hinge_stress[worst]
-        own = None if static.stress is None else static.stress.of(worst)
-        scatter = None if own is None else own.scatter(static.q)[worst]
-        # nothing is known of its scatter where the stress comes from no mesh; on one, elements that
-        # agree at a point do not know that it lies elsewhere on the next
-        if scatter:
-            scatter += _AT_POINTS * stress
-        where = "full stroke" if alone else "change from end to end (the largest is of the stage)"
-        add.stress(stage.material, stress, f"hinge '{worst}', {where}", scatter or None)
-    steps = {n: p.smallest_displacement for n, p in ports.items() if p.smallest_displacement}
-    if steps:
-        gains = (
-            {axis.drive: axis.output_displacement / axis.input_displacement}
-            if coupled is None
-            else coupled.gains(axis.axis)
-        )
-        add(
-            axis_quantity("resolution", unit),
-            max(abs(gains[name]) * step for name, step in steps.items()),
-            "smallest step of the drive times ratio" + ("" if alone else ", the largest"),
-        )
-    mode = axis_mode(system, removed, static.drive_force, axis.probe)
-    published = {(row.quantity, row.axis) for row in stage.published}
-    stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
-    both = stacks and ("natural_frequency_hz", axis.axis) not in published
-    condition = "without stack (drives removed)" if both else "drives removed"
-    add("natural_frequency_hz", removed.frequency_hz[mode], f"mode {mode + 1}, {condition}")
-    if both and in_place is not None and in_place.frequency_hz.size:
-        driven = axis_mode(system, in_place, static.drive_force, axis.probe)
-        condition = f"mode {driven + 1}, with stack (drives in place)"
-        add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
-    for quantity, value, note in _cross(system, axis, [a.probe for a in others]):
-        add(quantity, value, note)
-    body = system.probe(axis.probe).body
-    if body in static.body_motion and not turns:
-        add("parasitic_rotation", static.body_motion[body][2], f"of body '{body}' at full stroke")
-    add(
-        "input_stiffness",
-        axis.input_stiffness,
-        "force of the drive over its elongation"
+    together = len(axis.drives) > 1
+    how = "after decoupling" if together else "at full stroke"
+    # of the kind of its own: not in parts of a motion that is next to none
+    hardly = "; this axis hardly moves beside it"
+    cross = f"largest of the other axes, {how}"
+    return {
+        "input_displacement": pushed,
+        axis_quantity("output_displacement", unit): f"probe '{axis.probe}', {rest}",
+        "transmission_ratio": "output over input displacement",
+        axis_quantity("resolution", unit): "smallest step of the drive times ratio"
+        + ("" if alone else ", the largest"),
+        "cross_coupling": "displacement of the other axis over that of this one"
+        + f", {how}" * together,
+        "cross_rotation": cross + hardly * turns,
+        "cross_displacement": cross + hardly * (not turns),
+        "parasitic_rotation": f"of body '{port.body}' at full stroke",
+        "input_stiffness": "force of the drive over its elongation"
         if alone
         else "twice the energy of the motion over the square of the input displacement",
-    )
-    stiffness = probe_stiffness(system, axis.probe, drives="in place")
-    if stiffness < math.inf:
-        load = "moment" if turns else "force"
-        where = f"against a {load} at probe '{axis.probe}', drives in place (rigid ones locked)"
-        add(axis_quantity("output_stiffness", unit), stiffness, where)
-    # of modes of one frequency any mixture is one: what they do together is sure
-    alike = np.abs(removed.frequency_hz / removed.frequency_hz[mode] - 1.0) < ALIKE
-    shown = np.sum((system.probe(axis.probe).vector @ removed.shapes[:, alike]) ** 2)
-    if shown:
-        which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
-        add(
-            axis_quantity("effective_mass", unit),
-            1.0 / shown,
-            f"modal mass of {which} {mode + 1} (drives removed) where the probe moves by one",
-        )
-    for quantity, value, note in _loaded(stage, system, axis.probe):
-        add(quantity, value, note)
-    return add.rows
+        axis_quantity("output_stiffness", unit): f"against a {'moment' if turns else 'force'} at "
+        f"probe '{axis.probe}', drives in place (rigid ones locked)",
+        "gravity_sag": "1 g along the axis, drives in place (rigid ones locked)",
+    }
 
 
 class _Rows:
@@ -207,55 +225,30 @@ class _Rows:
             )
         )
 
-    def stress(
-        self, material: Material, stress: float, where: str, scatter: float | None = None
-    ) -> None:
+    def stress(self, material: Material, stress: float, where: str) -> None:
         """Add a largest stress, and how far it is from yield and from fatigue."""
-        self("max_stress", stress, f"equivalent stress at {where}", scatter)
-        if material.yield_strength is not None and stress > 0.0:
-            self("safety_factor", material.yield_strength / stress, "against yield")
-        fatigue = _fatigue(material, stress)
-        if fatigue is not None:
-            self("fatigue_safety", *fatigue)
+        notes = _stress_notes(material, where)
+        strength = partial(_strength, material)
+        for quantity, value in stress_figures(material, strength, lambda: stress, stress > 0.0):
+            self(quantity, value(), notes[quantity])
 
 
-def cross_figures(
-    system: MechanicalSystem, axis: AxisAnalysis, others: list[str]
-) -> Iterator[tuple[str, list[str]]]:
-    """Give the figures that tell what the probes of other axes read over the stroke of one.
+def _strength(material: Material, which: int) -> float | None:
+    return pulsating_limit(material) if which else material.yield_strength
 
-    Each is the largest reading of some of them: in parts of its own motion (``cross_coupling``)
-    where they are of the same kind, and not nothing beside it; as it is otherwise.
+
+def _stress_notes(material: Material, where: str) -> dict[str, str]:
+    """Return what is said of a largest stress and its safeties.
+
+    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
+    its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
     """
-    unit = system.probe(axis.probe).unit
-    alike = [p for p in others if system.probe(p).unit == unit]
-    unlike = [p for p in others if system.probe(p).unit != unit]
-    ways = ("cross_rotation", "cross_displacement")
-    if alike:
-        worst, own = max(abs(axis.static.readings[p]) for p in alike), abs(axis.output_displacement)
-        moves = own >= _NOTHING * worst and own != 0.0
-        yield "cross_coupling" if moves else ways[unit == "m"], alike
-    if unlike:
-        yield ways[unit == "rad"], unlike
-
-
-def _cross(
-    system: MechanicalSystem, axis: AxisAnalysis, others: list[str]
-) -> Iterator[tuple[str, float, str]]:
-    """Give what the other axes read over the stroke of one."""
-    unit = system.probe(axis.probe).unit
-    together = len(axis.drives) > 1
-    how = "after decoupling" if together else "at full stroke"
-    for quantity, probes in cross_figures(system, axis, others):
-        worst = max((axis.static.readings[p] for p in probes), key=abs)
-        note = f"largest of the other axes, {how}"
-        if quantity == "cross_coupling":
-            worst /= axis.output_displacement
-            note = "displacement of the other axis over that of this one"
-            note += f", {how}" * together
-        elif system.probe(probes[0]).unit == unit:
-            note += "; this axis hardly moves beside it"
-        yield quantity, worst, note
+    cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
+    return {
+        "max_stress": f"equivalent stress at {where}",
+        "safety_factor": "against yield",
+        "fatigue_safety": f"stroke from zero to full and back, Soderberg line{cycles}",
+    }
 
 
 def scatter_at_points(row: Characteristic) -> float:
@@ -264,20 +257,6 @@ def scatter_at_points(row: Characteristic) -> float:
     Where several meshes tell, what one alone does not know of others is no part of it.
     """
     return max((row.uncertainty or 0.0) - _AT_POINTS * abs(row.value), 0.0)
-
-
-def _fatigue(material: Material, stress: float) -> tuple[float, str] | None:
-    r"""Safety against fatigue when the stroke is gone through again and again.
-
-    Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
-    its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
-    """
-    allowed = pulsating_limit(material)
-    if allowed is None or stress <= 0.0:
-        return None
-    cycles = f", {material.fatigue_cycles:.0e} cycles" if material.fatigue_cycles else ""
-    note = f"stroke from zero to full and back, Soderberg line{cycles}"
-    return allowed / stress, note
 
 
 def pulsating_limit(material: Material) -> float | None:
@@ -300,16 +279,11 @@ def pulsating_limit(material: Material) -> float | None:
     return 2.0 / (1.0 / limit + 1.0 / strength)
 
 
-def _loaded(stage: Stage, system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
-    """Give what weight and temperature do to a probe, where the model knows."""
+def _loaded(system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
+    """Give what temperature, and a force out of the plane, do to a probe, where the model knows."""
     known = {load.name for load in system.loads}
     if system.probe(probe).unit == "rad":
         return
-    if {"gravity x", "gravity y"} <= known:
-        c, s = stage.probe(probe).along
-        weight = {"gravity x": c, "gravity y": s}
-        sag = static_loads(system, weight, drives="in place").readings[probe]
-        yield "gravity_sag", sag, "1 g along the axis, drives in place (rigid ones locked)"
     if "temperature" in known:
         drift = static_loads(system, {"temperature": 1.0}).readings[probe]
         yield (

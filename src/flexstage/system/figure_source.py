@@ -1,12 +1,128 @@
-"""What the figures of stages are made of, be they those of many at once or with derivatives."""
+"""Which figures are quoted of an axis, and what each is made of: once for all that compute them.
 
-from collections.abc import Callable, Mapping
+One stage is told by its states (`flexstage.system.characteristics`), many at once and derivatives
+by what unit forces do (`flexstage.system.batch_figures`): both give what is asked for here.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from flexstage.material import Material
+from flexstage.system.forward_mode import largest, magnitude
+from flexstage.system.mechanical import MechanicalSystem
+from flexstage.system.statics import AxisAnalysis
 
 #: A figure: its quantity and its axis.
 Key = tuple[str, str]
+# an axis that moves by less than this of what another does is not moved by its drive
+_NOTHING = 0.1
+# what a figure of an axis is called where the axis is a rotation
+_OF_ROTATION = {
+    "output_displacement": "rotation_stroke",
+    "resolution": "rotation_resolution",
+    "output_stiffness": "rotational_stiffness",
+    "effective_mass": "effective_inertia",
+}
+
+
+def axis_quantity(quantity: str, unit: str) -> str:
+    """Return what a figure of an axis is called, by the unit in which the axis is read."""
+    return _OF_ROTATION[quantity] if unit == "rad" else quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisMeasures:
+    """What the figures of an axis are made of, for one stage, over samples or with derivatives.
+
+    Each is computed when it is called for.
+    """
+
+    input: Callable[[], Any]
+    """Largest elongation of a drive over the stroke [m]."""
+    output: Callable[[], Any]
+    """Reading of the probe of the axis over it [m, or rad]."""
+    stress: Callable[[], Any]
+    """Largest equivalent stress [Pa]."""
+    strength: Callable[[int], Any]
+    """Yield strength (0), and largest pulsating stress (1) [Pa]."""
+    step: Callable[[str], Any]
+    """What the smallest displacement of a drive moves the probe by, signed."""
+    frequency_hz: Callable[[], Any]
+    """Frequency of the mode by which the axis moves [Hz]."""
+    shown: Callable[[], Any]
+    """Sum of squares of what the probe reads of this mode and those alike [1/kg, 1/(kg m^2)]."""
+    worst: Callable[[list[str]], Any]
+    """Reading of some probes over the stroke that is the largest, with its sign."""
+    rotation: Callable[[], Any]
+    """Rotation of the body that the probe reads over the stroke [rad]."""
+    input_stiffness: Callable[[], Any]
+    """Twice the energy of the motion over the square of the input [N/m]."""
+    output_stiffness: Callable[[], Any]
+    """Force on the probe over its reading, drives in place [N/m, or N m/rad]."""
+    sag: Callable[[], Any]
+    """Reading of the probe for the weight along the axis, drives in place [m]."""
+    yields: bool
+    """Whether a force on the probe moves it."""
+    seen: bool
+    """Whether the probe reads the modes by which the axis moves."""
+
+
+def axis_figures(
+    system: MechanicalSystem, axis: AxisAnalysis, material: Material, measures: AxisMeasures
+) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Give the figures of an axis, in their order: quantity, and what computes it.
+
+    Which there are is decided on one stage, `system` with the full stroke of its `axis`, for all
+    that the `measures` are of.
+    """
+    port = system.probe(axis.probe)
+    unit, turns = port.unit, port.unit == "rad"
+    yield "input_displacement", measures.input
+    yield axis_quantity("output_displacement", unit), measures.output
+    if not turns:
+        yield "transmission_ratio", lambda: measures.output() / measures.input()
+    if stress := axis.static.hinge_stress:
+        stressed = any(stress.values())
+        yield from stress_figures(material, measures.strength, measures.stress, stressed)
+    steps = [name for name in axis.drives if system.drive(name).smallest_displacement]
+    if steps:
+        yield (
+            axis_quantity("resolution", unit),
+            lambda: largest([magnitude(measures.step(name)) for name in steps]),
+        )
+    yield "natural_frequency_hz", measures.frequency_hz
+    for quantity, probes in _cross_figures(system, axis):
+        own = measures.output if quantity == "cross_coupling" else lambda: 1.0
+        yield quantity, lambda probes=probes, own=own: measures.worst(probes) / own()
+    if not turns and port.body in axis.static.body_motion:
+        yield "parasitic_rotation", measures.rotation
+    yield "input_stiffness", measures.input_stiffness
+    if measures.yields:
+        yield axis_quantity("output_stiffness", unit), measures.output_stiffness
+    if measures.seen:
+        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.shown()
+    if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
+        yield "gravity_sag", measures.sag
+
+
+def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tuple[str, list[str]]]:
+    """Give the figures that tell what the probes of other axes read over the stroke of one.
+
+    Each is the largest reading of some of them: in parts of its own motion (``cross_coupling``)
+    where they are of the same kind, and not nothing beside it; as it is otherwise.
+    """
+    others = [other.probe for other in system.axes if other.name != axis.axis]
+    unit = system.probe(axis.probe).unit
+    alike = [p for p in others if system.probe(p).unit == unit]
+    unlike = [p for p in others if system.probe(p).unit != unit]
+    ways = ("cross_rotation", "cross_displacement")
+    if alike:
+        worst, own = max(abs(axis.static.readings[p]) for p in alike), abs(axis.output_displacement)
+        moves = own >= _NOTHING * worst and own != 0.0
+        yield "cross_coupling" if moves else ways[unit == "m"], alike
+    if unlike:
+        yield ways[unit == "rad"], unlike
 
 
 class Source(Protocol):
@@ -73,13 +189,15 @@ def stress_at(source: Source, forces: Mapping[int, Any]) -> Any:
     return added([force * source.stress(j) for j, force in forces.items()])
 
 
-def stress_rows(
-    source: Source, material: Material, stress: Callable[[], Any]
-) -> list[tuple[str, Callable[[], Any]]]:
-    """Rows of a largest stress: it, and how far it is from yield and from fatigue."""
-    rows = [("max_stress", stress)]
-    if material.yield_strength is not None:
-        rows.append(("safety_factor", lambda: source.strength(0) / stress()))
+def stress_figures(
+    material: Material,
+    strength: Callable[[int], Any],
+    stress: Callable[[], Any],
+    stressed: bool = True,
+) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Give a largest stress, and how far it is from yield and from fatigue where it is not zero."""
+    yield "max_stress", stress
+    if stressed and material.yield_strength is not None:
+        yield "safety_factor", lambda: strength(0) / stress()
         if material.fatigue_limit is not None:
-            rows.append(("fatigue_safety", lambda: source.strength(1) / stress()))
-    return rows
+            yield "fatigue_safety", lambda: strength(1) / stress()

@@ -1,17 +1,111 @@
 """A stage as a linear mechanical system, whatever model it comes from."""
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
+from flexstage.stage.assumptions import DAMPING_RATIO
 from flexstage.stage.model import only_drive
-from flexstage.system.damping import DEFAULT_DAMPING, Damping
 from flexstage.system.stress_map import StressMap
+
+
+class _Ratios(ABC):
+    """What every kind of damping gives; all of them leave the undamped mode shapes as they are."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def ratios(self, omega: Array, hinge_share: Array) -> Array:
+        """Return the damping ratio of each mode.
+
+        Parameters
+        ----------
+        omega : numpy.ndarray
+            Angular natural frequencies [rad/s], shape (k,).
+        hinge_share : numpy.ndarray
+            Part of each mode's strain energy that is in the stage and not in the drives [1],
+            shape (k,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Damping ratios [1], shape (k,).
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModalDamping(_Ratios):
+    """The same damping ratio for every mode."""
+
+    ratio: float
+    """Damping ratio zeta [1]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.ratio < 1.0:
+            raise ModelError(f"a damping ratio lies from 0 to below 1, got {self.ratio!r}")
+
+    def ratios(self, omega: Array, hinge_share: Array) -> Array:
+        del hinge_share
+        return np.full_like(omega, self.ratio)
+
+
+#: Assumed where nothing was measured.
+DEFAULT_DAMPING = ModalDamping(ratio=DAMPING_RATIO)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayleighDamping(_Ratios):
+    """Viscous damping C = alpha M + beta K (Lord Rayleigh, The Theory of Sound, 1877, art. 97).
+
+    The ratio of a mode is (alpha/omega + beta omega)/2.
+
+    K is that of the stage with the springs of the drives that are in place.
+    """
+
+    alpha: float
+    """Factor of the mass matrix [1/s]."""
+    beta: float
+    """Factor of the stiffness matrix [s]."""
+
+    def __post_init__(self) -> None:
+        if self.alpha < 0.0 or self.beta < 0.0:
+            raise ModelError(
+                f"Rayleigh's alpha and beta must not be negative, got {self.alpha!r}, {self.beta!r}"
+            )
+
+    def ratios(self, omega: Array, hinge_share: Array) -> Array:
+        del hinge_share
+        return 0.5 * (self.alpha / omega + self.beta * omega)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LossFactor(_Ratios):
+    """Material damping of the hinges, as viscous damping that is right at each resonance.
+
+    The ratio of a mode is eta/2 times the share of its energy that is in the hinges.
+    """
+
+    eta: float
+    """Loss factor of the hinge material [1]: energy lost in a cycle over 2 pi times the largest
+    strain energy.
+    """
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.eta < 2.0:
+            raise ModelError(f"a loss factor lies from 0 to below 2, got {self.eta!r}")
+
+    def ratios(self, omega: Array, hinge_share: Array) -> Array:
+        del omega
+        return 0.5 * self.eta * hinge_share
+
+
+Damping = ModalDamping | RayleighDamping | LossFactor
 
 #: What is done with the drives: taken out, left in with their stiffness, or held at their length.
 DriveCondition = Literal["removed", "in place", "locked"]
@@ -19,7 +113,7 @@ DriveCondition = Literal["removed", "in place", "locked"]
 #: Standard acceleration of gravity [m/s^2] (3rd CGPM, 1901).
 STANDARD_GRAVITY = 9.80665
 
-_T = TypeVar("_T", "DrivePort", "ProbePort", "BodyPort", "AxisPort", "LoadPort")
+_T = TypeVar("_T", bound=Any)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -176,7 +270,7 @@ class MechanicalSystem:
         DrivePort
             The drive.
         """
-        return _find("drive", name, self.drives)
+        return named("drive", name, self.drives)
 
     def probe(self, name: str) -> ProbePort:
         """Return a probe by name.
@@ -191,7 +285,7 @@ class MechanicalSystem:
         ProbePort
             The probe.
         """
-        return _find("probe", name, self.probes)
+        return named("probe", name, self.probes)
 
     def body(self, name: str) -> BodyPort:
         """Return a body by name.
@@ -206,7 +300,7 @@ class MechanicalSystem:
         BodyPort
             The body.
         """
-        return _find("body", name, self.bodies)
+        return named("body", name, self.bodies)
 
     def load(self, name: str) -> LoadPort:
         """Return a load by name.
@@ -221,7 +315,7 @@ class MechanicalSystem:
         LoadPort
             The load.
         """
-        return _find("load", name, self.loads)
+        return named("load", name, self.loads)
 
     def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
         """Return what the drives add to the bare stage.
@@ -273,10 +367,10 @@ class MechanicalSystem:
         return replace(self, damping=damping)
 
 
-def _find(noun: str, name: str, ports: tuple[_T, ...]) -> _T:
-    for port in ports:
-        if port.name == name:
-            return port
-    raise ModelError(
-        f"there is no {noun} '{name}': the system has {', '.join(p.name for p in ports) or 'none'}"
-    )
+def named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
+    """Return the one of a name; `where` says in a refusal what has the others."""
+    for one in among:
+        if one.name == name:
+            return one
+    have = ", ".join(one.name for one in among) or "none"
+    raise ModelError(f"there is no {noun} '{name}'{where} {have}")

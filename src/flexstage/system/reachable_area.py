@@ -1,15 +1,154 @@
 """What all drives of a stage reach together."""
 
+import math
 from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.zonotope import (
-    box_section,
-    polygon_area,
-    zonogon_outline,
-    zonotope_volume,
-)
+
+#: Drives whose ends of stroke are gone through, 2 to the power of their number.
+MOST_DRIVES = 12
+
+
+def zonotope_volume(generators: Array) -> float:
+    r"""Return the volume of the sum of segments from nothing to each generator.
+
+    .. math:: V = \sum_{i_1<\dots<i_n} |\det(g_{i_1},\dots,g_{i_n})|
+
+    P. McMullen's formula, in G. C. Shephard, Canad. J. Math. 26 (1974) 302, eq. (57).
+
+    Parameters
+    ----------
+    generators : numpy.ndarray
+        One a column, shape (n, d); in any units.
+
+    Returns
+    -------
+    float
+        The volume, in the product of the units of the rows; an area for n = 2.
+
+    Notes
+    -----
+    Validity: exact, in any dimension.
+
+    Examples
+    --------
+    >>> zonotope_volume(np.array([[3.0, 0.0, 1.0], [0.0, 2.0, 1.0]]))
+    11.0
+    """
+    n, d = generators.shape
+    chosen = (generators[:, list(k)] for k in combinations(range(d), n))
+    return float(sum(abs(np.linalg.det(g)) for g in chosen))
+
+
+def zonogon_outline(generators: Array) -> Array:
+    """Return the corners of the sum of segments in a plane, counterclockwise.
+
+    The segments are centred, so that the middle is at the origin. Sides in the order of their
+    direction are its outline; parallel ones join.
+
+    Parameters
+    ----------
+    generators : numpy.ndarray
+        One a column, shape (2, d).
+
+    Returns
+    -------
+    numpy.ndarray
+        The corners, shape (k, 2); 2 where all segments are parallel.
+
+    Notes
+    -----
+    Validity: exact.
+
+    Examples
+    --------
+    >>> zonogon_outline(np.array([[4.0, 0.0], [0.0, 2.0]])).tolist()
+    [[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, 1.0]]
+    """
+    sides: list[Array] = []
+    # each as one that goes up, or to the right
+    up = [g if (g[1], g[0]) > (0.0, 0.0) else -g for g in generators.T if np.any(g)]
+    for g in sorted(up, key=lambda g: math.atan2(g[1], g[0])):
+        last = sides[-1] if sides else None
+        if last is not None and abs(last[0] * g[1] - last[1] * g[0]) <= 1e-12 * np.hypot(
+            *last
+        ) * np.hypot(*g):
+            sides[-1] = last + g
+        else:
+            sides.append(g)
+    around = np.array([*sides, *(-s for s in sides)]).reshape(-1, 2)
+    start = -0.5 * sum(sides, np.zeros(2))
+    return start + np.concatenate((np.zeros((1, 2)), np.cumsum(around, axis=0)))[: len(around)]
+
+
+def box_section(generators: Array, level: float) -> Array:
+    r"""Return the corners of a section of the sum of segments, counterclockwise.
+
+    The segments are centred; the section is where the last coordinate has a value. Its corners are
+    images of points on edges of the box: all segments but one end at one of their ends.
+
+    Parameters
+    ----------
+    generators : numpy.ndarray
+        One a column, shape (3, d).
+    level : float
+        The last coordinate, from that of the middle.
+
+    Returns
+    -------
+    numpy.ndarray
+        First and second coordinate of the corners, shape (k, 2); none where nothing is reached.
+
+    Raises
+    ------
+    ModelError
+        There are more than 12 segments.
+
+    Notes
+    -----
+    Validity: exact; the effort doubles with each segment.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    d = generators.shape[1]
+    if d > MOST_DRIVES:
+        raise ModelError(f"a workspace is found of at most {MOST_DRIVES} drives, got {d}")
+    # a tiny part of the size, so that a section through a corner is not lost to rounding
+    slack = 1e-12 * float(np.abs(generators[2]).sum())
+    found = []
+    for free in range(d):
+        rest = np.delete(generators, free, axis=1)
+        own = generators[:, free]
+        for signs in product((-0.5, 0.5), repeat=d - 1):
+            corner = rest @ np.array(signs)
+            gap = level - corner[2]
+            if abs(gap) <= 0.5 * abs(own[2]) + slack:
+                share = 0.0 if own[2] == 0.0 else float(np.clip(gap / own[2], -0.5, 0.5))
+                shares = (share,) if own[2] != 0.0 else (-0.5, 0.5)
+                found += [corner[:2] + s * own[:2] for s in shares]
+    points = np.array(found).reshape(-1, 2)
+    if len(points) < 3:
+        return points
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        # a line, or a point
+        far = points - points.mean(axis=0)
+        along = far @ np.linalg.svd(far)[2][0]
+        return points[[int(np.argmin(along)), int(np.argmax(along))]]
+
+
+def polygon_area(corners: Array) -> float:
+    """Return the area of a polygon, of corners counterclockwise, shape (k, 2)."""
+    if len(corners) < 3:
+        return 0.0
+    x, y = (corners - corners[0]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

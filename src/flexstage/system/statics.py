@@ -1,7 +1,7 @@
 """Static response of a system to forces and to imposed drive displacements."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -76,12 +76,8 @@ def static_forces(
     ModelError
         A drive does not exist, or the stage is a mechanism.
     """
-    right = np.zeros((system.order, 1))
-    for name, force in forces.items():
-        right[:, 0] += force * system.drive(name).vector
-    added, held = system.drive_springs(drives)
-    q, _ = solve_stiffness(system.K + added, right, held)
-    return static_state(system, q[:, 0], dict(forces))
+    vectors = ((system.drive(name).vector, force) for name, force in forces.items())
+    return static_state(system, _under(system, vectors, drives), dict(forces))
 
 
 def static_displacements(
@@ -113,22 +109,17 @@ def static_displacements(
     """
     names = list(displacements)
     vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
-    rest = _without(system, names)
-    added, held = rest.drive_springs(others)
-    compliance, _ = solve_stiffness(system.K + added, vectors, held)
+    rest = replace(system, drives=tuple(d for d in system.drives if d.name not in displacements))
+    compliance, loose = _compliance(rest, vectors, others)
     wanted = np.array([displacements[n] for n in names])
     moved = vectors.T @ compliance
-    free = compliance
-    if held.shape[1]:
-        free, _ = solve_stiffness(system.K + added, vectors, held[:, :0])
-    loose = np.einsum("ij,ij->j", vectors, free)
     size = np.sqrt(np.abs(np.diag(moved)))
     # a unit diagonal makes the drives comparable
     if (
         np.any(size**2 <= loose / DEPENDENT)
         or np.linalg.cond(moved / np.outer(size, size)) > DEPENDENT
     ):
-        if len(names) == 1 and not held.shape[1]:
+        if len(names) == 1 and not rest.drive_springs(others)[1].shape[1]:
             raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are held")
         raise ModelError(
             f"the displacements of {', '.join(names)} cannot be imposed: a drive moves nothing, "
@@ -166,12 +157,8 @@ def static_loads(
     ModelError
         A load does not exist, or the stage is a mechanism.
     """
-    right = np.zeros((system.order, 1))
-    for name, size in loads.items():
-        right[:, 0] += size * system.load(name).vector
-    added, held = system.drive_springs(drives)
-    q, _ = solve_stiffness(system.K + added, right, held)
-    found = static_state(system, q[:, 0], {})
+    vectors = ((system.load(name).vector, size) for name, size in loads.items())
+    found = static_state(system, _under(system, vectors, drives), {})
     if any(name.startswith("temperature") for name in loads):
         return replace(found, stress=None)
     return found
@@ -247,18 +234,32 @@ def probe_stiffness(
         Force over reading [N/m]; infinite where the drives hold the probe.
     """
     vector = system.probe(probe).vector[:, None]
-    added, held = system.drive_springs(drives)
-    q, _ = solve_stiffness(system.K + added, vector, held)
+    q, loose = _compliance(system, vector, drives)
     moved = float(vector[:, 0] @ q[:, 0])
+    return math.inf if moved <= loose[0] / DEPENDENT else 1.0 / moved
+
+
+def _under(
+    system: MechanicalSystem, vectors: Iterable[tuple[Array, float]], drives: DriveCondition
+) -> Array:
+    """Return the coordinates under vectors of force, each times its size."""
+    right = np.zeros((system.order, 1))
+    for vector, size in vectors:
+        right[:, 0] += size * vector
+    added, held = system.drive_springs(drives)
+    return solve_stiffness(system.K + added, right, held)[0][:, 0]
+
+
+def _compliance(
+    system: MechanicalSystem, vectors: Array, drives: DriveCondition
+) -> tuple[Array, Array]:
+    """Return the shapes for unit vectors of force, and what each moves itself with nothing held."""
+    added, held = system.drive_springs(drives)
+    shapes, _ = solve_stiffness(system.K + added, vectors, held)
+    free = shapes
     if held.shape[1]:
-        free, _ = solve_stiffness(system.K + added, vector, held[:, :0])
-        if moved <= float(vector[:, 0] @ free[:, 0]) / DEPENDENT:
-            return math.inf
-    return 1.0 / moved
-
-
-def _without(system: MechanicalSystem, names: list[str]) -> MechanicalSystem:
-    return replace(system, drives=tuple(d for d in system.drives if d.name not in names))
+        free, _ = solve_stiffness(system.K + added, vectors, held[:, :0])
+    return shapes, np.einsum("ij,ij->j", vectors, free)
 
 
 def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:

@@ -28,12 +28,8 @@ from flexstage.explore.workers import Workers
 from flexstage.lazy import require_extra
 from flexstage.short_repr import short_repr
 
-# stages of a generation, and how many of them a batch has
-_POPULATION, _BATCH = 48, 6
-# points of the front that are searched on by slopes, and those that the finer model is asked about
-_REFINED, _ASKED = 8, 6
-# what an impossible stage is off its limits: more than any that is possible
-_IMPOSSIBLE = 1e3
+# points of the front that are searched on by slopes
+_REFINED = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,7 +171,7 @@ def evaluate_with(
         work=evaluate_rows,
         payload=(problem, points, model),
         count=len(points),
-        batch=_BATCH,
+        batch=6,  # of the 48 stages of a generation
     )
     return workers.run(job)["values"]
 
@@ -256,7 +252,8 @@ class _FrontSearch:
         rows = program.scaled(x, figures)[:, 1:]
         off = violation_of(rows, program.low, program.high)
         possible = np.all(np.isfinite(figures), axis=1)
-        return np.where(possible[:, None], off, _IMPOSSIBLE)
+        # an impossible stage is off its limits by more than any that is possible
+        return np.where(possible[:, None], off, 1e3)
 
     def _costs(self, figures: Array) -> Array:
         return figures[:, self.columns] * self.signs
@@ -296,9 +293,10 @@ class _FrontSearch:
         from scipy.stats import qmc
 
         d = len(self.start)
-        sample = qmc.Sobol(d, rng=self.options.seed).random(2 ** int(np.log2(_POPULATION)))
+        population = 48  # stages of a generation
+        sample = qmc.Sobol(d, rng=self.options.seed).random(2 ** int(np.log2(population)))
         known = np.vstack([self.start[None], ends])
-        first = np.vstack([known, sample[: max(_POPULATION - len(known), 0)]])
+        first = np.vstack([known, sample[: max(population - len(known), 0)]])
         requirements = len(self.problem.all_requirements)
         bounds = Bounds(
             n_var=d,
@@ -312,7 +310,7 @@ class _FrontSearch:
         algorithm.setup(bounds, termination=("n_gen", 10**6), seed=self.options.seed, verbose=False)
         generations = 0
         budget = self.options.budget(d) - _REFINED * 10 * (d + 1)
-        while generations == 0 or self.counts["lumped"] + _POPULATION <= budget:
+        while generations == 0 or self.counts["lumped"] + population <= budget:
             bred: Any = algorithm.ask()
             x = np.clip(np.asarray(bred.get("X"), dtype=float), 0.0, 1.0)
             done = self.counts["lumped"]
@@ -352,8 +350,8 @@ class _FrontSearch:
         return x[best], figures[best]
 
     def _spread(self, count: int, chosen: int) -> tuple[int, ...]:
-        """Return points along the front, evenly, with the ends and the chosen one."""
-        evenly = np.linspace(0, count - 1, min(_ASKED, count)).round().astype(int)
+        """Return six points along the front, evenly, with the ends and the chosen one."""
+        evenly = np.linspace(0, count - 1, min(6, count)).round().astype(int)
         return tuple(sorted({chosen, *map(int, evenly)}))
 
     def _choose(self, x: Array, values: Array) -> Optimum:

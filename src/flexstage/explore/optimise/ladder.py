@@ -95,9 +95,7 @@ class SearchOptions:
     model: str = "superelement"
     """The model that corrects the lumped one; ``lumped`` for none."""
     confirm: str | None = None
-    """A finer model that confirms the best, ``plane``, ``superelement-3d`` or ``solid``; None for
-    none.
-    """
+    """A finer model that confirms the best, of `flexstage.studies.models`; None for none."""
     evaluations: int | None = None
     """Evaluations of the lumped model at most; 250 for each variable, and for two more, where None.
     """
@@ -111,13 +109,6 @@ class SearchOptions:
             raise ModelError(
                 f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
                 f"{self.evaluations} and {self.starts}"
-            )
-        if self.model not in ("lumped", "superelement"):
-            raise ModelError(f"the ladder goes to lumped or superelement, got '{self.model}'")
-        if self.confirm not in (None, "superelement", "plane", "superelement-3d", "solid"):
-            raise ModelError(
-                "superelement, plane, superelement-3d or solid can confirm the best stage, got "
-                f"'{self.confirm}'"
             )
 
     def budget(self, variables: int) -> int:
@@ -218,7 +209,7 @@ class _Phase:
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
-class _Search:
+class _Ladder:
     """What is searched, and what has been found so far."""
 
     problem: Problem
@@ -258,7 +249,7 @@ class _Search:
         self.phase = _Phase(text=text, before=self.used, share=max(evaluations, 1.0))
 
 
-def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Search:
+def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Ladder:
     family, notes = problem.family, [*problem.notes]
     if start is None:
         notes += start_notes(problem, options)
@@ -272,7 +263,7 @@ def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Se
             "widen them, or start from their middle with --start middle"
         )
     at = np.clip(at, 0.0, 1.0)
-    return _Search(
+    return _Ladder(
         problem=problem,
         options=options,
         start=at,
@@ -285,7 +276,7 @@ def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Se
 # ---------------------------------------------------------------------- searching the quick model
 
 
-def _first(search: _Search) -> LocalOptimum:
+def _first(search: _Ladder) -> LocalOptimum:
     """Search from the start, and from others where that may find better."""
     options, program = search.options, search.program
     wanted = 1 + (options.starts if search.problem.goals else 0)
@@ -310,7 +301,7 @@ def _first(search: _Search) -> LocalOptimum:
     return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
 
 
-def _starts(search: _Search) -> Iterator[Array]:
+def _starts(search: _Ladder) -> Iterator[Array]:
     """Yield the given start, then others: the best of a sample, without a goal the nearest."""
     from scipy.stats import qmc
 
@@ -342,14 +333,14 @@ def _starts(search: _Search) -> Iterator[Array]:
     yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
 
 
-def _measure_goal(search: _Search, figures: Array) -> None:
+def _measure_goal(search: _Ladder, figures: Array) -> None:
     """Measure the goal by what it is at first."""
     if search.problem.goals and figures[0, 0] != 0.0:
         search.program = replace(search.program, goal_reference=abs(float(figures[0, 0])))
 
 
 def _searched(
-    search: _Search, start: Array, evaluations: float, reach: float = 1.0
+    search: _Ladder, start: Array, evaluations: float, reach: float = 1.0
 ) -> LocalOptimum | None:
     """Search from a start with so many evaluations, as far as `reach`."""
     number, program, problem = search.searches, search.program, search.problem
@@ -384,7 +375,7 @@ def _searched(
     return found
 
 
-def _tell(search: _Search, iterate: Iterate) -> None:
+def _tell(search: _Ladder, iterate: Iterate) -> None:
     """Say how far the work has come, and the figure that it has come to."""
     phase, goals = search.phase, search.problem.goals
     if iterate.violation <= TOLERANCE:
@@ -398,7 +389,7 @@ def _tell(search: _Search, iterate: Iterate) -> None:
     progress.update(text, (search.used - phase.before) / phase.share)
 
 
-def _drawn(search: _Search, found: LocalOptimum) -> LocalOptimum:
+def _drawn(search: _Ladder, found: LocalOptimum) -> LocalOptimum:
     """Return an optimum as a drawing has it, and keep it as it was found."""
     exact, drawing = drawn(search.program, found)
     search.exact[drawing.point.tobytes()] = exact
@@ -408,7 +399,7 @@ def _drawn(search: _Search, found: LocalOptimum) -> LocalOptimum:
 # ------------------------------------------------------------------------------ asking finer models
 
 
-def _asked(search: _Search, model: str, x: Array) -> Array:
+def _asked(search: _Ladder, model: str, x: Array) -> Array:
     """Return the figures of a point by a model, which is asked once."""
     key = (model, x.tobytes())
     if key not in search.known:
@@ -423,7 +414,7 @@ def _asked(search: _Search, model: str, x: Array) -> Array:
     return search.known[key]
 
 
-def _visit(search: _Search, best: LocalOptimum, fine: Array | None = None) -> _Visited:
+def _visit(search: _Ladder, best: LocalOptimum, fine: Array | None = None) -> _Visited:
     """Say how good a point is by the finest model that was asked."""
     program, x = search.program, best.point[None]
     figures = program.figures(x)[0] if fine is None else fine
@@ -445,7 +436,7 @@ def _best_of(problem: Problem, visited: Sequence[_Visited]) -> _Visited:
     return min(visited, key=lambda one: (max(one.violation, least), one.objective))
 
 
-def _record(search: _Search, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
+def _record(search: _Ladder, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
     search.rungs.append(
         Rung(
             model=model,
@@ -461,7 +452,7 @@ def _agree(expected: Array, fine: Array, within: float) -> bool:
     return bool(np.all(np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)))
 
 
-def _climb(search: _Search, best: LocalOptimum) -> list[_Visited]:
+def _climb(search: _Ladder, best: LocalOptimum) -> list[_Visited]:
     """Correct and search again until the models agree.
 
     What the finer one has no figures of is no stage, and is gone back from.
@@ -508,7 +499,7 @@ def _climb(search: _Search, best: LocalOptimum) -> list[_Visited]:
 
 
 def _again(
-    search: _Search,
+    search: _Ladder,
     best: LocalOptimum | None,
     visited: list[_Visited],
     kept: bool,
@@ -533,7 +524,7 @@ def _again(
     return None
 
 
-def _or_start(search: _Search, chosen: _Visited | None) -> _Visited:
+def _or_start(search: _Ladder, chosen: _Visited | None) -> _Visited:
     """Return a point that was asked about, or the start where that is better.
 
     Without a goal the start is better only where the other misses what is required by more.
@@ -559,7 +550,7 @@ def _or_start(search: _Search, chosen: _Visited | None) -> _Visited:
     return start if was < off or (sought and start.objective < chosen.objective) else chosen
 
 
-def _began(search: _Search, model: str) -> _Visited | None:
+def _began(search: _Ladder, model: str) -> _Visited | None:
     """Return the start as a point that a model was asked about; None without figures."""
     program, x = search.program, search.start
     fine = _asked(search, model, x)
@@ -580,14 +571,14 @@ def _began(search: _Search, model: str) -> _Visited | None:
     return replace(_visit(search, here, fine), correction=at, confirmed=confirmed)
 
 
-def _exact_at(search: _Search, x: Array, fine: Array, known: Correction | None) -> Correction:
+def _exact_at(search: _Ladder, x: Array, fine: Array, known: Correction | None) -> Correction:
     """Return the correction that is exact at a point, and changes as a known one does."""
     coarse = search.program.coarse(x[None])[0]
     anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
     return anew if known is None else replace(anew, slope=known.slope)
 
 
-def _confirm(search: _Search, model: str, chosen: _Visited) -> _Visited:
+def _confirm(search: _Ladder, model: str, chosen: _Visited) -> _Visited:
     """Ask the finest model; where it finds a requirement missed, feed that back."""
     expected, last = chosen.fine, _EFFORT.mended
     found: list[_Visited] = []
@@ -620,7 +611,7 @@ def _confirm(search: _Search, model: str, chosen: _Visited) -> _Visited:
 # -------------------------------------------------------------------------------------- the result
 
 
-def _optimum(search: _Search, chosen: _Visited) -> Optimum:
+def _optimum(search: _Ladder, chosen: _Visited) -> Optimum:
     problem, options, notes = search.problem, search.options, search.notes
     if chosen.correction is not None:
         search.program = search.program.corrected(chosen.correction)

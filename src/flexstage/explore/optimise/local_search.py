@@ -10,17 +10,35 @@ from flexstage.arrays import Array
 from flexstage.explore.optimise.quadratic import bounded_step
 from flexstage.explore.optimise.walls import MARGIN, Bools, Wall, find_wall, inside, joined
 
-# trust region: its first half width, what a good step widens it by, what a bad one leaves of it
-_FIRST, _LARGEST, _WIDER, _NARROWER = 0.15, 0.5, 2.0, 0.4
-# share of the predicted gain that a step must bring, and beyond which the region grows
-_ACCEPTED, _GOOD = 1e-4, 0.7
 #: Violation that counts as none.
 FEASIBLE = 1e-6
-_SMALLEST = 1e-6
-# steps without a change of the objective after which a search has ended
-_IDLE = 4
-# walls that are looked for in one step, before it is made shorter
-_WALLS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _TrustRegion:
+    """How far a step goes, in parts of the bounds, and what it must bring."""
+
+    first: float = 0.15
+    """Half width at first."""
+    largest: float = 0.5
+    """Half width at most."""
+    smallest: float = 1e-6
+    """Half width below which a search has ended."""
+    wider: float = 2.0
+    """What a good step widens it by."""
+    narrower: float = 0.4
+    """What a bad step leaves of it."""
+    accepted: float = 1e-4
+    """Share of the predicted gain that a step must bring."""
+    good: float = 0.7
+    """Share of it, and of the half width, beyond which the region grows."""
+    walls: int = 3
+    """Walls that are looked for in one step, before it is made shorter."""
+    idle: int = 4
+    """Steps without a change of the objective after which a search has ended."""
+
+
+_REGION = _TrustRegion()
 
 
 class Program(Protocol):
@@ -200,23 +218,23 @@ class _Search:
         self.known = curvature is not None
         steep = max(float(np.linalg.norm(place.slopes[0])), 1e-3)
         self.B: Array = np.eye(len(place.x)) * steep if curvature is None else curvature
-        self.region, self.penalty, self.converged = _FIRST, 1.0, False
+        self.region, self.penalty, self.converged = _REGION.first, 1.0, False
         self.least, self.most = np.zeros(len(place.x)), np.ones(len(place.x))
 
     def step(self) -> bool:
         """Take a step that lowers the penalty function; False where there is none."""
-        while self.region > _SMALLEST:
+        while self.region > _REGION.smallest:
             trial = self._trial()
             if trial is None:
                 return False
             x = self.place.x + trial.p
             values, slopes = self.program.slopes(x)
             if not _finite(values, slopes):
-                self.region *= _NARROWER  # possible by itself, yet not around it
+                self.region *= _REGION.narrower  # possible by itself, yet not around it
                 continue
             longest = float(np.max(np.abs(trial.p)))
-            if trial.gain > _GOOD * trial.predicted and longest > 0.7 * self.region:
-                self.region = min(_WIDER * self.region, _LARGEST)
+            if trial.gain > _REGION.good * trial.predicted and longest > _REGION.good * self.region:
+                self.region = min(_REGION.wider * self.region, _REGION.largest)
             if not self.known:
                 turned = (slopes - self.place.slopes).T @ np.append(1.0, trial.multipliers)
                 self.B = _updated(self.B, trial.p, turned)
@@ -228,30 +246,34 @@ class _Search:
     def _trial(self) -> _Trial | None:
         """Return a step that brings what it promises; None at an optimum."""
         met = 0
-        while self.region > _SMALLEST:
+        while self.region > _REGION.smallest:
             found = self._model()
             if found is None:
-                self.region *= _NARROWER
+                self.region *= _REGION.narrower
                 continue
             p, multipliers, predicted, _ = found
-            if predicted <= self.tolerance * min(1.0, self.region / _FIRST):
+            if predicted <= self.tolerance * min(1.0, self.region / _REGION.first):
                 break
             taken = self._taken(p, predicted)
             if taken is None and not met and self._stepped_inside(p):
                 met += 1
                 continue
             if taken is None:  # impossible there
-                wall = find_wall(self.program.possible, self.place.x, p) if met < _WALLS else None
+                wall = (
+                    find_wall(self.program.possible, self.place.x, p)
+                    if met < _REGION.walls
+                    else None
+                )
                 met += 1
                 if wall is None:
-                    self.region *= _NARROWER
+                    self.region *= _REGION.narrower
                 else:
                     self.walls = joined(self.walls, wall)
                 continue
             q, gain = taken
-            if gain >= _ACCEPTED * predicted:
+            if gain >= _REGION.accepted * predicted:
                 return _Trial(q, multipliers, predicted, gain)
-            self.region = _NARROWER * min(self.region, float(np.max(np.abs(q))))
+            self.region = _REGION.narrower * min(self.region, float(np.max(np.abs(q))))
         self.converged = True
         return None
 
@@ -333,9 +355,11 @@ def _finite(*arrays: Array) -> bool:
 
 def _stalled(path: list[Iterate], tolerance: float) -> bool:
     """Whether the last steps, all of which keep the limits, changed the objective by nothing."""
-    last = path[-_IDLE:]
+    last = path[-_REGION.idle :]
     same = float(np.ptp([one.values[0] for one in last])) < tolerance
-    return len(last) == _IDLE and same and all(one.violation < 10.0 * FEASIBLE for one in last)
+    return (
+        len(last) == _REGION.idle and same and all(one.violation < 10.0 * FEASIBLE for one in last)
+    )
 
 
 def _iterate(program: Program, place: _Place) -> Iterate:

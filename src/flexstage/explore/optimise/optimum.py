@@ -20,8 +20,8 @@ Side = Literal["low", "high"]
 
 #: Share of its limit by which a figure may be beyond it and still count as kept [1].
 TOLERANCE = 2e-3
-# longest name of a stage, how the name of an optimised one ends, and what its title is told by
-_LONGEST, _OPTIMISED, _SOUGHT = 80, re.compile(r"(.+)-optimised(?:-(\d+))?"), ", optimised: "
+# how the name of an optimised stage ends, and what its title is told by
+_OPTIMISED, _SOUGHT = re.compile(r"(.+)-optimised(?:-(\d+))?"), ", optimised: "
 
 
 def new_names(problem: Problem) -> tuple[str, str]:
@@ -38,7 +38,8 @@ def new_names(problem: Problem) -> tuple[str, str]:
         more = f" and {len(targets) - 1} more" if len(targets) > 1 else ""
         sought = f"{targets[0].text}{more}"
     title = (stage.title or name).partition(_SOUGHT)[0].rstrip(". ")
-    return name[: _LONGEST - len(ending)] + ending, f"{title}{_SOUGHT}{sought}"
+    # names have 80 characters at most
+    return name[: 80 - len(ending)] + ending, f"{title}{_SOUGHT}{sought}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,12 +185,6 @@ class Optimum:
         return float(last.best[0] / last.start[0] - 1.0)
 
 
-# how near a limit is held, in parts of it; and share of the slope of the goal that counts
-_AT, _AT_WALL, _MATTERS = 2e-3, 2e-3, 1e-3
-# slope of a scaled figure, over all bounds, below which nothing that is varied moves it
-_MOVED = 1e-3
-
-
 def balance(slope: Array, normals: Array) -> tuple[Array, float]:
     """Return the multipliers of the limits that hold an optimum, and what they leave unbalanced.
 
@@ -229,14 +224,16 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
     """Return what holds an optimum, how many directions are free, and what stays unbalanced."""
     problem, x, slopes = program.problem, optimum.point, optimum.slopes
     values, low, high = optimum.values[1:], program.low, program.high
+    near = 2e-3  # how near a limit is held, in parts of it; a wall in parts of the bounds
     sides: list[tuple[str, int, Side, Array]] = []
     for i in range(len(values)):
-        room = _AT * max(abs(values[i]), 1e-3)
+        room = near * max(abs(values[i]), 1e-3)
         if values[i] >= high[i] - room or low[i] == high[i]:
             sides.append(("requirement", i, "high", slopes[1 + i]))
         if values[i] <= low[i] + room or low[i] == high[i]:
             sides.append(("requirement", i, "low", -slopes[1 + i]))
-    sides = [side for side in sides if float(np.linalg.norm(side[3])) > _MOVED]
+    # a slope of less, over all bounds: nothing that is varied moves the figure
+    sides = [side for side in sides if float(np.linalg.norm(side[3])) > 1e-3]
     unit = np.eye(len(x))
     for j in range(len(x)):
         if x[j] <= 1e-6:
@@ -244,14 +241,14 @@ def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, .
         if x[j] >= 1.0 - 1e-6:
             sides.append(("bound", j, "high", unit[j]))
     for k, wall in enumerate(optimum.walls):
-        if wall.offset - wall.normal @ x < _AT_WALL:
+        if wall.offset - wall.normal @ x < near:
             sides.append(("wall", k, "high", wall.normal))
     normals = np.array([side[3] for side in sides]).reshape(-1, len(x))
     multipliers, left = balance(slopes[0], normals)
     share = multipliers * np.linalg.norm(normals, axis=1)
     per = _per_objective(program, float(optimum.values[0]))
     order = np.argsort(-share, kind="stable")
-    least = _MATTERS * float(np.linalg.norm(slopes[0]))
+    least = 1e-3 * float(np.linalg.norm(slopes[0]))  # of the slope of the goal, what counts
     held = []
     for n in order:
         kind, i, side, _ = sides[n]

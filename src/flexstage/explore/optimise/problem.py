@@ -14,11 +14,6 @@ from flexstage.explore.optimise.local_search import Program
 from flexstage.explore.optimise.walls import Bools
 from flexstage.stage import check
 
-# a factor beyond which two values are unlike each other: then their difference is carried
-_ALIKE = 5.0
-# steps shorter than this, in parts of the bounds, say nothing of how the discrepancy changes
-_TELLING = 0.01
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Correction:
@@ -79,13 +74,15 @@ class Correction:
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = fine / coarse
-        factor = np.isfinite(ratio) & (ratio > 1.0 / _ALIKE) & (ratio < _ALIKE)
+        # beyond a factor of five two values are unlike each other: then their difference is carried
+        factor = np.isfinite(ratio) & (ratio > 1.0 / 5.0) & (ratio < 5.0)
         shift = np.where(factor, np.log(np.where(factor, ratio, 1.0)), fine - coarse)
         first = not (self.shift.any() or self.slope.any())
         step = point - self.at
         length = float(step @ step)
         slope = self.slope
-        if not first and length > _TELLING**2:
+        # shorter steps, in parts of the bounds, say nothing of how the discrepancy changes
+        if not first and length > 0.01**2:
             missed = shift - self.shift - slope @ step
             slope = slope + np.outer(missed, step) / length
         slope = np.where((factor == self.factor)[:, None], slope, 0.0)

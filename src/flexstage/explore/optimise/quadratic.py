@@ -8,14 +8,6 @@ from flexstage.arrays import Array
 
 # what an equation may be off, so that its two inequalities leave a point between them
 _APART = 1e-10
-# share of the violation that a step may leave where not all limits can be kept
-_GIVEN = 0.1
-# how much more it counts to violate a hard limit
-_HARD = 1e4
-# slopes that are none beside the largest
-_STILL = 1e-12
-# length of the last residual below which inequalities contradict each other
-_INCONSISTENT = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,7 +64,7 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> QuadraticStep 
     rows = solve_triangular(L, G.T, lower=True).T
     size = np.linalg.norm(rows, axis=1)
     # what no step changes is kept or is not
-    told = size > _STILL * float(size.max(initial=0.0))
+    told = size > 1e-12 * float(size.max(initial=0.0))
     if np.any(h[~told] > _APART):
         return None
     size = size[told]
@@ -87,7 +79,7 @@ def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> QuadraticStep 
     except RuntimeError:
         return None
     residual = system @ dual - wanted
-    if -residual[-1] < _INCONSISTENT:
+    if -residual[-1] < 1e-7:  # so short, inequalities contradict each other
         return None
     z = -unit * residual[:-1] / residual[-1]
     step = solve_triangular(L.T, z - inner)
@@ -142,14 +134,14 @@ def bounded_step(
     for give in (False, True):
         if give:
             weight = np.ones(len(A))
-            weight[len(A) - hard :] = _HARD
+            weight[len(A) - hard :] = 1e4  # so much more it counts to violate them
             over, under = _least_violation(
                 weight[:, None] * A, weight * low, weight * high, 0.8 * least, 0.8 * most
             )
             over, under = over / weight, under / weight
-            # and by some of what it mends, so that more than one point is left
-            high = high + over + _GIVEN * np.maximum(np.maximum(-high, 0.0) - over, 0.0)
-            low = low - under - _GIVEN * np.maximum(np.maximum(low, 0.0) - under, 0.0)
+            # and by a tenth of what it mends, so that more than one point is left
+            high = high + over + 0.1 * np.maximum(np.maximum(-high, 0.0) - over, 0.0)
+            low = low - under - 0.1 * np.maximum(np.maximum(low, 0.0) - under, 0.0)
         room = _APART * (1.0 + np.where(np.isfinite(high), np.abs(high), 0.0))
         rows = np.vstack([A, np.eye(d)])
         upper, lower = np.append(high + room, most), np.append(low - room, least)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,16 +13,38 @@ from flexstage.explore.optimise.walls import MARGIN
 from flexstage.explore.variables import Variable, is_data_sheet
 from flexstage.units import parse
 
-# last digits on a drawing, 1 um and 0.001 deg, and significant digits of what has none there
-_UM, _DEG, _DIGITS = -6, 3, 6
-# what a dimension must gain, in parts of the goal, not to go back to its description; and how much
-# more it counts to miss a requirement
-_GAINS, _MISSED = 1e-4, 100.0
-# values to either side that are tried; changes by slopes at most, and what each must bring; what
-# lies beside the result; and how often slopes are taken anew, until nothing is missed by more
-_BESIDE, _CHANGES, _TELLS, _OTHERS, _ROUNDS, _KEPT = 2, 200, 1e-9, 20, 3, 1e-5
-# parts of the bounds within which a value is one that a drawing has
-_SAME = 1e-9
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawing:
+    """What a drawing has, and how it is rounded to."""
+
+    um: int = -6
+    """Power of ten of the last digit of a length [m]."""
+    deg: int = 3
+    """Digits behind the point of an angle [deg]."""
+    digits: int = 6
+    """Significant digits of what has no last digit on a drawing."""
+    same: float = 1e-9
+    """Parts of the bounds within which a value is one that a drawing has."""
+    gains: float = 1e-4
+    """What a dimension must gain, in parts of the goal, not to go back to its description."""
+    missed: float = 100.0
+    """How much more it counts to miss a requirement."""
+    beside: int = 2
+    """Values to either side that are tried."""
+    changes: int = 200
+    """Changes by slopes at most."""
+    tells: float = 1e-9
+    """What each of them must bring."""
+    others: int = 20
+    """What lies beside their result, and is tried where that is no stage."""
+    rounds: int = 3
+    """How often slopes are taken anew."""
+    kept: float = 1e-5
+    """Until nothing is missed by more than this."""
+
+
+_DRAWING = _Drawing()
 
 
 def on_drawing(variable: Variable, value: float, beside: int = 0) -> list[float]:
@@ -52,12 +74,16 @@ def on_drawing(variable: Variable, value: float, beside: int = 0) -> list[float]
     """
     angle = variable.dimension == "angle"
     length = variable.dimension == "length" and not is_data_sheet(variable.name)
-    power = _UM if length else math.floor(math.log10(abs(value) or 1.0)) + 1 - _DIGITS
-    nearest = round(math.degrees(value) * 10**_DEG if angle else value * 10.0**-power)
+    power = (
+        _DRAWING.um if length else math.floor(math.log10(abs(value) or 1.0)) + 1 - _DRAWING.digits
+    )
+    nearest = round(math.degrees(value) * 10**_DRAWING.deg if angle else value * 10.0**-power)
     digits = range(nearest - beside - 1, nearest + beside + 2)
     found = [
         # as decimals, so that 8.123 mm is the very number that its text means
-        parse(f"{n / 10**_DEG:.{_DEG}f} deg", "angle") if angle else float(f"{n}e{power}")
+        parse(f"{n / 10**_DRAWING.deg:.{_DRAWING.deg}f} deg", "angle")
+        if angle
+        else float(f"{n}e{power}")
         for n in digits
     ]
     inside = [v for v in found if variable.low <= v <= variable.high]
@@ -75,7 +101,7 @@ def drawn_point(problem: Problem, x: Array) -> Array:
     for j, variable in enumerate(problem.family.variables):
         near = (variable.usual, variable.low, variable.high, *on_drawing(variable, point[j]))
         best = min(near, key=lambda v: abs(v - point[j]))
-        if abs(best - point[j]) <= _SAME * problem.width[j]:
+        if abs(best - point[j]) <= _DRAWING.same * problem.width[j]:
             point[j] = best
     return point
 
@@ -104,7 +130,7 @@ def drawn(program: StageProgram, found: LocalOptimum) -> tuple[LocalOptimum, Loc
 def _without_needless(program: StageProgram, found: LocalOptimum) -> LocalOptimum:
     problem = program.problem
     home, x = problem.position(problem.family.usual), found.point
-    away = np.flatnonzero((np.abs(x - home) > _SAME) & (home >= 0.0) & (home <= 1.0))
+    away = np.flatnonzero((np.abs(x - home) > _DRAWING.same) & (home >= 0.0) & (home <= 1.0))
     if not away.size:
         return found
 
@@ -118,11 +144,11 @@ def _without_needless(program: StageProgram, found: LocalOptimum) -> LocalOptimu
     singles = np.array([back([j]) for j in away.tolist()])
     values = program.scaled(singles, program.figures(singles))
     losses = np.array([_cost(program, row) - here for row in values])
-    order = [int(away[k]) for k in np.argsort(losses) if losses[k] <= _GAINS]
+    order = [int(away[k]) for k in np.argsort(losses) if losses[k] <= _DRAWING.gains]
 
     def costs_nothing(which: list[int]) -> bool:
         there = program.values(back(which)[None])[0]
-        return bool(np.all(np.isfinite(there))) and _cost(program, there) - here <= _GAINS
+        return bool(np.all(np.isfinite(there))) and _cost(program, there) - here <= _DRAWING.gains
 
     if not order:
         return found
@@ -143,7 +169,7 @@ def _cost(program: StageProgram, values: Array) -> float:
     if not np.all(np.isfinite(values)):
         return math.inf
     off = float(violation_of(values[1:], program.low, program.high).sum())
-    return (float(values[0]) if program.problem.goals else 0.0) + _MISSED * off
+    return (float(values[0]) if program.problem.goals else 0.0) + _DRAWING.missed * off
 
 
 def _rounded(program: StageProgram, found: LocalOptimum) -> LocalOptimum | None:
@@ -153,11 +179,11 @@ def _rounded(program: StageProgram, found: LocalOptimum) -> LocalOptimum | None:
     candidates = []
     for variable, value in zip(problem.family.variables, point.tolist(), strict=True):
         stays = value == variable.usual
-        near = np.array([value] if stays else on_drawing(variable, value, _BESIDE))
+        near = np.array([value] if stays else on_drawing(variable, value, _DRAWING.beside))
         candidates.append((near - variable.low) / (variable.high - variable.low))
     at, y = found, np.array([values[0] for values in candidates])
     best: LocalOptimum | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(_DRAWING.rounds):
         tried = ((y, program.values(y[None])[0]) for y in _best_first(program, at, y, candidates))
         possible = next((one for one in tried if np.all(np.isfinite(one[1]))), None)
         if possible is None:
@@ -166,7 +192,7 @@ def _rounded(program: StageProgram, found: LocalOptimum) -> LocalOptimum | None:
         if best is not None and _cost(program, values) >= _cost(program, best.values):
             break
         best = _at(program, found, y, values, found.slopes)
-        if best.violation <= max(found.violation, _KEPT):
+        if best.violation <= max(found.violation, _DRAWING.kept):
             break
         values, slopes = program.slopes(y)
         if not (np.all(np.isfinite(values)) and np.all(np.isfinite(slopes))):
@@ -191,26 +217,26 @@ def _best_first(
 
     def costs(found: Array) -> Array:
         off = violation_of(found[:, 1:], low, high).sum(axis=1)
-        return goal * found[:, 0] + _MISSED * off
+        return goal * found[:, 0] + _DRAWING.missed * off
 
     y = y.copy()
     one = np.zeros(0)
-    for _ in range(_CHANGES):
+    for _ in range(_DRAWING.changes):
         here = np.append(at.values, walls @ at.point) + rows @ (y - at.point)
         moved = rows[:, which].T * (value - y[which])[:, None]
         now = costs(here[None])[0]
         one = costs(here + moved)
         k = int(np.argmin(one))
-        if one[k] < now - _TELLS:
+        if one[k] < now - _DRAWING.tells:
             y[which[k]] = value[k]
             continue
         two = costs(here + moved[first] + moved[second])
         k = int(np.argmin(two)) if len(two) else -1
-        if k < 0 or two[k] >= now - _TELLS:
+        if k < 0 or two[k] >= now - _DRAWING.tells:
             break
         y[which[[first[k], second[k]]]] = value[[first[k], second[k]]]
     yield y
-    for k in np.argsort(one, kind="stable")[:_OTHERS]:
+    for k in np.argsort(one, kind="stable")[: _DRAWING.others]:
         if value[k] != y[which[k]]:
             beside = y.copy()
             beside[which[k]] = value[k]

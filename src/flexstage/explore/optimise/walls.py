@@ -12,13 +12,6 @@ Bools = NDArray[np.bool_]
 
 #: How far inside a wall a search stays, in parts of the bounds.
 MARGIN = 1e-4
-# How near to a wall its normal is measured, and how far is looked for it along each variable: less
-# than the margin from other walls, which are not to be taken for this one; halvings of an interval.
-_NEAR, _REACH, _HALVINGS = 2e-6, 6e-5, 18
-# steps away from walls, of the margin each
-_INWARDS = 4
-# cosine of the angle between two walls from which on they are one
-_SAME = 0.999
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,23 +57,26 @@ def find_wall(possible: Callable[[Array], Bools], inside: Array, step: Array) ->
     >>> np.round(wall.normal, 3), round(wall.offset, 3)
     (array([0.6, 0.8]), 0.7)
     """
+    # how near to a wall its normal is measured, and how far is looked for it along each variable:
+    # less than the margin from other walls, which are not to be taken for this one
+    near_wall, reach, halvings = 2e-6, 6e-5, 18
     length = float(np.linalg.norm(step))
-    if length < _NEAR:
+    if length < near_wall:
         return None
     low, high = 0.0, 1.0
-    while (high - low) * length > 0.02 * _NEAR:
+    while (high - low) * length > 0.02 * near_wall:
         middle = 0.5 * (low + high)
         ok = bool(possible((inside + middle * step)[None])[0])
         low, high = (middle, high) if ok else (low, middle)
     at, outside = inside + low * step, inside + high * step
-    before = inside + max(low - _NEAR / length, 0.0) * step
+    before = inside + max(low - near_wall / length, 0.0) * step
     d = len(inside)
-    ways = np.vstack([np.eye(d), -np.eye(d)]) * _REACH
+    ways = np.vstack([np.eye(d), -np.eye(d)]) * reach
     stopped = np.flatnonzero(~possible(before + ways))
     if not len(stopped):
         return None
     near, far = np.zeros(len(stopped)), np.ones(len(stopped))
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         middle = 0.5 * (near + far)
         ok = possible(before + middle[:, None] * ways[stopped])
         near, far = np.where(ok, middle, near), np.where(ok, far, middle)
@@ -101,7 +97,7 @@ def inside(possible: Callable[[Array], Bools], point: Array) -> Array:
     itself where no way leads from all of them.
     """
     ways = np.vstack([np.eye(len(point)), -np.eye(len(point))]) * MARGIN
-    for _ in range(_INWARDS):
+    for _ in range(4):  # steps of the margin each
         stopped = ways[~possible(np.clip(point + ways, 0.0, 1.0))]
         there = np.clip(point - 1.1 * stopped.sum(axis=0), 0.0, 1.0)
         if not np.any(there != point) or not possible(there[None])[0]:
@@ -112,5 +108,6 @@ def inside(possible: Callable[[Array], Bools], point: Array) -> Array:
 
 def joined(walls: tuple[Wall, ...], wall: Wall) -> tuple[Wall, ...]:
     """Return walls with another one, which replaces what was measured of it further away."""
-    others = (w for w in walls if float(wall.normal @ w.normal) <= _SAME)
+    # two whose normals are within 2.6 degrees are one
+    others = (w for w in walls if float(wall.normal @ w.normal) <= 0.999)
     return (*others, wall)

@@ -19,7 +19,7 @@ from flexstage.explore.figures import (
 from flexstage.explore.optimise.front import Front, find_front
 from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
 from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.optimise.problem import Goal, Problem, Way
+from flexstage.explore.optimise.problem import Goal, Problem
 from flexstage.explore.optimise.usual import (
     CHECK,
     held_dimensions,
@@ -88,7 +88,10 @@ class OptimiseRequest:
             )
         described = template.stage()
         known = known_figures(described)
-        goals = _goals(self.maximise, "maximise", known) + _goals(self.minimise, "minimise", known)
+        goals = (
+            *(Goal(figure=figure_of(name, known), way="maximise") for name in self.maximise),
+            *(Goal(figure=figure_of(name, known), way="minimise") for name in self.minimise),
+        )
         if goals and self.match:
             raise ModelError(
                 "--match seeks stated figures, and has no goal: use --keep beside a goal"
@@ -126,10 +129,6 @@ def _word(option: str, given: str, words: tuple[str, ...]) -> Any:
 def _first_goal(known: dict[tuple[str, str], float]) -> str:
     found = usual_figures(known)
     return next((f.name for f in found if f.quantity == "natural_frequency_hz"), "mass")
-
-
-def _goals(names: tuple[str, ...], way: Way, known: Any) -> tuple[Goal, ...]:
-    return tuple(Goal(figure=figure_of(name, known), way=way) for name in names)
 
 
 def _targets(text: str, described: Any, known: Any) -> tuple[Requirement, ...]:

@@ -10,8 +10,8 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
 from flexstage.explore.figures import Figure, chosen_figures
-from flexstage.explore.sampling import SAMPLINGS, Sampling
-from flexstage.explore.sweep import Sweep, SweepPlan, sweep, usual_plan
+from flexstage.explore.sampling import SAMPLINGS, Sampling, SweepPlan, usual_plan
+from flexstage.explore.sweep import Sweep, sweep
 from flexstage.explore.variables import every_variable, listed, variables_of
 from flexstage.studies.models import known_model
 

@@ -7,7 +7,8 @@ from nicegui import ui
 
 from flexstage.explore.deviations import KINDS as DEVIATIONS
 from flexstage.explore.optimise.ladder import SearchOptions
-from flexstage.explore.sweep import usual_cost, usual_plan
+from flexstage.explore.sampling import usual_plan
+from flexstage.explore.sweep import usual_cost
 from flexstage.explore.variables import variables_of
 from flexstage.explore.workers import duration
 from flexstage.report.tolerance import scatter_text

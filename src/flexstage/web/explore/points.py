@@ -14,7 +14,8 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.front import Front, Generation, non_dominated
 from flexstage.explore.optimise.optimum import Optimum, SearchStep, Trace
 from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.sweep import Sweep, SweepPlan
+from flexstage.explore.sampling import SweepPlan
+from flexstage.explore.sweep import Sweep
 from flexstage.explore.variables import Variable
 from flexstage.quantities import number
 from flexstage.report.sensitivity import short_label

@@ -18,8 +18,9 @@ from flexstage.explore.requests.sensitivity import SensitivityRequest
 from flexstage.explore.requests.sweep import SweepRequest
 from flexstage.explore.requests.tolerance import Found as LotFound
 from flexstage.explore.requests.tolerance import ToleranceRequest
+from flexstage.explore.sampling import SweepPlan
 from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sweep import Sweep, SweepPlan
+from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.explore.workers import Workers
