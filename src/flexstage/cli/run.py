@@ -74,7 +74,7 @@ def run(
         Do not ask for confirmation before a real instrument moves.
     """
     from flexstage.experiments import find_plan, read_plan
-    from flexstage.experiments.file import stage_source
+    from flexstage.experiments.plan import stage_source
 
     file = find_plan(plan)
     wanted = read_plan(file)
