@@ -20,9 +20,8 @@ from benchmarks.cases import Row
 from benchmarks.timing import in_turns
 from flexstage.arrays import Array, Complex
 from flexstage.designs import design
-from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.campaign.plan import Test
-from flexstage.experiments.campaign.results import Characterisation
+from flexstage.experiments.campaign.results import Characterisation, evaluate
 from flexstage.experiments.virtual_campaign import VirtualCampaign, virtual_campaign
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.stabilisation import stable_poles

@@ -292,7 +292,7 @@ def moving_necks() -> "Figure":
     from flexstage.explore import known_figures, sensitivities
     from flexstage.explore.figures import usual_figures
     from flexstage.explore.sensitivity import hinge_variables
-    from flexstage.report.figures.moving_necks import draw_moving_necks
+    from flexstage.report.figures.sensitivity import draw_moving_necks
 
     template = StageTemplate.of("vgtu-piezo")
     stage = template.stage()

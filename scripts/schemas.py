@@ -10,8 +10,7 @@ from typing import Any
 
 import flexstage
 from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
-from flexstage.experiments.file import PLAN_FILE
-from flexstage.experiments.plan import Plan
+from flexstage.experiments.plan import PLAN_FILE, Plan
 from flexstage.files.schema import file_schema
 from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, BudgetContent
 from flexstage.stage.format import SCHEMA_PATH, stage_schema

@@ -10,14 +10,14 @@ from scipy.special import ndtri
 
 from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiments.campaign.evaluate import characterise, evaluate
-from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.plan import (
+    KINDS,
     Campaign,
     Columns,
     FileReading,
     Test,
 )
+from flexstage.experiments.campaign.results import characterise, evaluate
 from flexstage.records import Channel, Record
 from flexstage.sensor import SensorSpecification
 from tests.measuring_files import function_58

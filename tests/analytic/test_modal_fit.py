@@ -731,8 +731,8 @@ def test_figures_show_the_fit():
     assert len(encode(diagram, "png")) > 10_000
     with pytest.raises(ModelError, match="no output 5"):
         draw_modal_fit(fit, output=5)
-    with pytest.raises(ModelError, match="response 2"):
-        draw_stabilisation(fit, 2)
+    with pytest.raises(ModelError, match="no stabilisation"):
+        draw_stabilisation(replace(fit, stabilisation=None))
 
 
 @pytest.mark.parametrize(("samples", "segment"), [(100_000, 4096), (400_000, 8192)])

@@ -5,7 +5,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import PlanError
 from flexstage.experiments import dry_run
-from flexstage.experiments.file import plan_from_text
+from flexstage.experiments.plan import plan_from_text
 
 HEAD = """\
 plan: 1

@@ -7,7 +7,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import PlanError
 from flexstage.experiments import VerifiedStep, find_plan, read_plan, run_plan
-from flexstage.experiments.file import plan_from_text
+from flexstage.experiments.plan import plan_from_text
 from flexstage.experiments.verbs.centre import CentredStep
 from flexstage.instruments.connect import connect
 from flexstage.lumped import lumped_system

@@ -27,8 +27,8 @@ import pytest
 from matplotlib.text import Annotation
 
 from flexstage.errors import RecordError
-from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
+from flexstage.experiments.campaign.results import evaluate
 from flexstage.measure.motion.approaches import visits
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.records import Channel, Record

@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import FlexstageError, StageError, UnitError
-from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.experiments.campaign.plan import (
     EXCITATIONS,
+    KINDS,
     Campaign,
     Columns,
     FileReading,

@@ -15,10 +15,8 @@ from flexstage.errors import ModelError
 from flexstage.explore.family import Family, known_figures
 from flexstage.explore.figures import figures_of, usual_figures
 from flexstage.explore.sensitivity import hinge_variables, sensitivities, variables_by
-from flexstage.report.figures.moving_necks import draw_moving_necks
-from flexstage.report.figures.sensitivity import draw_sensitivities
-from flexstage.report.page import typeset
-from flexstage.report.pictures import drawn
+from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
+from flexstage.report.page import drawn, typeset
 from flexstage.report.sensitivity import sensitivity_table
 from flexstage.section import Picture
 

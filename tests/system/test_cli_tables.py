@@ -20,7 +20,7 @@ from flexstage.cli.output import console, print_shown, print_text
 from flexstage.comparison import compare
 from flexstage.quantities import beside, display
 from flexstage.report.page import table_html
-from flexstage.report.run_tables import runs_table
+from flexstage.report.run import runs_table
 from flexstage.report.tables import characteristics_table
 from flexstage.studies.results import characteristic_row
 from flexstage.table import Cell, Column, Table, table

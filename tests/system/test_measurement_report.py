@@ -13,7 +13,7 @@ from flexstage.cli import main
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.output import console
 from flexstage.designs import design
-from flexstage.experiments.campaign.evaluate import evaluate
+from flexstage.experiments.campaign.results import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities import display
 from flexstage.report import report_html

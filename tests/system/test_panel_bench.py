@@ -19,7 +19,7 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnectedError
 from flexstage.experiments import run_plan
-from flexstage.experiments.file import read_plan
+from flexstage.experiments.plan import read_plan
 from flexstage.instruments.lock import stage_lock
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata

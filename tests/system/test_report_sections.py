@@ -13,8 +13,7 @@ from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
 from flexstage.report.figures.record import draw_record
 from flexstage.report.figures.style import new_figure
-from flexstage.report.page import page_html, sections_html
-from flexstage.report.pictures import DRAWINGS
+from flexstage.report.page import DRAWINGS, page_html, sections_html
 from flexstage.section import Bullets, Definitions, Picture, Pictures, Section
 from flexstage.table import Cell, Column, Table, table
 

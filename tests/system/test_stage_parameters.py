@@ -11,7 +11,7 @@ import pytest
 
 from flexstage.designs import StageTemplate, design, find_stage
 from flexstage.errors import FlexstageError, PlanError, StageError, UnitError
-from flexstage.experiments.file import plan_from_text
+from flexstage.experiments.plan import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
 from flexstage.stage.drawing.blanks import stage_file_text

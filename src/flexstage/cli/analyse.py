@@ -215,7 +215,7 @@ def _modes(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _stress(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report.coupled_axes import cause_words
+    from flexstage.report.tables import cause_words
 
     stress = analysis.hinge_stress
     if not any(stress.values()):
@@ -233,7 +233,7 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _coupling(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.report.coupled_axes import coupling_tables
+    from flexstage.report.tables import coupling_tables
 
     for shown in coupling_tables(analysis.coupling) if analysis.coupling is not None else ():
         print_shown(screen, shown)

@@ -158,8 +158,8 @@ def characterise(
     out
         Write report.html and results.json, and the records of a virtual stage.
     """
-    from flexstage.experiments.campaign.evaluate import characterise as run
     from flexstage.experiments.campaign.plan import Campaign, Test, read_campaign
+    from flexstage.experiments.campaign.results import characterise as run
     from flexstage.files.write import write_files
     from flexstage.report.measurement import measurement_text
     from flexstage.sensor import SensorSpecification

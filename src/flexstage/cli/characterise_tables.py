@@ -52,7 +52,7 @@ def print_measurement(screen: "Console", result: "MeasurementComparison", saved:
 
 
 def _print_positioning(screen: "Console", result: "TestResult") -> None:
-    from flexstage.report.positioning import positioning_tables
+    from flexstage.report.measurement import positioning_tables
 
     tables = positioning_tables(result.details["positioning"])
     title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"

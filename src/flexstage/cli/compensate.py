@@ -130,7 +130,7 @@ def compensate(
     if out is not None:
         write_file(out, record_bytes(command_record(made, drive), kind))
     if figure is not None:
-        from flexstage.report.figures.feedforward import draw_feedforward
+        from flexstage.report.figures.tracking import draw_feedforward
 
         drawn = draw_feedforward(made, drive, file.errors.get("heldout_95"))
         write_file(figure, picture(figure, drawn))

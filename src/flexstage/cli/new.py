@@ -125,8 +125,8 @@ def _list(
 def _drawn(stages: "Mapping[str, Stage]", folder: Path) -> list[Path]:
     """Draw stages, and where there are several all of them on one sheet."""
     from flexstage.files.write import write_files
-    from flexstage.report.figures.contact_sheet import draw_contact_sheet
     from flexstage.report.figures.drawing import draw_stage
+    from flexstage.report.figures.drawn_stage import draw_contact_sheet
     from flexstage.report.figures.style import encode
 
     figures = {name: draw_stage(stage) for name, stage in stages.items()}

@@ -74,7 +74,7 @@ def run(
         Do not ask for confirmation before a real instrument moves.
     """
     from flexstage.experiments import find_plan, read_plan
-    from flexstage.experiments.file import stage_source
+    from flexstage.experiments.plan import stage_source
 
     file = find_plan(plan)
     wanted = read_plan(file)
@@ -195,7 +195,7 @@ def _plain_dry(found: "DryRun") -> dict[str, Any]:
 
 
 def _print_dry(found: "DryRun", title: str) -> None:
-    from flexstage.report.run_tables import dry_run_table
+    from flexstage.report.run import dry_run_table
 
     screen = console()
     print_shown(screen, dry_run_table(found, title))
@@ -204,7 +204,7 @@ def _print_dry(found: "DryRun", title: str) -> None:
 
 
 def _print(result: "PlanResult") -> None:
-    from flexstage.report.run_tables import figures_table
+    from flexstage.report.run import figures_table
 
     screen = console()
     if result.figures:

@@ -263,7 +263,7 @@ def calibrations(
         TIME: Only those valid at a date, or a date and time.
     """
     from flexstage.instruments.catalogue.catalogue import Catalogue
-    from flexstage.report.run_tables import shown_time
+    from flexstage.report.run import shown_time
 
     time = _time(valid_at)
     with Catalogue.open(catalogue, make=False) as opened:
@@ -365,6 +365,6 @@ def _state_of(entry: "RunEntry") -> str:
 
 
 def _print_list(found: "list[RunEntry]", where: str) -> None:
-    from flexstage.report.run_tables import runs_table
+    from flexstage.report.run import runs_table
 
     print_shown(console(), runs_table(found, f"{count(len(found), 'run')} in {where}"))

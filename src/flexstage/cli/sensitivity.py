@@ -100,7 +100,7 @@ def sensitivity(
 def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:
     """Write what each neck moves on the drawing of the stage, where one moves a figure."""
     from flexstage.files.write import write_files
-    from flexstage.report.figures.moving_necks import draw_moving_necks
+    from flexstage.report.figures.sensitivity import draw_moving_necks
 
     try:
         drawn = draw_moving_necks(stage, found)

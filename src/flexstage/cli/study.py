@@ -84,8 +84,8 @@ def study(
     with progress_bar("study", quiet=quiet):
         found = None
         if measured is not None:
-            from flexstage.experiments.campaign.evaluate import characterise
             from flexstage.experiments.campaign.plan import read_campaign
+            from flexstage.experiments.campaign.results import characterise
 
             found = characterise(read_campaign(measured), measured.parent)
         result = run_study(

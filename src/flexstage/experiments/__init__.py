@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.experiments.campaign.evaluate import characterise
     from flexstage.experiments.campaign.plan import Campaign, Columns, Test, read_campaign
-    from flexstage.experiments.campaign.results import Characterisation
+    from flexstage.experiments.campaign.results import Characterisation, characterise
     from flexstage.experiments.dry_run import DryRun, dry_run
-    from flexstage.experiments.file import find_plan, plan_stage, read_plan, ready_plans
-    from flexstage.experiments.plan import Plan, Step
+    from flexstage.experiments.plan import Plan, Step, find_plan, plan_stage, read_plan, ready_plans
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.runner import run_plan
     from flexstage.experiments.verbs.verify import VerifiedStep

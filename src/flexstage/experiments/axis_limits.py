@@ -9,9 +9,6 @@ from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.virtual.as_built import platform_stroke
 
-#: Of a stroke that is only estimated, the middle part that a command under control keeps to.
-_CLEAR = 0.03
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSetting:
@@ -61,6 +58,8 @@ def axis_setting(
     >>> setting.quantity, f"{1e6 * setting.high:.0f} um"
     ('position', '350 um')
     """
+    # of a stroke that is only estimated, the middle part that a command under control keeps to
+    clear = 0.03
     names = [a.name for a in stage.axes]
     if axis not in names:
         raise PlanError(has_no(f"the stage {stage.name}", "axis", axis, names))
@@ -71,7 +70,7 @@ def axis_setting(
         bounds, rate, estimated = own.position, own.speed, False
         if bounds is None:
             stroke = estimated_stroke(stage, axis)
-            bounds, estimated = (_CLEAR * stroke, (1.0 - _CLEAR) * stroke), True
+            bounds, estimated = (clear * stroke, (1.0 - clear) * stroke), True
         quantity: Quantity = "position"
     else:
         bounds, rate, quantity, estimated = own.voltage, own.slew, "voltage", False

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -29,15 +29,15 @@ BASE_RATE_HZ = 10e3
 
 #: What the acceleration at a blow is called.
 RESPONSE = "acceleration {}"
-#: More samples do not fit into memory.
-_MOST_SAMPLES = 5_000_000
 
 
 def require_size(size: float, kind: str) -> None:
     """Refuse a command that would not fit into memory, before it is made."""
-    if size > _MOST_SAMPLES:
+    # more samples do not fit into memory
+    most_samples = 5_000_000
+    if size > most_samples:
         raise PlanError(
-            f"the command '{kind}' would have {size:.0f} samples, and at most {_MOST_SAMPLES} are "
+            f"the command '{kind}' would have {size:.0f} samples, and at most {most_samples} are "
             "allowed: make it shorter, or lower command_rate"
         )
 
@@ -119,17 +119,6 @@ class CommandWaveform:
                 found.append(Signal(kind="voltage", source=axis, name=name, unit="V"))
         return found
 
-    def at(self, axis: str, time: Array) -> Array:
-        """Return the command of an axis at times from its first sample [V, or m].
-
-        Before its beginning it is that of the first sample, after its end that of the last.
-        """
-        return self._at(self.waveform.values[axis], time)
-
-    def reference_at(self, axis: str, time: Array) -> Array:
-        """Return the positions that an axis shall follow at times from the first sample [m]."""
-        return self._at(self.reference[axis], time)
-
     def corner_at(self, time: Array) -> Array:
         """Return the number of the corner at some times, -1 on the way."""
         if self.corner is None:
@@ -163,9 +152,9 @@ class CommandWaveform:
 
         def more(number: Array) -> dict[str, Array]:
             time = number / rate
-            made = {_named("command", a, self): self.at(a, time) for a in self.axes}
-            for a in self.reference:
-                made[_named("reference", a, self)] = self.reference_at(a, time)
+            made = {_named("command", a, self): self._at(v, time) for a, v in self.values.items()}
+            for a, positions in self.reference.items():
+                made[_named("reference", a, self)] = self._at(positions, time)
             if self.corner is not None:
                 made["corner"] = self.corner_at(time)
             return made
@@ -188,6 +177,7 @@ class CommandWaveform:
         return stream.with_suffix(".h5")
 
     def _at(self, values: Array, time: Array) -> Array:
+        """Return samples at times from the first of them; before and after as at the ends."""
         k = np.asarray(time) * self.waveform.sample_rate_hz
         # a time on a sample is that sample, whatever rounding says
         k = np.where(np.abs(k - np.round(k)) < 1e-6, np.round(k), k)
@@ -195,12 +185,6 @@ class CommandWaveform:
         k = np.clip(k, 0.0, n * self.cycles - 1.0)
         # from the last sample to the first of the next cycle the way is straight too
         return np.interp(k % n, np.arange(n + 1), np.append(values, values[0]))
-
-
-#: How long a blow is recorded [s], and what of it comes before the blow is the instrument's own.
-_BLOW_TIME = 0.8
-#: Runs without a generator of waveforms stop at no more places than this.
-_MOST_PLACES = 2000
 
 
 class _Numbered:
@@ -268,6 +252,8 @@ def _by_moves(
 
 
 def _places(command: CommandWaveform) -> tuple[Array, float]:
+    # runs without a generator of waveforms stop at no more places than this
+    most_places = 2000
     if command.quantity != "position" or len(command.axes) != 1:
         raise PlanError(
             "this instrument runs no waveforms, and only positions of one axis can be gone to "
@@ -283,7 +269,7 @@ def _places(command: CommandWaveform) -> tuple[Array, float]:
         # a smooth motion: some places on each way
         step = max(command.period // 40, 1) if command.period else max(values.size // 200, 1)
         places, dwell = values[::step], float(step)
-    if places.size > _MOST_PLACES:
+    if places.size > most_places:
         raise PlanError(
             f"this instrument runs no waveforms, and {places.size} places would have to be gone to"
         )
@@ -299,25 +285,17 @@ class Strike:
     hits: int
     """How often."""
 
-    @property
-    def values(self) -> Mapping[str, Array]:
-        """None: nothing is commanded."""
-        return {}
-
-    @property
-    def unit(self) -> str:
-        """Unit of what acts."""
-        return "N"
+    values: ClassVar[Mapping[str, Array]] = {}
+    """None: nothing is commanded."""
+    unit: ClassVar[str] = "N"
+    """Unit of what acts."""
+    notes: ClassVar[tuple[str, ...]] = ()
+    """What a reader should know: nothing."""
 
     @property
     def time(self) -> Array:
         """No times."""
         return np.empty(0)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a reader should know: nothing."""
-        return ()
 
     @property
     def hash(self) -> str:
@@ -351,9 +329,11 @@ class Strike:
         metadata: RunMetadata,
     ) -> Path:
         """Strike the stage some times, and record the blows one after the other."""
+        # how long a blow is recorded [s]; what of it comes before the blow is the instrument's own
+        blow_time = 0.8
         park(instrument, ())
         rate = instrument.recorder.configure(signals, rate_hz, 2)
-        samples = round(_BLOW_TIME * rate)
+        samples = round(blow_time * rate)
         channels = [(s.name, s.unit) for s in signals]
         with RunWriter(stream, channels, rate, metadata) as writer:
             for hit in range(self.hits):

@@ -64,7 +64,7 @@ def dry_run(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.experiments.file import plan_from_text
+    >>> from flexstage.experiments.plan import plan_from_text
     >>> plan = plan_from_text('''
     ... plan: 1
     ... stage: vgtu-piezo

@@ -16,8 +16,7 @@ import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.experiments.dry_run import dry_run, natural_frequency
-from flexstage.experiments.file import plan_stage
-from flexstage.experiments.plan import Plan, Step
+from flexstage.experiments.plan import Plan, Step, plan_stage
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.run_context import RunContext, base_rate_of
 from flexstage.experiments.state import (

@@ -48,8 +48,6 @@ class StepState:
     """Date and time of its start, UTC."""
     finished: str = ""
     """Date and time of its end, UTC."""
-    identifier: str = ""
-    """Name of the run in the catalogue; empty where it is in none."""
     message: str = ""
     """Why it ended early."""
 

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.experiments.campaign.evaluate import evaluate
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
-from flexstage.experiments.campaign.results import Characterisation
+from flexstage.experiments.campaign.results import Characterisation, evaluate
 from flexstage.records import Record
 from flexstage.sensor import SensorSpecification
 from flexstage.system import modes

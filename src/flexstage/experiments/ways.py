@@ -14,7 +14,7 @@ from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.two_degree_of_freedom import ControlRun, made_ready, with_feedforward
 from flexstage.errors import ModelError, PlanError
 from flexstage.experiments.command import CommandWaveform, park, prepare_loops
-from flexstage.experiments.reference import (
+from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
     ReferenceTrajectory,
@@ -22,6 +22,7 @@ from flexstage.experiments.reference import (
     reference_of,
     settled_range,
 )
+from flexstage.experiments.verbs.measure import from_sample
 from flexstage.instruments.protocol import Capability, Signal
 from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
@@ -39,8 +40,6 @@ _LOOP_DELAY, _READING_DELAY = 2.0, 1.0
 _SLOW_HZ, _MAINS_HZ = 10.0, 50.0
 #: What an axis can where voltages are learned beside its control.
 _BESIDE = (Capability.CLOSED_LOOP, Capability.FEEDFORWARD_TABLE, Capability.SERVO_TUNING)
-#: Readings that are averaged to find by how much the zero of the sensor has moved.
-_READINGS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +62,8 @@ class TrackingSetup:
 
 def tracking_setup(context: "RunContext", name: str, action: "Verify") -> TrackingSetup:
     """Look where the zero of the sensor is now, and make the reference for it."""
+    # readings that are averaged to find by how much the zero of the sensor has moved
+    readings = 20
     controlled = any(way in ("feedback", "both") for way in action.ways)
     course = reference_of(context, action.model, action.reference, controlled=controlled)
     axis = course.axis
@@ -80,7 +81,7 @@ def tracking_setup(context: "RunContext", name: str, action: "Verify") -> Tracki
     prepare_loops(context.instrument, [axis], "voltage")
     park(context.instrument, [axis])
     record = run_waveform(context.instrument, made.lead_in, signals, rate_hz=min(rate, 1000.0))
-    reading = float(np.mean(record.channel(action.along).values[-_READINGS:]))
+    reading = float(np.mean(record.channel(action.along).values[-readings:]))
     shift = reading - made.predicted[axis]
     moved = shifted_model(course.model, shift)
     course = reference_of(context, action.model, action.reference, moved, controlled=controlled)
@@ -271,12 +272,7 @@ def _learned(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> P
             cycles=made.cycles,
             feedforward=made.feedforward,
         )
-        first = round(skip * record.sample_rate_hz)
-        return replace(
-            record,
-            channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
-            time=record.time[first:] - record.time[first],
-        )
+        return from_sample(record, round(skip * record.sample_rate_hz))
 
     with _ready(context, own, run):
         found = learn(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexstage.files.names import file_names
-from flexstage.report.figures.reachable_area import draw_reachable_area
+from flexstage.report.figures.body_motion import draw_reachable_area
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import encode
 from flexstage.studies.results import results_json

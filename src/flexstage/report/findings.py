@@ -1,6 +1,6 @@
 """What each chapter of a study found, in one line computed from its rows."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from flexstage.quantities import display, number
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from flexstage.studies.study import Study
 
 
-def _theory(study: "Study") -> str:
+def theory(study: "Study") -> str:
     """Say what the lumped model consists of."""
     lumped = study.analyses.get("lumped")
     order = f" with {lumped.system.order} coordinates" if lumped is not None else ""
@@ -22,7 +22,7 @@ def _theory(study: "Study") -> str:
     )
 
 
-def _models(study: "Study") -> str:
+def models(study: "Study") -> str:
     """Say by how much the models differ among themselves."""
     best = best_model(study)
     names = listed(model_name(m) for m in study.analyses)
@@ -42,13 +42,13 @@ def _models(study: "Study") -> str:
     )
 
 
-def _statics(study: "Study") -> str:
+def statics(study: "Study") -> str:
     """Say how far each axis goes, and by what ratio."""
     moved, ratio = _of(study, "output_displacement"), _of(study, "transmission_ratio")
     return f"Full stroke {moved}; ratio {ratio}; {_best(study)}." if moved else _best(study)
 
 
-def _dynamics(study: "Study") -> str:
+def dynamics(study: "Study") -> str:
     """Say the natural frequency of each axis."""
     found = _of(study, "natural_frequency_hz")
     if found:
@@ -59,7 +59,7 @@ def _dynamics(study: "Study") -> str:
     return f"Lowest natural frequency {number(float(first[0]))} Hz." if first.size else "No modes."
 
 
-def _stress(study: "Study") -> str:
+def stress(study: "Study") -> str:
     """Say how large the stress is, and how far from yield and fatigue."""
     stress, factor = _of(study, "max_stress"), _of(study, "safety_factor")
     if not stress:
@@ -70,7 +70,7 @@ def _stress(study: "Study") -> str:
     return f"Largest stress {stress}{safety}; {_best(study)}."
 
 
-def _measured(study: "Study") -> str:
+def measured(study: "Study") -> str:
     """Say what was measured, and by whom."""
     rows = study.comparison.rows
     best = best_model(study)
@@ -92,14 +92,14 @@ def _measured(study: "Study") -> str:
     return " ".join(parts) or "Nothing was measured."
 
 
-def _traditional(study: "Study") -> str:
+def traditional(study: "Study") -> str:
     """Say what becomes of the claim of smaller motion errors."""
     from flexstage.studies.traditional_verdict import claim_verdict
 
     return "" if study.traditional is None else claim_verdict(study.traditional)
 
 
-def _hysteresis(study: "Study") -> str:
+def hysteresis(study: "Study") -> str:
     """Say by how much inverses narrow the loop."""
     if not study.experiments:
         return "No axis could be tried."
@@ -110,7 +110,7 @@ def _hysteresis(study: "Study") -> str:
     return f"Loop narrowed by the inverse of a model, simulated stage: {'; '.join(words)}."
 
 
-def _centring(study: "Study") -> str:
+def centring(study: "Study") -> str:
     """Say how well the scale was centred."""
     found = study.centring
     if found is None or isinstance(found, str):
@@ -122,7 +122,7 @@ def _centring(study: "Study") -> str:
     )
 
 
-def _record(study: "Study") -> str:
+def record(study: "Study") -> str:
     """Say what the chapter holds."""
     return f"Limits of the models, versions and settings of {len(study.analyses)} models."
 
@@ -141,18 +141,3 @@ def _of(study: "Study", quantity: str) -> str:
 
 def _model_against(value: float | None) -> str:
     return "no model" if value is None else f"model {percent(value)}"
-
-
-#: What gives the finding of a chapter from a study, by the id of the chapter.
-FINDINGS: dict[str, Callable[["Study"], str]] = {
-    "theory": _theory,
-    "models": _models,
-    "statics": _statics,
-    "dynamics": _dynamics,
-    "strength": _stress,
-    "measurements": _measured,
-    "traditional": _traditional,
-    "compensation": _hysteresis,
-    "scale": _centring,
-    "record": _record,
-}

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from flexstage.errors import FlexstageError
 from flexstage.quantities import display, number
-from flexstage.report.coupled_axes import full_stroke_words
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.fields import draw_fe_modes
 from flexstage.report.figures.neck_stress import draw_neck_stress, neck_sampler
 from flexstage.report.page import fragment
+from flexstage.report.tables import full_stroke_words
 from flexstage.section import Content, Picture, Pictures
 from flexstage.stage import PiezoStack
 

@@ -1,19 +1,23 @@
-"""Every report is one HTML file: templates that are filled, figures and tables numbered."""
+"""Every report is one HTML file: templates filled, results drawn by type, all of it numbered."""
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cache.memory import Memory
+from flexstage.errors import ModelError
 from flexstage.section import Picture, Section
 from flexstage.table import Table
 
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
+    from matplotlib.figure import Figure
+
 
 #: A hyphen that is a minus sign: before a digit, and after nothing that it could belong to.
 _HYPHEN_MINUS = re.compile(r"(?<![\w\])−–-])-(?=\.?\d)")
@@ -124,7 +128,7 @@ def _svg(context: Mapping[str, Any], picture: Picture, key: str) -> "Markup":
 def drawn_inline(picture: Picture, key: str) -> str:
     """Draw a picture as it stands in a page, in which the key is unique."""
     from flexstage.report.figures.style import inline_svg
-    from flexstage.report.pictures import drawn
+    from flexstage.report.page import drawn
 
     return inline_svg(drawn(picture), key, picture.title)
 
@@ -139,3 +143,43 @@ def _typeset(text: str) -> "Markup":
     from markupsafe import Markup
 
     return Markup(re.sub(r">[^<]+", lambda words: typeset(words[0]), text))
+
+
+#: By type and view: the function that draws it, of `flexstage.report.figures`, and what that calls
+#: the result.
+DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("HoldNoise", ""): ("noise.draw_hold", "noise"),
+    ("Identification", ""): ("identification.draw_identification", "found"),
+    ("IdentifiedStep", ""): ("tracking.draw_drive_fit", "step"),
+    ("MeasuredResponse", ""): ("responses.draw_response", "response"),
+    ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
+    ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
+    ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
+    ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
+    ("Positioning", ""): ("motion_error.draw_positioning", "found"),
+    ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
+    ("Record", ""): ("record.draw_record", "record"),
+    ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
+    ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
+    ("Stage", ""): ("drawing.draw_stage", "stage"),
+    ("Staircase", ""): ("noise.draw_staircase", "found"),
+    ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),
+    ("ToleranceStudy", "spreads"): ("tolerance.draw_spreads", "study"),
+    ("VerifiedStep", ""): ("tracking.draw_following", "step"),
+    ("Workspace", ""): ("motion_error.draw_workspace", "found"),
+}
+
+
+def drawn(picture: Picture) -> "Figure":
+    """Draw the result of a picture; a function that draws one is called."""
+    if isinstance(picture.result, partial):
+        return picture.result(**picture.options)
+    kind = type(picture.result).__name__
+    if (kind, picture.view) not in DRAWINGS:
+        view = f" as '{picture.view}'" if picture.view else ""
+        known = ", ".join(sorted({name for name, _ in DRAWINGS}))
+        raise ModelError(f"no drawing shows a {kind}{view}: there are drawings of {known}")
+    function, parameter = DRAWINGS[kind, picture.view]
+    module, _, name = function.partition(".")
+    draw = getattr(import_module(f"flexstage.report.figures.{module}"), name)
+    return draw(**{parameter: picture.result}, **picture.options)

@@ -14,10 +14,6 @@ from flexstage.quantities import number
 from flexstage.report.tables import LUMPED_ALONE_NOTE, LUMPED_NOTE, value_text
 from flexstage.table import Cell, Column, Table, table
 
-# per cent of a figure, or parts of the largest change of it, below which a parameter moves nothing
-_NOTHING = 0.005
-# frequencies that differ by less than this are one [1]
-_EQUAL = 1e-4
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
 
@@ -30,13 +26,15 @@ def shown_changes(
     Of a figure that is nothing but rounding there is no part, and its changes are in its unit;
     what is shown as 0.00 is nothing, shape (f, d).
     """
+    # per cent of a figure, or parts of its largest change, below which a parameter moves nothing
+    nothing = 0.005
     changes = found.changes(length)
     parts = 100.0 * changes / np.where(found.vanishing, np.nan, np.abs(found.values))[:, None]
     factors = np.array([figure.shown.factor for figure in found.figures])
     own = changes * factors[:, None]
     largest = np.abs(own).max(axis=1, initial=0.0)[:, None]
     shown = np.where(np.isnan(parts) | in_units, own, parts)
-    small = np.where(np.isnan(parts), np.abs(own) <= 1e-3 * largest, np.abs(parts) < _NOTHING)
+    small = np.where(np.isnan(parts), np.abs(own) <= 1e-3 * largest, np.abs(parts) < nothing)
     return np.where(small, 0.0, shown)
 
 
@@ -170,6 +168,8 @@ def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[st
 
     Parameters of one reason stand together. No other model moves `hinges` by themselves.
     """
+    # frequencies that differ by less than this are one [1]
+    equal = 1e-4
     if found.model == "lumped":
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
@@ -177,7 +177,7 @@ def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[st
     for one, other in combinations(found.figures, 2):
         if one.quantity == other.quantity == "natural_frequency_hz":
             values = [float(found.values[found.figures.index(f)]) for f in (one, other)]
-            if abs(values[0] - values[1]) <= _EQUAL * max(values):
+            if abs(values[0] - values[1]) <= equal * max(values):
                 yield (
                     f"{one.name} and {other.name} are equal: what changes them differently mixes "
                     "their modes, and which of them it moves is open"

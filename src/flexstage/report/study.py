@@ -1,12 +1,13 @@
 """A study as one HTML file that needs nothing else: no network, no other file."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from flexstage.cache.memory import Memory
 from flexstage.quantities import QUANTITIES
-from flexstage.report.coupled_axes import coupling_section, full_stroke_words
+from flexstage.report import findings
 from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
     body_outlines,
@@ -19,7 +20,6 @@ from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FIXED, css_name
-from flexstage.report.findings import FINDINGS
 from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.measurement import measurement_section, measurement_text
 from flexstage.report.model_sections import (
@@ -33,7 +33,9 @@ from flexstage.report.page import fragment, page_html
 from flexstage.report.simulated import bench_section, centring_section, hysteresis_section
 from flexstage.report.tables import (
     characteristics_table,
+    coupling_section,
     differences_table,
+    full_stroke_words,
     hinge_table,
     published_table,
 )
@@ -42,7 +44,6 @@ from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, 
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.results import results_json, study_results
 from flexstage.studies.study import Study
-from flexstage.table import Table
 
 _FREQUENCIES = ("natural_frequency_hz", "natural_frequency_with_stack_hz")
 _DYNAMICS = (*_FREQUENCIES, "out_of_plane_frequency_hz", "damping_ratio")
@@ -59,20 +60,12 @@ class Chapter:
 
     title: str
     """Its title."""
+    finding: Callable[[Study], str]
+    """What it found, in one line computed from the rows of the study."""
     sections: Mapping[str, tuple[str, _Show]]
     """Title and content of each section, by its id; a chapter of one section without a title is
     that section.
     """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _WrittenChapter:
-    """A chapter that has something to show."""
-
-    key: str
-    title: str
-    finding: str
-    sections: tuple[Section, ...]
 
 
 def report_html(study: Study, memory: Memory | None = None) -> str:
@@ -81,14 +74,12 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
     Chapters that have nothing to show are left out. Pictures that a memory knows are read.
     """
     stage = study.stage
-    chapters: list[_WrittenChapter] = []
+    chapters: list[dict[str, Any]] = []
     for key, chapter in CHAPTERS.items():
         if sections := tuple(s for k in chapter.sections if (s := study_section(study, k)).content):
             title = f"{len(chapters) + 1}\u00a0{chapter.title}"
-            finding = FINDINGS[key](study)
-            chapters.append(
-                _WrittenChapter(key=key, title=title, finding=finding, sections=sections)
-            )
+            finding = chapter.finding(study)
+            chapters.append({"key": key, "title": title, "finding": finding, "sections": sections})
     free = sum(not body.fixed for body in stage.bodies)
     drives = f"{len(stage.drives)}\u00a0drive{'s'[len(stage.drives) == 1 :]}"
     return page_html(
@@ -98,7 +89,7 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
         lead=f"{outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies ({free} "
         f"free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
-        links=(("summary", "Result"), *((c.key, c.title) for c in chapters)),
+        links=(("summary", "Result"), *((c["key"], c["title"]) for c in chapters)),
         notes=stage.notes[:1],
         front=front_page(study),
         outlines=body_outlines(stage),
@@ -140,25 +131,9 @@ def _drawing(study: Study) -> Iterator[Content]:
     )
 
 
-def _statics_table(study: Study) -> tuple[Table | None]:
-    caption = (
-        "Statics at full stroke by model; hold the pointer on a value for its condition. Drives "
-        "are in place unless the condition says otherwise."
-    )
-    return (characteristics_table(study.comparison, _STATICS, caption),)
-
-
-def _dynamics_table(study: Study) -> tuple[Table | None]:
-    caption = "Natural frequencies by model, drives removed where not said otherwise."
-    return (characteristics_table(study.comparison, _DYNAMICS, caption),)
-
-
-def _stress_table(study: Study) -> tuple[Table | None]:
-    caption = (
-        "Largest stress by model, and safety: against yield, and against fatigue when the stroke "
-        "is gone through again and again (Soderberg, stress from nothing to peak)."
-    )
-    return (characteristics_table(study.comparison, _STRESS, caption),)
+def _by_model(quantities: Collection[str], caption: str) -> _Show:
+    """Show some quantities by all models."""
+    return lambda study: (characteristics_table(study.comparison, quantities, caption),)
 
 
 def _against(study: Study) -> Iterator[Content | None]:
@@ -291,6 +266,7 @@ def _provenance(study: Study) -> Iterator[Content]:
 CHAPTERS: dict[str, Chapter] = {
     "theory": Chapter(
         title="Theory",
+        finding=findings.theory,
         sections={
             "equations": ("Equations of motion", equations_section),
             "diagram": ("Structural diagrams", diagram_section),
@@ -298,6 +274,7 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "models": Chapter(
         title="Models",
+        finding=findings.models,
         sections={
             "drawing": ("Drawing", _drawing),
             "differences": ("Differences to published figures", _against),
@@ -307,8 +284,16 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "statics": Chapter(
         title="Statics",
+        finding=findings.statics,
         sections={
-            "characteristics": ("Displacement, stiffness, coupling", _statics_table),
+            "characteristics": (
+                "Displacement, stiffness, coupling",
+                _by_model(
+                    _STATICS,
+                    "Statics at full stroke by model; hold the pointer on a value for its "
+                    "condition. Drives are in place unless the condition says otherwise.",
+                ),
+            ),
             "coupling": ("Drives together", lambda study: coupling_section(study.main.coupling)),
             "static": ("Static shapes", _static),
             "stroke": ("Motion over the stroke", _stroke),
@@ -316,8 +301,15 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "dynamics": Chapter(
         title="Dynamics",
+        finding=findings.dynamics,
         sections={
-            "frequencies": ("Natural frequencies", _dynamics_table),
+            "frequencies": (
+                "Natural frequencies",
+                _by_model(
+                    _DYNAMICS,
+                    "Natural frequencies by model, drives removed where not said otherwise.",
+                ),
+            ),
             "bode": ("Bode diagrams", _bode),
             "modes": ("Mode shapes", _modes),
             "fem-modes": ("Modes of the finite elements", fe_modes_section),
@@ -325,14 +317,24 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "strength": Chapter(
         title="Stress",
+        finding=findings.stress,
         sections={
-            "safety": ("Largest stress and safety", _stress_table),
+            "safety": (
+                "Largest stress and safety",
+                _by_model(
+                    _STRESS,
+                    "Largest stress by model, and safety: against yield, and against fatigue when "
+                    "the stroke is gone through again and again (Soderberg, stress from nothing to "
+                    "peak).",
+                ),
+            ),
             "stress": ("Stress in the hinges", _stress),
             "fem-stress": ("Stress at the necks", neck_stress_section),
         },
     ),
     "measurements": Chapter(
         title="Measured",
+        finding=findings.measured,
         sections={
             "published": ("Published figures", lambda study: (published_table(study.comparison),)),
             "measured": ("Campaign of tests", _measured),
@@ -345,19 +347,26 @@ CHAPTERS: dict[str, Chapter] = {
     ),
     "traditional": Chapter(
         title="Traditional stages",
+        finding=findings.traditional,
         sections={
             "motion-errors": ("Motion errors", motion_error_section),
             "drift": ("Drift with temperature", drift_section),
             "traditional-assumptions": ("Assumptions", assumption_section),
         },
     ),
-    "compensation": Chapter(title="Hysteresis", sections={"hysteresis": ("", hysteresis_section)}),
+    "compensation": Chapter(
+        title="Hysteresis",
+        finding=findings.hysteresis,
+        sections={"hysteresis": ("", hysteresis_section)},
+    ),
     "scale": Chapter(
         title="Centring",
+        finding=findings.centring,
         sections={"centring": ("", lambda study: centring_section(study.centring))},
     ),
     "record": Chapter(
         title="Record",
+        finding=findings.record,
         sections={
             "validity": ("Validity", _validity),
             "provenance": ("Provenance", _provenance),

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 #: Rows of a sweep of one variable that are shown, and columns of figures.
 _ROWS, _COLUMNS = 13, 8
-#: Variables whose values are shown where a figure is least and greatest.
-_VARIABLES = 6
 #: Lines of parallel coordinates beyond which nobody sees more, and a page becomes slow.
 _LINES = 2000
 #: Variables that have an axis among parallel coordinates: with more a line cannot be followed.
@@ -45,8 +43,10 @@ def sweep_tables(sweep: Sweep) -> Iterator[Table]:
 
 def range_tables(sweep: Sweep) -> Iterator[Table]:
     """Yield between what the figures of a sweep lie, and where they are least and greatest."""
+    # variables whose values are shown where a figure is least and greatest
+    variables = 6
     yield _ranges(sweep)
-    if 1 < len(sweep.variables) <= _VARIABLES:
+    if 1 < len(sweep.variables) <= variables:
         yield _extremes(sweep)
     if sweep.indices is not None:
         yield _indices(sweep)

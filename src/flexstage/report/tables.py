@@ -1,20 +1,95 @@
-"""Tables of the report of a study."""
+"""Tables of the report of a study, and of what its drives do together."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
 from flexstage.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.hinges import Profile
 from flexstage.quantities import Quantity, display, number
+from flexstage.section import Content, Picture
 from flexstage.stage import Stage
+from flexstage.system import Analysis, AxisAnalysis
+from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.table import Cell, Column, Table, table
 from flexstage.units import DIMENSIONS, readable_text
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import HingeSpring
     from flexstage.stage.drawing.drawn_stage import DrawnStage
+
+
+def coupling_tables(found: CoupledAxes) -> Iterator[Table]:
+    """Show the Jacobian, the decoupling matrix and the workspace of all drives."""
+    turns = dict(zip(found.names, (unit == "rad" for unit in found.units), strict=True))
+    yield table(
+        "Jacobian: axis per elongation of each drive, the other drives held",
+        ("axis", *(f"drive {name}" for name in found.drives), "<unit"),
+        [
+            (axis, *map(_figure, row), "µrad/µm" if turns[axis] else "µm/µm")
+            for axis, row in zip(found.names, found.jacobian.tolist(), strict=True)
+        ],
+    )
+    if found.independent:
+        yield table(
+            "Decoupling: elongation of each drive for one unit of an axis alone",
+            ("drive", *(f"{axis} [µm/{'µrad' if turns[axis] else 'µm'}]" for axis in found.names)),
+            [
+                (drive, *map(_figure, row))
+                for drive, row in zip(found.drives, found.decoupling.tolist(), strict=True)
+            ],
+        )
+    reached = found.workspace
+    if reached is None:
+        return
+    rows = [("all drives over their strokes", number(1e12 * reached.area), "µm²")]
+    if len(reached.axes) > 2:
+        rows = [
+            ("at the middle rotation", number(1e12 * reached.area), "µm²"),
+            ("at any rotation", number(1e12 * reached.projected_area), "µm²"),
+            ("with the rotations", number(1e18 * reached.volume), "µm² µrad"),
+        ]
+    title = f"Workspace of all drives, {' and '.join(reached.axes[:2])}"
+    yield table(title, ("what", "reached", "<unit"), rows)
+
+
+def coupling_section(found: CoupledAxes | None) -> Iterator[Content]:
+    """Show what all drives do together, where axes are coupled."""
+    if found is None or not found.coupled:
+        return
+    yield (
+        "The drives move the axes together. The Jacobian is for one drive at a time, all others "
+        "held at no elongation; with the decoupling matrix they move one axis alone, as in the "
+        "figures of each axis here."
+    )
+    yield from coupling_tables(found)
+    if (reached := found.workspace) is not None:
+        yield Picture(
+            result=reached,
+            title="workspace of all drives",
+            caption="What all drives reach within their strokes. Arrows: the stroke of each by "
+            "itself, from where all are at the lower end of theirs.",
+            size="tiny",
+        )
+
+
+def cause_words(analysis: Analysis) -> str:
+    """Say what stands before the name of an axis where something is said to come of it."""
+    alone = all(len(axis.drives) == 1 for axis in analysis.axes)
+    return "drive of" if alone else "motion of"
+
+
+def full_stroke_words(axis: AxisAnalysis) -> str:
+    """Say what the drives do in a picture of an axis at full stroke."""
+    if len(axis.drives) == 1:
+        return f"drive of {axis.axis} at full stroke, the others removed"
+    return f"all drives together over the full stroke of {axis.axis} alone"
+
+
+def _figure(value: float) -> str:
+    return number(value) if abs(value) > 1e-12 else "≈ 0"
+
 
 #: What the figures of a lumped model are against those of the other commands.
 LUMPED_ALONE_NOTE = (
@@ -24,8 +99,6 @@ LUMPED_ALONE_NOTE = (
 #: The same where another model can be asked for.
 LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement has them, and takes longer"
 
-# a neck that lies nearer to its profile is on it [m]
-_EXACT = 0.5e-9
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",
@@ -39,7 +112,6 @@ _SPREAD_NOTE = (
     "has none, by how much the elements about its point differ; of a measurement the standard "
     "uncertainty."
 )
-_MOST_NAMES = 12  # hinges that a row names
 # what the study says of its own models: each against the experiment, and one against the other
 _PAIRS = (
     ("published-measured", "published-analytic"),
@@ -176,6 +248,7 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
 
     Hinges that are alike in notch and roots share a row.
     """
+    most_names = 12  # hinges that a row names
     numbers = {hinge.name: i for i, hinge in enumerate(stage.hinges, start=1)}
     groups = defaultdict(list)
     for spring in springs:
@@ -186,8 +259,8 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
     for (profile, state, _), alike in groups.items():
         k = alike[0].stiffness
         named = [f"{s.hinge.name} ({numbers[s.hinge.name]})" for s in alike]
-        if len(named) > _MOST_NAMES:
-            named[_MOST_NAMES - 1 :] = [f"and {len(named) - _MOST_NAMES + 1} more"]
+        if len(named) > most_names:
+            named[most_names - 1 :] = [f"and {len(named) - most_names + 1} more"]
         lines.append(
             (
                 ", ".join(named),
@@ -212,6 +285,8 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
 
 def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
     """Say what was found of each neck of a drawing, and how sure it is."""
+    # a neck that lies nearer to its profile is on it [m]
+    exact = 0.5e-9
     rows = [
         (
             hinge.name,
@@ -219,7 +294,7 @@ def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
             f"{hinge.at[0] * 1e3:.4g}, {hinge.at[1] * 1e3:.4g}",
             f"{hinge.profile.kind}{', one-sided' if hinge.profile.one_sided else ''}",
             Cell(f"{hinge.profile.neck_thickness * 1e3:.6g}"),
-            Cell("0" if neck.off < _EXACT else f"{neck.off * 1e6:.2g}"),
+            Cell("0" if neck.off < exact else f"{neck.off * 1e6:.2g}"),
             Cell(f"{neck.ratio:.3g}"),
             neck.certainty,
         )

@@ -17,8 +17,6 @@ from flexstage.table import Table, table
 from flexstage.virtual.imperfections import Scatter
 
 _LEAST = 0.01  # share of the variance that is told [1]
-_MOST = 3  # hinges that are named
-_DECIMALS = 9  # that a figure has at most
 
 
 def spread_table(study: ToleranceStudy) -> Table:
@@ -40,6 +38,7 @@ def _few(study: ToleranceStudy) -> Iterator[str]:
 
 
 def _cells(spread: Spread) -> tuple[str, ...]:
+    most_decimals = 9  # that a figure has at most
     shown = spread.figure.shown
     deviation = spread.standard_deviation * shown.factor
     if spread.still:
@@ -50,7 +49,7 @@ def _cells(spread: Spread) -> tuple[str, ...]:
     digits = 1 if known > 0.1 else 2 if known > 0.01 else 3
     # the same decimals in all of a row, of which the deviation has one digit or two
     last = math.floor(math.log10(float(f"{deviation:.1e}"))) - (digits > 1)
-    decimals = min(max(-last, 0), _DECIMALS)
+    decimals = min(max(-last, 0), most_decimals)
     plain = 1e-3 <= abs(spread.nominal * shown.factor) < 1e6
 
     def text(value: float) -> str:
@@ -85,13 +84,14 @@ def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
 
 def share_table(study: ToleranceStudy) -> Table:
     """Return which deviations spread each figure, the largest first."""
+    most_named = 3  # hinges that are named
     rows = []
     deviations = {spread.figure: spread.standard_deviation for spread in study.spreads}
     for of in study.shares:
         for i, part in enumerate(p for p in of.contributions if p.share >= _LEAST):
             most = ", ".join(
                 f"{name} {100.0 * share:.0f} %"
-                for name, share in part.largest[:_MOST]
+                for name, share in part.largest[:most_named]
                 if share >= _LEAST
             )
             rows.append(

@@ -3,8 +3,7 @@
 import numpy as np
 
 from flexstage.errors import RecordError
-from flexstage.experiments.campaign.loading import column
-from flexstage.experiments.campaign.motion import only
+from flexstage.experiments.campaign.loading import column, only
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.noise.allan import allan_deviation

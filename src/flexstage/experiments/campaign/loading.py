@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.experiments.campaign.kinds import KINDS
-from flexstage.experiments.campaign.plan import Columns, Test
+from flexstage.experiments.campaign.plan import KINDS, Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
 from flexstage.records.sampling import row_range
@@ -23,8 +22,6 @@ _UNITS: dict[str, tuple[str, ...]] = {
 }
 #: Roles of sensors, which must not be cut off.
 _SENSORS = frozenset(("along", "across", "vertical", "roll", "pitch", "yaw"))
-#: With fewer distinct values a reading rests at its ends because of its coarse steps.
-_FEWEST_LEVELS = 16
 
 
 def load_records(test: Test, folder: Path) -> list[Record]:
@@ -159,10 +156,12 @@ def _require_whole(test: Test, record: Record, channel: Channel) -> None:
 
     A stage that rests because it is told to rest is not cut off.
     """
+    # with fewer distinct values a reading rests at its ends because of its coarse steps
+    fewest_levels = 16
     x = channel.values
     found = saturation(x)
     for clipped, end in ((found.clipped_low, found.low), (found.clipped_high, found.high)):
-        if not clipped or np.unique(x).size < _FEWEST_LEVELS:
+        if not clipped or np.unique(x).size < fewest_levels:
             continue
         if test.columns.command is not None:
             u = record.channel(test.columns.command).values
@@ -185,3 +184,13 @@ def optional_column(test: Test, record: Record, role: str) -> Array | None:
     if getattr(test.columns, role) is None:
         return None
     return column(test, record, role)
+
+
+def only(test: Test, records: list[Record]) -> Record:
+    """Return the record of a test that has one."""
+    if len(records) != 1:
+        raise RecordError(
+            f"test '{test.name}' of kind {test.kind} is evaluated from one file, got "
+            f"{len(records)}: describe a test for each"
+        )
+    return records[0]

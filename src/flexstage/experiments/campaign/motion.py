@@ -9,7 +9,7 @@ from flexstage.arrays import Array
 from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiments.campaign.loading import column, optional_column, sphere_columns
+from flexstage.experiments.campaign.loading import column, only, optional_column, sphere_columns
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.motion.axis_figures import stroke
@@ -62,16 +62,6 @@ def evaluate_motion(test: Test, records: list[Record], campaign: Campaign) -> Te
     return motion_figures(
         test, campaign, command, unit, column(test, record, "along"), record.time, motions
     )
-
-
-def only(test: Test, records: list[Record]) -> Record:
-    """Return the record of a test that has one."""
-    if len(records) != 1:
-        raise RecordError(
-            f"test '{test.name}' of kind {test.kind} is evaluated from one file, got "
-            f"{len(records)}: describe a test for each"
-        )
-    return records[0]
 
 
 def motion_figures(

@@ -1,13 +1,15 @@
-"""What was measured and how: the description of a set of tests, and its file."""
+"""What was measured and how: the kinds of tests, the description of a set of them, and its file."""
 
 import math
 import os
+from collections.abc import Callable
+from collections.abc import Mapping as MappingType
 from dataclasses import dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from flexstage.errors import ModelError, StageError
-from flexstage.experiments.campaign.kinds import KINDS
 from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import Format
@@ -16,6 +18,95 @@ from flexstage.files.ranges import POSITIVE, Range, require_ranges
 from flexstage.measure.motion.approaches import CYCLES
 from flexstage.sensor import SensorSpecification
 from flexstage.units import DIMENSIONS, Frequency, Length
+
+_MOTIONS = ("along", "across", "vertical", "roll", "pitch", "yaw")
+_COMMANDED = {"command": "command"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KindOfTest:
+    """A kind of test."""
+
+    what: str
+    """What it is."""
+    evaluated_by: str
+    """The function that evaluates it, with its module beside this one."""
+    over: tuple[str, ...] = ("time",)
+    """What the rows of its records may follow one another by: time, point, or frequency."""
+    sensors: tuple[str, ...] | None = None
+    """Roles that sensors have in a plan's record of it; None where a plan cannot make one."""
+    needed: tuple[str, ...] = ()
+    """Those of them without which it cannot be evaluated."""
+    beside: MappingType[str, str] = field(default_factory=dict)
+    """Columns that a plan's record has beside its sensors, by their role."""
+
+    @property
+    def points(self) -> bool:
+        """Whether its rows follow one another by number where the file has no time."""
+        return "point" in self.over
+
+    @property
+    def evaluate(self) -> Callable[..., Any]:
+        """The function that makes a `TestResult` of a test, its records and its campaign."""
+        module, _, name = self.evaluated_by.partition(".")
+        return getattr(import_module(f"flexstage.experiments.campaign.{module}"), name)
+
+
+#: Kinds of tests by name; a new one is one entry here, and the function that evaluates it.
+KINDS: dict[str, KindOfTest] = {
+    "motion": KindOfTest(
+        what="cycles over the stroke: stroke, hysteresis, straightness, rotations, coupling",
+        evaluated_by="motion.evaluate_motion",
+        sensors=_MOTIONS,
+        needed=("along",),
+        beside=_COMMANDED,
+    ),
+    "spheres": KindOfTest(
+        what="the same by spheres of a plate that a measuring machine probes at stations",
+        evaluated_by="motion.evaluate_spheres",
+        over=("time", "point"),
+    ),
+    "positioning": KindOfTest(
+        what="targets gone to from both sides: accuracy and repeatability as in ISO 230-2",
+        evaluated_by="positioning.evaluate_positioning",
+        over=("time", "point"),
+        sensors=("along",),
+        needed=("along",),
+        beside=_COMMANDED,
+    ),
+    "staircase": KindOfTest(
+        what="small steps: resolution",
+        evaluated_by="holding.evaluate_staircase",
+        sensors=("along",),
+        needed=("along",),
+        beside=_COMMANDED,
+    ),
+    "hold": KindOfTest(
+        what="the stage held: noise and drift",
+        evaluated_by="holding.evaluate_hold",
+        sensors=("along",),
+        needed=("along",),
+    ),
+    "response": KindOfTest(
+        what="hammer, sweep or noise: natural frequencies and damping",
+        evaluated_by="response.evaluate_response",
+        over=("time", "frequency"),
+        sensors=(),
+    ),
+    "ring-down": KindOfTest(
+        what="free decay: natural frequencies and damping",
+        evaluated_by="response.evaluate_ring_down",
+    ),
+    "workspace": KindOfTest(
+        what="corners gone to again and again: area, squareness",
+        evaluated_by="motion.evaluate_workspace",
+        over=("time", "point"),
+        sensors=("x", "y"),
+        needed=("x", "y"),
+        beside={"corner": "corner"},
+    ),
+}
+
 
 #: What can excite a response; auto looks at the input.
 EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", "sweep")
@@ -138,28 +229,20 @@ class Test:
     """Of positioning: whether the readings are deviations from the targets, and not positions."""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ModelError(
-                f"test '{self.name}' has the unknown kind '{self.kind}': choose from "
-                f"{', '.join(KINDS)}"
-            )
+        for what, given, known in (
+            ("kind", self.kind, KINDS),
+            ("excitation", self.excitation, EXCITATIONS),
+            ("cycle", self.cycle, CYCLES),
+        ):
+            if given not in known:
+                raise ModelError(
+                    f"test '{self.name}' has the unknown {what} '{given}': choose from "
+                    f"{', '.join(known)}"
+                )
         if not self.records:
             raise ModelError(f"test '{self.name}' names no record: give at least one file")
         if not self.axis.strip():
             raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
-        if self.excitation not in EXCITATIONS:
-            raise ModelError(
-                f"test '{self.name}' has the unknown excitation '{self.excitation}': choose from "
-                f"{', '.join(EXCITATIONS)}"
-            )
-        if self.cycle not in CYCLES:
-            raise ModelError(
-                f"test '{self.name}' has the unknown cycle '{self.cycle}': choose from "
-                f"{', '.join(CYCLES)}"
-            )
-        self._check_numbers()
-
-    def _check_numbers(self) -> None:
         require_ranges(self, ModelError, f"test '{self.name}'")
         require_ranges(self.reading, ModelError, f"the reading of test '{self.name}'")
         if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:

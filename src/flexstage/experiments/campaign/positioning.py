@@ -8,8 +8,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiments.campaign.loading import column, runs_of
-from flexstage.experiments.campaign.motion import only
+from flexstage.experiments.campaign.loading import column, only, runs_of
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.motion.approaches import Approaches, Visits, staircase_dwells, visits
@@ -35,8 +34,6 @@ _DOWN = frozenset(
     ("down", "d", "downward", "downwards", "-", "−", "↓", "⬇", "←", "backward", "backwards", "bwd",
      "b", "reverse", "rev", "r", "neg", "negative", "falling")
 )  # fmt: skip
-#: Readings that are off by more than so many times the range of their deviations have another zero.
-_OTHER_ZERO = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,12 +194,14 @@ def _side(text: str) -> float:
 
 def _set_alike(reached: _Reached, *, deviations: bool) -> tuple[Array, Array, tuple[str, ...]]:
     """Return positions reached, on the scale of the targets."""
+    # readings that are off by more than so many ranges of their deviations have another zero
+    other_zero = 10.0
     at = reached.target[:, None]
     if deviations:
         return reached.upward + at, reached.downward + at, ()
     off = np.concatenate((reached.upward - at, reached.downward - at), axis=1)
     zero = float(off[np.argmin(reached.target)].mean())
-    if not abs(zero) > _OTHER_ZERO * float(np.ptp(off)):
+    if not abs(zero) > other_zero * float(np.ptp(off)):
         return reached.upward, reached.downward, ()
     note = (
         f"the zero of the reading is elsewhere ({1e6 * zero:+.6g} um): deviations are counted from "

@@ -1,17 +1,23 @@
-"""What a set of tests gave, and whether two figures differ by more than is uncertain."""
+"""Evaluation of a set of tests: what each gave, and whether two figures differ."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
+from flexstage import progress
 from flexstage.characteristic import (
     Characteristic,
     Characteristics,
     MeasuredCharacteristic,
+    one_of_each,
 )
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.experiments.campaign.plan import Campaign, Test
+from flexstage.experiments.campaign.loading import load_records
+from flexstage.experiments.campaign.plan import KINDS, Campaign, Test
+from flexstage.records import Record
 from flexstage.short_repr import short_repr
 
 
@@ -129,3 +135,53 @@ def difference(figure: Characteristic, reference: Characteristic) -> Difference:
     return Difference(
         value=value, percent=percent, expanded=expanded, significant=bool(abs(value) > expanded)
     )
+
+
+def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Characterisation:
+    """Evaluate all tests of a campaign.
+
+    `load` gives the records of a test.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> from flexstage.virtual.as_built import as_built
+    >>> from flexstage.experiments.virtual_campaign import virtual_campaign
+    >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1), seed=1)
+    >>> found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
+    >>> stroke = found.figure("output_displacement", "x").estimate
+    >>> print(f"{stroke.value * 1e6:.1f} um")
+    63.1 um
+    """
+    results = []
+    sources: dict[str, str] = {}
+    for k, test in enumerate(campaign.tests):
+        with progress.subtask(k / len(campaign.tests), (k + 1) / len(campaign.tests)):
+            progress.update(f"test {test.name}"[:17])
+            try:
+                records = load(test)
+                results.append(KINDS[test.kind].evaluate(test, records, campaign))
+            except FlexstageError as error:
+                if f"'{test.name}'" in str(error):
+                    raise
+                raise type(error)(f"test '{test.name}': {error}") from error
+            sources |= {r.source: r.source_hash for r in records if r.source_hash}
+    return Characterisation(
+        stage=campaign.stage,
+        origin=campaign.origin,
+        results=tuple(results),
+        figures=one_of_each(figure for result in results for figure in result.figures),
+        sources=sources,
+        notes=campaign.notes,
+    )
+
+
+def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Characterisation:
+    """Read the files of a campaign, named from a folder, and evaluate its tests.
+
+    What cannot be read or evaluated is named by its test.
+    """
+    base = Path(folder)
+    if not campaign.tests:
+        raise RecordError("the campaign has no test: describe one at least")
+    return evaluate(campaign, lambda test: load_records(test, base))

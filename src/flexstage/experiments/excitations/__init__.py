@@ -2,13 +2,10 @@
 
 from flexstage.experiments.excitations.blows import Blows
 from flexstage.experiments.excitations.corners import Corners
-from flexstage.experiments.excitations.cycles import EqualCycles
+from flexstage.experiments.excitations.cycles import EqualCycles, Falling
 from flexstage.experiments.excitations.designed import Designed
-from flexstage.experiments.excitations.falling import Falling
-from flexstage.experiments.excitations.hold import Hold
-from flexstage.experiments.excitations.positioning import BidirectionalTargets
 from flexstage.experiments.excitations.small_sines import Chirp, Multisine
-from flexstage.experiments.excitations.staircase import RisingSteps
+from flexstage.experiments.excitations.staircase import BidirectionalTargets, Hold, RisingSteps
 from flexstage.experiments.verbs.excite import Excite
 
 #: Commands by their kind.

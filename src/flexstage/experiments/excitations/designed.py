@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform
-from flexstage.experiments.verbs.excite import NONE_OR_SOME, SOME, Excite, command_of
+from flexstage.experiments.verbs.excite import NONE_OR_SOME, SOME, Excite, command_of, require_stack
 from flexstage.files.ranges import Seed
 from flexstage.units import Frequency, Time
 
@@ -42,8 +42,7 @@ class Designed(Excite):
 
         del base
         s = settings[0]
-        if s.quantity != "voltage":
-            raise PlanError(f"a designed record is for a piezo stack, and axis '{s.axis}' has none")
+        require_stack(s, "a designed record is")
         try:
             made = excitation(
                 (s.low, s.high),

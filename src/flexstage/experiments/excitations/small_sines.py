@@ -11,14 +11,17 @@ from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform, require_size
-from flexstage.experiments.verbs.excite import SAMPLES_PER_CYCLE, SOME, Excite, command_of
+from flexstage.experiments.verbs.excite import (
+    SAMPLES_PER_CYCLE,
+    SOME,
+    Excite,
+    command_of,
+    require_stack,
+)
 from flexstage.files.ranges import Range, Seed, Share
 from flexstage.units import DIMENSIONS, Time, Voltage
 
 Band = Annotated[tuple[float, float], DIMENSIONS["frequency"]]
-
-#: Small sines are made up to this share of the highest rate of samples.
-_HIGHEST = 0.35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,14 +50,13 @@ class _SmallSines(Excite):
             )
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
+        # small sines are made up to this share of the highest rate of samples
+        highest = 0.35
         s, top = settings[0], self.band[1]
-        if s.quantity != "voltage":
+        require_stack(s, "small sines in open loop are")
+        if top > highest * base:
             raise PlanError(
-                f"small sines are for a piezo stack in open loop, and axis '{s.axis}' has none"
-            )
-        if top > _HIGHEST * base:
-            raise PlanError(
-                f"a band up to {top:g} Hz needs an instrument of {top / _HIGHEST:g} "
+                f"a band up to {top:g} Hz needs an instrument of {top / highest:g} "
                 f"samples a second, got {base:g}"
             )
         # no slower than the usual rate, and fast enough for the highest line where it can be

@@ -1,4 +1,4 @@
-"""Rests on levels, with straight ways between them."""
+"""Rests of an axis: levels with straight ways between them, targets as of ISO 230-2, one place."""
 
 import itertools
 import math
@@ -19,12 +19,10 @@ from flexstage.experiments.verbs.excite import (
     TINY,
     Excite,
     command_of,
+    require_span,
 )
 from flexstage.files.ranges import Range, Share
 from flexstage.units import Length, Time, Voltage
-
-#: A step from level to level lasts this long, or longer where the limits ask for it [s].
-_STEP_TIME = 5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +79,12 @@ def rests(
     kind: str, s: AxisSetting, levels: Array, dwell: float, fs: float, settle: float = 0.0
 ) -> tuple[Array, int]:
     """Return samples of rests with straight ways between them, and those that settle before."""
+    # a step from level to level lasts this long, or longer where the limits ask for it [s]
+    step_time = 5e-3
     rest = max(round(dwell * fs), 4)
     wait = round(settle * fs)
     largest = float(np.max(np.abs(np.diff(levels)), initial=0.0))
-    way = round(_STEP_TIME * fs)
+    way = round(step_time * fs)
     if s.largest_rate is not None:
         way = max(way, math.ceil(largest / (OF_RATE * s.largest_rate) * fs))
     way = max(way, 1)
@@ -98,3 +98,73 @@ def rests(
 
 def _text(value: float, s: AxisSetting) -> str:
     return f"{value:g} V" if s.quantity == "voltage" else f"{1e6 * value:g} um"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BidirectionalTargets(Excite):
+    """Targets that are gone to from both sides."""
+
+    kind: ClassVar[str] = "positioning"
+    closed_loop: ClassVar[bool] = True
+
+    axis: str
+    """The axis, of a screw, or of a piezo stack with position control."""
+    targets: Annotated[int, Range(low=3, high=1e6)] = 11
+    """How many."""
+    rounds: Annotated[int, Range(low=2, high=1e6)] = 3
+    """How often there and back."""
+    dwell: Annotated[Time, SOME] = 0.2
+    """Time on each [s]; longer where the way from one to the next takes long."""
+    low: float = 0.05
+    """First target, as a share of the range [1]."""
+    high: float = 0.95
+    """Last target, as a share of the range [1]."""
+
+    def __post_init__(self) -> None:
+        Excite.__post_init__(self)
+        require_span(self.kind, self.low, self.high)
+
+    def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
+        # a rest lasts so much longer than the way to it, at least
+        rest_over_way = 1.5
+        del base
+        s = settings[0]
+        if s.quantity != "position":
+            raise PlanError(f"targets are positions, and axis '{s.axis}' is commanded by voltage")
+        rise = np.linspace(s.place(self.low), s.place(self.high), self.targets)
+        # one level beyond each end, so that the end targets too are gone to from both sides
+        beyond = 0.5 * min(self.low, 1.0 - self.high, 0.1) * (s.high - s.low)
+        first, last = rise[0] - beyond, rise[-1] + beyond
+        once = np.concatenate(([first], rise, [last], rise[::-1]))
+        dwell = self.dwell
+        if s.largest_rate is not None:
+            # it is told from a ramp by resting for most of the time
+            dwell = max(dwell, rest_over_way * (rise[1] - rise[0]) / (OF_RATE * s.largest_rate))
+        require_size(once.size * self.rounds * dwell * fs, self.kind)
+        samples, _ = rests(self.kind, s, np.append(np.tile(once, self.rounds), first), dwell, fs)
+        return command_of(s, samples, fs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hold(Excite):
+    """Rest in one place."""
+
+    kind: ClassVar[str] = "hold"
+
+    axis: str
+    """The axis."""
+    at: Share = 0.5
+    """Where in the range, as a share [1]."""
+    duration: Annotated[Time, SOME] = 4.0
+    """How long it is recorded [s]."""
+    settle: Annotated[Time, NONE_OR_SOME] = 2.0
+    """Time before, while creep fades [s]."""
+    closed_loop: bool = False
+    """Whether it is held under position control."""
+
+    def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
+        del base
+        wait, n = round(self.settle * fs), max(round(self.duration * fs), 2)
+        require_size(wait + n, self.kind)
+        s = settings[0]
+        return command_of(s, np.full(wait + n, s.place(self.at)), fs, first=wait)

@@ -11,8 +11,7 @@ import numpy as np
 from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
-from flexstage.experiments.campaign.kinds import KINDS
-from flexstage.experiments.campaign.plan import Campaign, Columns, Test
+from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
 from flexstage.experiments.verb import StepResult, Verb
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
 
-#: Cycles without which a motion and its drift cannot be told apart.
-_FEWEST_CYCLES = 3
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
 #: How a test is evaluated, which a step of measure says in the same words.
 _OPTIONS = ("modes", "band", "confidence", "smallest_steps", "smallest_step")
@@ -62,12 +59,14 @@ class Characterise(Verb):
         return ""
 
     def missing(self, name: str, before: Mapping[str, Verb]) -> str:
+        # cycles without which a motion and its drift cannot be told apart
+        fewest_cycles = 3
         for other in self.of:
             record = cast("Measure", before[other])
             cycles = before[record.of].motion_cycles
-            if record.test == "motion" and cycles is not None and cycles < _FEWEST_CYCLES:
+            if record.test == "motion" and cycles is not None and cycles < fewest_cycles:
                 return (
-                    f"step '{name}' evaluates the motion '{other}', which needs {_FEWEST_CYCLES} "
+                    f"step '{name}' evaluates the motion '{other}', which needs {fewest_cycles} "
                     f"cycles at least, got {cycles:g}"
                 )
         return ""
@@ -78,7 +77,7 @@ class Characterise(Verb):
     def result(
         self, context: "RunContext", name: str, files: list[Path], *, now: bool
     ) -> "CharacterisedStep":
-        from flexstage.experiments.campaign.evaluate import evaluate
+        from flexstage.experiments.campaign.results import evaluate
 
         del files, now
         campaign = Campaign(

@@ -176,6 +176,12 @@ class CommandedStep(StepResult):
         }
 
 
+def require_stack(setting: AxisSetting, what: str) -> None:
+    """Refuse a command that only a piezo stack in open loop can follow."""
+    if setting.quantity != "voltage":
+        raise PlanError(f"{what} for a piezo stack, and axis '{setting.axis}' has none")
+
+
 def require_span(kind: str, low: float, high: float) -> None:
     """Refuse ends that are no shares of a range."""
     if not 0.0 <= low < high <= 1.0:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from flexstage.errors import PlanError
-from flexstage.experiments.campaign.kinds import KINDS
+from flexstage.experiments.campaign.plan import KINDS
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
 from flexstage.files.plain import picked
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
@@ -188,6 +188,15 @@ class Measure(Verb):
         return Section(title="What was recorded", key="record", content=(table("", heads, rows),))
 
 
+def from_sample(record: Record, first: int) -> Record:
+    """Return a record from a sample on, whose time begins anew."""
+    return replace(
+        record,
+        channels=tuple(replace(c, values=c.values[first:]) for c in record.channels),
+        time=record.time[first:] - record.time[first],
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredStep(StepResult):
     """A record that was taken."""
@@ -214,12 +223,7 @@ class MeasuredStep(StepResult):
         """The record without what prepares."""
         if self.first == 0 or self.record.over != "time":
             return self.record
-        kept = slice(self.first, None)
-        return replace(
-            self.record,
-            channels=tuple(replace(c, values=c.values[kept]) for c in self.record.channels),
-            time=self.record.time[kept] - self.record.time[self.first],
-        )
+        return from_sample(self.record, self.first)
 
     def plain(self, result: "PlanResult") -> dict[str, Any]:
         return {

@@ -12,14 +12,14 @@ from flexstage.characteristic import MeasuredCharacteristic, measured_value
 from flexstage.errors import PlanError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiments.axis_limits import estimated_stroke
-from flexstage.experiments.reference import (
+from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
     Reference,
     reference_rate,
     require_whole_cycles,
 )
-from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
 from flexstage.experiments.verbs.measure import SampleRate
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.report.figures.drawing import turning_arrow
 from flexstage.report.figures.shapes import body_shapes, extent
-from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, PAPER, new_figure
+from flexstage.report.figures.style import BODY, CYCLE, INK, MM, MUTED, PAPER, new_figure
 from flexstage.stage import PiezoStack, Stage
 
 if TYPE_CHECKING:
@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
     from flexstage.stage import Drive, Probe
 
-_MM = 1e3
 _DRIVE, _PROBE = CYCLE[1], CYCLE[2]
-_ALONG = 1e-9  # of a direction, less is across
 
 
 def draw_bench(stage: Stage) -> "Figure":
@@ -33,7 +31,7 @@ def draw_bench(stage: Stage) -> "Figure":
     ['piezo stack x', 'piezo stack y', 'sensor x', 'sensor y']
     """
     shapes = body_shapes(stage)
-    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     box = (x0, y0, x1, y1)
     read = [p for p in stage.probes if p.direction is not None]
@@ -56,7 +54,7 @@ def draw_bench(stage: Stage) -> "Figure":
             _sensor(axes, probe, _reach(probe, box, size), size)
             continue
         arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.0, "mutation_scale": 8}
-        turning_arrow(axes, (_MM * probe.at[0], _MM * probe.at[1]), 0.04 * size, arrow)
+        turning_arrow(axes, (MM * probe.at[0], MM * probe.at[1]), 0.04 * size, arrow)
     return figure
 
 
@@ -65,14 +63,14 @@ def _outlines(axes: "Axes", stage: Stage) -> None:
 
     for shape in body_shapes(stage):
         colour = PAPER if shape.body.fixed else BODY
-        axes.add_patch(PathPatch(shape.path(_MM), facecolor=colour, edgecolor=MUTED, linewidth=0.5))
+        axes.add_patch(PathPatch(shape.path(MM), facecolor=colour, edgecolor=MUTED, linewidth=0.5))
 
 
 def _drive(axes: "Axes", drive: "Drive", size: float) -> None:
     """Draw the drive between its points, with its kind and name."""
     from matplotlib.patches import Polygon
 
-    tip, foot = ((_MM * p[0], _MM * p[1]) for p in drive.at)
+    tip, foot = ((MM * p[0], MM * p[1]) for p in drive.at)
     c, s = math.cos(drive.direction), math.sin(drive.direction)
     length = max((tip[0] - foot[0]) * c + (tip[1] - foot[1]) * s, 0.06 * size)
     half = 0.025 * size
@@ -96,11 +94,12 @@ def _reach(
     probe: "Probe", box: tuple[float, float, float, float], size: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return where the sensor of a probe begins and ends, on its line outside the outline."""
-    x, y = _MM * probe.at[0], _MM * probe.at[1]
+    along = 1e-9  # of a direction, less is across
+    x, y = MM * probe.at[0], MM * probe.at[1]
     c, s = probe.along
     edges = [
-        ((box[2] if c > 0.0 else box[0]) - x) / c if abs(c) > _ALONG else math.inf,
-        ((box[3] if s > 0.0 else box[1]) - y) / s if abs(s) > _ALONG else math.inf,
+        ((box[2] if c > 0.0 else box[0]) - x) / c if abs(c) > along else math.inf,
+        ((box[3] if s > 0.0 else box[1]) - y) / s if abs(s) > along else math.inf,
     ]
     start = max(min(edges), 0.0) + 0.07 * size
     end = start + 0.09 * size
@@ -116,7 +115,7 @@ def _sensor(
     """Draw a sensor on the line on which its probe reads."""
     from matplotlib.patches import Polygon
 
-    x, y = _MM * probe.at[0], _MM * probe.at[1]
+    x, y = MM * probe.at[0], MM * probe.at[1]
     c, s = probe.along
     start, end = place
     axes.plot((x, start[0]), (y, start[1]), color=_PROBE, linewidth=1.0, linestyle=(0, (5, 2)))

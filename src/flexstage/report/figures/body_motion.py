@@ -1,4 +1,4 @@
-"""How rigid bodies move: under a drive at full stroke, on the way there, and in the modes."""
+"""How rigid bodies move: at full stroke, on the way there, in the modes; what drives reach."""
 
 import math
 from collections.abc import Mapping
@@ -16,13 +16,19 @@ from flexstage.report.figures.style import (
     CYCLE,
     FIXED,
     INK,
+    MM,
     MUTED,
+    PAPER,
+    UM,
+    add_legend,
     dress,
     entitle,
     new_figure,
+    one_panel,
 )
 from flexstage.stage import Stage
-from flexstage.system import Analysis, AxisAnalysis, DriveCondition, MechanicalSystem
+from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
+from flexstage.system.reachable_area import ReachableArea
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,10 +37,7 @@ if TYPE_CHECKING:
     from flexstage.lumped.large_displacement import StrokePath
 
 
-_MM = 1e3
 _COLOURS = "viridis"
-# the largest motion is drawn as about this part of the size of the stage
-_SHOWN = 0.02
 
 
 def exaggeration(size: float, motion: float) -> float:
@@ -48,9 +51,11 @@ def exaggeration(size: float, motion: float) -> float:
     >>> exaggeration(0.2, 65e-6)
     50.0
     """
+    # the largest motion is drawn as about this part of the size of the stage
+    shown = 0.02
     if not motion > 0.0:
         return 1.0
-    wanted = _SHOWN * size / motion
+    wanted = shown * size / motion
     power = 10.0 ** math.floor(math.log10(wanted))
     return power * max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted)
 
@@ -84,13 +89,13 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
 
     # room for the bar at the right and for the words, also about a long, thin stage
     shown = 5.1 / max(x1 - x0, 0.8 * (y1 - y0))
-    figure = new_figure(max(shown * (x1 - x0), 2.0) + 1.1, max(shown * (y1 - y0), 1.6) + 0.5)
-    axes = figure.subplots()
-    dress(axes, grid=False)
+    figure, axes = one_panel(
+        max(shown * (x1 - x0), 2.0) + 1.1, max(shown * (y1 - y0), 1.6) + 0.5, grid=False
+    )
     margin = 0.035 * size
     axes.set(
-        xlim=((x0 - margin) * _MM, (x1 + margin) * _MM),
-        ylim=((y0 - margin) * _MM, (y1 + margin) * _MM),
+        xlim=((x0 - margin) * MM, (x1 + margin) * MM),
+        ylim=((y0 - margin) * MM, (y1 + margin) * MM),
         xlabel="x [mm]",
         ylabel="y [mm]",
     )
@@ -106,11 +111,11 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
     return figure
 
 
-def draw_modes(analysis: Analysis, drives: DriveCondition = "removed") -> "Figure":
+def draw_modes(analysis: Analysis) -> "Figure":
     """Draw the lowest modes as motions of the bodies, each with its share of the largest one."""
-    found = analysis.modes[drives]
+    found = analysis.modes["removed"]
     count = min(MOST_SHOWN, found.frequency_hz.size)
-    x0, y0, x1, y1 = (v * _MM for v in extent(body_shapes(analysis.stage)))
+    x0, y0, x1, y1 = (v * MM for v in extent(body_shapes(analysis.stage)))
     size = max(x1 - x0, y1 - y0)
     margin, columns, rows = 0.06 * size, min(3, count), math.ceil(count / 3)
     figure = new_figure(3.2 * columns, rows * (3.0 * (y1 - y0) / (x1 - x0) + 0.4))
@@ -120,9 +125,9 @@ def draw_modes(analysis: Analysis, drives: DriveCondition = "removed") -> "Figur
         axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin))
         axes.set_axis_off()
         if k < count:
-            entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives {drives}")
+            entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives removed")
             motion = mode_motion(analysis.system, found.shapes[:, k], analysis.stage)
-            _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / _MM, 1.0)
+            _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / MM, 1.0)
     return figure
 
 
@@ -154,7 +159,7 @@ def _body(
     from matplotlib.patches import PathPatch
     from matplotlib.transforms import Affine2D
 
-    path = shape.path(_MM)
+    path = shape.path(MM)
     if shape.body.fixed or centre is None:
         axes.add_patch(PathPatch(path, facecolor=FIXED, edgecolor=MUTED, linewidth=0.3))
         return
@@ -163,15 +168,15 @@ def _body(
     )
     # a rigid body stays rigid in the picture: it turns by the exaggerated angle
     ux, uy, angle = motion
-    cx, cy = (float(c) * _MM for c in centre)
+    cx, cy = (float(c) * MM for c in centre)
     move = Affine2D().rotate_around(cx, cy, factor * angle)
-    move = move.translate(factor * ux * _MM, factor * uy * _MM)
+    move = move.translate(factor * ux * MM, factor * uy * MM)
     low, high = np.vstack(shape.loops).min(axis=0), np.vstack(shape.loops).max(axis=0)
     gx, gy = np.meshgrid(np.linspace(low[0], high[0], 32), np.linspace(low[1], high[1], 32))
     field = _displacement(np.column_stack((gx.ravel(), gy.ravel())), centre, motion)
     picture = axes.imshow(
         field.reshape(gx.shape) * 1e6,
-        extent=(low[0] * _MM, high[0] * _MM, low[1] * _MM, high[1] * _MM),
+        extent=(low[0] * MM, high[0] * MM, low[1] * MM, high[1] * MM),
         origin="lower",
         interpolation="bilinear",
         cmap=_COLOURS,
@@ -295,7 +300,7 @@ def mode_motion(
 
 def body_outlines(stage: Stage) -> tuple[str, ...]:
     """Return the outline of every body as a path of SVG [mm], which the cards of modes refer to."""
-    return tuple(shape.svg_path(_MM) for shape in body_shapes(stage))
+    return tuple(shape.svg_path(MM) for shape in body_shapes(stage))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -345,7 +350,7 @@ def _card(
     index: int,
     frequency: float,
 ) -> ModeCard:
-    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     margin = 0.03 * size
     reach = SHOWN_OF_MODES * size
@@ -358,10 +363,10 @@ def _card(
             bodies.append(None)
             continue
         ux, uy, angle = motion[name]
-        centre = f"{centres[name][0] * _MM:.2f} {-centres[name][1] * _MM:.2f}"
+        centre = f"{centres[name][0] * MM:.2f} {-centres[name][1] * MM:.2f}"
         part = _displacement(np.vstack(drawn.loops), np.array(centres[name]), motion[name]).mean()
         # y points down in the picture, so the sense of rotation is turned over as well
-        dx, dy, turn = ux * reach, -uy * reach, -np.degrees(angle * reach / _MM)
+        dx, dy, turn = ux * reach, -uy * reach, -np.degrees(angle * reach / MM)
         bodies.append(
             MovingBody(
                 opacity=f"{0.12 + 0.78 * part:.2f}",
@@ -373,3 +378,60 @@ def _card(
     box = f"{x0 - margin:.1f} {-y1 - margin:.1f} {x1 - x0 + 2 * margin:.1f} "
     box += f"{y1 - y0 + 2 * margin:.1f}"
     return ModeCard(number=index + 1, frequency=number(frequency), box=box, bodies=tuple(bodies))
+
+
+def draw_reachable_area(found: ReachableArea) -> "Figure":
+    """Draw the positions that all drives reach together, in micrometres.
+
+    With a rotation: those at its middle, filled, and those at any. Arrows are what the stroke of
+    each drive does by itself, from where all are at the lower end of theirs.
+    """
+    figure, axes = one_panel(5.2, 4.9)
+    section = UM * found.section()
+    whole = UM * found.projection
+    turns = len(found.axes) > 2
+    if turns:
+        _closed(
+            axes, whole, color=MUTED, linewidth=1.0, linestyle=(0, (5, 3)), label="any rotation"
+        )
+    label = None
+    if turns:
+        angle = number(UM * float(found.middle[2]))
+        label = f"{found.axes[2]} = {angle} µrad"
+    axes.fill(*section.T, color=CYCLE[0], alpha=0.14, linewidth=0.0)
+    _closed(axes, section, color=CYCLE[0], linewidth=1.4, label=label)
+    ends = _arrows(axes, found)
+    points = np.vstack((whole, ends))
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.09 * float((high - low).max())
+    axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"{found.axes[0]} [µm]", fontsize=8.5, parse_math=False)
+    axes.set_ylabel(f"{found.axes[1]} [µm]", fontsize=8.5, parse_math=False)
+    title = f"{number(found.area * UM**2)} µm²"
+    if turns:
+        title += f" at the middle rotation, {number(found.projected_area * UM**2)} µm² at any"
+        add_legend(axes, loc="best")
+    entitle(axes, title)
+    return figure
+
+
+def _closed(axes: "Axes", corners: Array, **line: object) -> None:
+    around = np.vstack((corners, corners[:1]))
+    axes.plot(*around.T, **line)  # type: ignore[arg-type]
+
+
+def _arrows(axes: "Axes", found: ReachableArea) -> Array:
+    """Draw the stroke of each drive; return the ends of all arrows."""
+    origin = UM * found.lowest[:2]
+    ends = origin + UM * found.generators[:2].T
+    axes.plot(*origin, "o", color=CYCLE[1], markersize=3.5)
+    for name, end in zip(found.drives, ends, strict=True):
+        arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "linewidth": 1.2, "mutation_scale": 9}
+        axes.annotate("", xy=tuple(end), xytext=tuple(origin), arrowprops=arrow)
+        axes.annotate(
+            name, 0.55 * end + 0.45 * origin, ha="center", va="center", fontsize=8, color=CYCLE[1],
+            fontweight="bold", parse_math=False,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": "none"},
+        )  # fmt: skip
+    return np.vstack((ends, origin))

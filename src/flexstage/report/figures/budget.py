@@ -6,13 +6,21 @@ import numpy as np
 
 from flexstage.measure.uncertainty.monte_carlo import MonteCarlo
 from flexstage.measure.uncertainty.propagate import Propagated
-from flexstage.report.figures.style import CYCLE, GRID, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    GRID,
+    INK,
+    MUTED,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BINS = 80
 #: Lines of the budget that are drawn, at most; what is left is one bar.
 _LINES = 12
 
@@ -46,12 +54,13 @@ def _distribution(
     unit: str,
     factor: float,
 ) -> None:
+    bins = 80
     dress(axes)
     tails = 0.5e-3
     ends = np.quantile(drawn.values, (tails, 1.0 - tails))
     # where nothing is uncertain one bar stands in a unit about the value
     span = max(float(np.ptp(ends)), 1e-12 * abs(drawn.value)) or factor
-    edges = np.linspace(ends[0] - 0.06 * span, ends[1] + 0.06 * span, _BINS + 1)
+    edges = np.linspace(ends[0] - 0.06 * span, ends[1] + 0.06 * span, bins + 1)
     counts = np.diff(np.searchsorted(drawn.values, edges))
     density = counts / (drawn.trials * np.diff(edges)) * factor
     shown = edges / factor
@@ -83,14 +92,10 @@ def _distribution(
     shown_unit = "" if unit == "1" else unit.replace("um", "µm").replace("urad", "µrad")
     bracket = f" [{shown_unit}]" if shown_unit else ""
     per = f" [1/{shown_unit}]" if shown_unit else ""
-    axes.set_xlabel(f"{quantity}{bracket}", color=INK)
-    axes.set_ylabel(f"probability density{per}", color=INK)
+    axes.set(xlabel=f"{quantity}{bracket}", ylabel=f"probability density{per}")
     axes.ticklabel_format(axis="x", useOffset=False)
     axes.locator_params(axis="x", nbins=6)
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, fontsize=7.5, frameon=False,
-        labelcolor=INK,
-    )  # fmt: skip
+    add_legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
     entitle(axes, f"{quantity}: {drawn.trials} trials")
 
 
@@ -131,7 +136,7 @@ def _shares(axes: "Axes", propagated: Propagated) -> None:
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=True, axis="x", color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.set_xlabel("share of the variance [%]", color=INK)
+    axes.set_xlabel("share of the variance [%]")
     kinds = {kind for _, _, kind in bars}
     said = {"A": "blue: kind A", "B": "orange: kind B"}
     entitle(axes, f"budget ({', '.join(said[k] for k in 'AB' if k in kinds)})")

@@ -16,6 +16,7 @@ from flexstage.report.figures.style import (
     INK,
     MUTED,
     PAPER,
+    add_legend,
     dress,
     entitle,
     new_figure,
@@ -24,11 +25,6 @@ from flexstage.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Samples that are drawn, at most.
-_POINTS = 3000
-#: Below this share of the largest error, the last one cannot be read beside it.
-_SMALL = 0.25
 
 
 def draw_polar(
@@ -43,12 +39,14 @@ def draw_polar(
     more; harmonics with their 95 % intervals. Labels are before, after, or before and numbers where
     not given.
     """
+    # below this share of the largest error, the last one cannot be read beside it
+    small = 0.25
     if not fits or len(fits) != len(angles) or len({f.unit for f in fits}) > 1:
         raise ModelError("a polar plot needs one fit or more, of one unit, each with its angles")
     names = _labels(len(fits)) if labels is None else list(labels)
     unit, factor = ("arcsec", 1.0 / ARCSEC) if fits[0].unit == "rad" else ("µm", 1e6)
     # an error that is much smaller afterwards is drawn once more, on a scale of its own
-    alone = len(fits) > 1 and _reach(fits[-1:]) < _SMALL * _reach(fits)
+    alone = len(fits) > 1 and _reach(fits[-1:]) < small * _reach(fits)
     figure = new_figure(12.6 if alone else 9.6, 4.3)
     grid = figure.add_gridspec(1, 3 if alone else 2, width_ratios=(1.0, *[1.0] * alone, 1.15))
     polar = figure.add_subplot(grid[0, 0], projection="polar")
@@ -76,6 +74,8 @@ def _polar(
     colours: Sequence[str],
     scale: tuple[str, float],
 ) -> None:
+    # samples that are drawn, at most
+    points = 3000
     unit, factor = scale
     turn = np.linspace(0.0, 2.0 * math.pi, 721)
     curves = [factor * (f.evaluate(turn) - f.offset.value) for f in fits]
@@ -85,7 +85,7 @@ def _polar(
     axes.set_facecolor(PAPER)
     for i, (f, theta, curve, name) in enumerate(zip(fits, angles, curves, names, strict=True)):
         colour = colours[i]
-        thin = slice(None, None, max(1, theta.size // _POINTS))
+        thin = slice(None, None, max(1, theta.size // points))
         dots = factor * (f.residual + f.evaluate(theta) - f.offset.value)
         kept = np.ones(theta.size, dtype=bool)
         kept[[o.index for o in f.outliers]] = False
@@ -112,10 +112,7 @@ def _polar(
     what = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
     entitle(axes, f"{what} [{unit}]; dashed circle: zero")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(
-            loc="upper left", bbox_to_anchor=(-0.22, 0.08), fontsize=7.5, frameon=False,
-            labelcolor=INK,
-        )  # fmt: skip
+        add_legend(axes, loc="upper left", bbox_to_anchor=(-0.22, 0.08))
 
 
 def _reach(fits: Sequence[HarmonicFit]) -> float:
@@ -152,10 +149,9 @@ def _bars(
         axes.set_ylim(max(0.6 * least, 1e-5 * most), 1.7 * most)
     step = max(1, math.ceil(len(orders) / 13))
     axes.set_xticks(range(0, len(orders), step), [str(n) for n in orders[::step]])
-    axes.set_xlabel("order, times per turn", color=INK)
-    axes.set_ylabel(f"amplitude [{unit}]", color=INK)
+    axes.set(xlabel="order, times per turn", ylabel=f"amplitude [{unit}]")
     if len(fits) > 1:
-        axes.legend(loc="upper right", fontsize=7.5, frameon=False, labelcolor=INK)
+        add_legend(axes, loc="upper right")
     entitle(axes, "harmonics, with their 95 % intervals")
 
 

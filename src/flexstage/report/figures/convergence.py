@@ -8,7 +8,16 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.quantities import display
-from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    PAPER,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -62,12 +71,7 @@ def draw_convergence(refinement: "Refinement") -> "Figure":
     positive = [v for v in seen if v > 0.0]
     grid[0].set_ylim(min(positive) / 2.0, max(positive) * 3.0)
     handles, labels = _named(grid)
-    legend = figure.legend(
-        handles, labels, loc="outside lower center", ncols=min(len(labels), 4) or 1, fontsize=7.5,
-        frameon=False, labelcolor=INK,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+    add_legend(figure, handles, labels, loc="outside lower center", ncols=min(len(labels), 4) or 1)
     return figure
 
 

@@ -12,6 +12,7 @@ from flexstage.report.figures.style import (
     FIXED,
     HATCH,
     INK,
+    MM,
     MUTED,
     PAPER,
     PLATFORM,
@@ -25,14 +26,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MM = 1e3
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
 #: Longer side of the drawing itself [inch], with a key beside it and alone.
 _LONGEST, _ALONE = 7.2, 4.2
 #: Width of a column of the key, and height of a row [inch].
 _COLUMN, _ROW = 1.45, 0.155
-_LONGEST_NAME = 15
-_MOST_COLUMNS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +62,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     2
     """
     shapes = body_shapes(stage)
-    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     longest = max(x1 - x0, y1 - y0)
     margin = 0.07 * longest
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
@@ -93,7 +91,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     for drive in stage.drives:
         _drive(axes, drive, placer, longest, point)
     for hinge in stage.hinges:
-        placer.take(hinge.at[0] * _MM, hinge.at[1] * _MM, 3.0 * point, 3.0 * point)
+        placer.take(hinge.at[0] * MM, hinge.at[1] * MM, 3.0 * point, 3.0 * point)
     _probes(axes, stage, placer, longest, point)
     if key:
         _numbers(axes, shapes, placer, point)
@@ -121,7 +119,7 @@ def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> No
         fixed = shape.body.fixed
         axes.add_patch(
             PathPatch(
-                shape.path(_MM),
+                shape.path(MM),
                 facecolor=fill_of(stage, shape.body.name),
                 edgecolor=INK,
                 linewidth=0.5,
@@ -131,12 +129,12 @@ def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> No
         if fixed:
             axes.add_patch(
                 PathPatch(
-                    shape.path(_MM), facecolor="none", edgecolor=HATCH, hatch="///", linewidth=0
+                    shape.path(MM), facecolor="none", edgecolor=HATCH, hatch="///", linewidth=0
                 )
             )
         for hole in shape.body.mounting_holes:
-            x, y = hole.centre[0] * _MM, hole.centre[1] * _MM
-            arm = 1.35 * hole.radius * _MM
+            x, y = hole.centre[0] * MM, hole.centre[1] * MM
+            arm = 1.35 * hole.radius * MM
             for line in (((x - arm, x + arm), (y, y)), ((x, x), (y - arm, y + arm))):
                 axes.plot(*line, color=MUTED, linewidth=0.5, linestyle=(0, (6, 2, 1, 2)), zorder=2)
 
@@ -145,12 +143,12 @@ def _drive(axes: "Axes", drive: Drive, placer: Placer, longest: float, point: fl
     """Draw the drive as a bar between its points, and an arrow the way it pushes."""
     from matplotlib.patches import Polygon
 
-    tip = (drive.at[0][0] * _MM, drive.at[0][1] * _MM)
+    tip = (drive.at[0][0] * MM, drive.at[0][1] * MM)
     c, s = math.cos(drive.direction), math.sin(drive.direction)
-    gap = (tip[0] - drive.at[1][0] * _MM) * c + (tip[1] - drive.at[1][1] * _MM) * s
+    gap = (tip[0] - drive.at[1][0] * MM) * c + (tip[1] - drive.at[1][1] * MM) * s
     # a screw runs back through the body that it stands on
     length = max(gap, 0.11 * longest if isinstance(drive, Screw) else 0.08 * longest)
-    half = drive.patch_half_width * _MM
+    half = drive.patch_half_width * MM
 
     def at(along: float, across: float) -> tuple[float, float]:
         return (tip[0] + c * along - s * across, tip[1] + s * along + c * across)
@@ -177,7 +175,7 @@ def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: f
     reach = 0.07 * longest
     arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.2, "mutation_scale": 9}
     for probe in stage.probes:
-        x, y = probe.at[0] * _MM, probe.at[1] * _MM
+        x, y = probe.at[0] * MM, probe.at[1] * MM
         axes.plot(x, y, "D", color=_PROBE, markersize=4, zorder=6)
         placer.take(x, y, 6 * point, 6 * point)
         if probe.direction is None:
@@ -190,7 +188,7 @@ def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: f
             at = (x + (tip[0] - x) * k / 4, y + (tip[1] - y) * k / 4)
             placer.take(*at, reach / 4, reach / 4)
     for probe in stage.probes:
-        x, y = probe.at[0] * _MM, probe.at[1] * _MM
+        x, y = probe.at[0] * MM, probe.at[1] * MM
         c, s = (0.0, 0.9) if probe.direction is None else probe.along
         tip = (x + reach * c, y + reach * s)
         _label(axes, placer, probe.name, tip, 2 * point, _PROBE, point)
@@ -234,8 +232,8 @@ def _label(
 def _numbers(axes: "Axes", shapes: tuple[BodyShape, ...], placer: Placer, point: float) -> None:
     """Put the number of each body into it, on a dark disc."""
     for number, shape in enumerate(shapes, start=1):
-        x, y = (v * _MM for v in shape.label_at)
-        size = 6.5 if shape.room * _MM > 6.0 * point else 5.0
+        x, y = (v * MM for v in shape.label_at)
+        size = 6.5 if shape.room * MM > 6.0 * point else 5.0
         width = (1.25 if number < 10 else 1.75) * size * point
         if placer.is_free(x, y, width, 1.4 * size * point):
             placer.take(x, y, width, 1.4 * size * point)
@@ -247,7 +245,7 @@ def _numbers(axes: "Axes", shapes: tuple[BodyShape, ...], placer: Placer, point:
 
 def _hinges(axes: "Axes", stage: Stage, placer: Placer, point: float) -> None:
     for number, hinge in enumerate(stage.hinges, start=1):
-        x, y = hinge.at[0] * _MM, hinge.at[1] * _MM
+        x, y = hinge.at[0] * MM, hinge.at[1] * MM
         axes.plot(x, y, "o", color=_HINGE, markersize=2.2, markeredgewidth=0, zorder=5)
         size = 6.0
         text = str(number)
@@ -289,7 +287,7 @@ def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[_Entry]:
             kind="number",
             mark=str(number),
             text=hinge.name,
-            detail=f"{hinge.profile.neck_thickness * _MM:.3g}",
+            detail=f"{hinge.profile.neck_thickness * MM:.3g}",
             colour=_HINGE,
         )
         for number, hinge in enumerate(stage.hinges, start=1)
@@ -318,8 +316,9 @@ def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[_Entry]:
 
 def _arrange(entries: list[_Entry], height: float) -> list[list[_Entry]]:
     """Break a key into columns of so many inches; the last row says how many were left out."""
+    most_columns = 4
     fit = max(int(height / _ROW), 8)
-    columns = min(math.ceil(len(entries) / fit), _MOST_COLUMNS)
+    columns = min(math.ceil(len(entries) / fit), most_columns)
     if len(entries) > columns * fit:
         left_out = len(entries) - columns * fit + 1
         entries = [*entries[: columns * fit - 1], _Entry(kind="gap", text=f"… and {left_out} more")]
@@ -344,6 +343,7 @@ def _draw_key(axes: "Axes", columns: list[list[_Entry]], height: float) -> None:
 
 
 def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
+    longest_name = 15
     from matplotlib.patches import Rectangle
 
     def write(x: float, text: str, **style: Any) -> None:
@@ -372,6 +372,6 @@ def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
         corner = (at - 0.11, y - 0.045)
         look = {"facecolor": entry.colour, "edgecolor": INK, "linewidth": 0.4}
         axes.add_patch(Rectangle(corner, 0.22, 0.09, **look))
-    longest = _LONGEST_NAME - 3 if entry.detail else _LONGEST_NAME
+    longest = longest_name - 3 if entry.detail else longest_name
     name = entry.text if len(entry.text) <= longest else f"{entry.text[: longest - 1]}…"
     write(left + 0.34, name)

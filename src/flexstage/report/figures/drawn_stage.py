@@ -1,28 +1,33 @@
-"""What was found in a drawing: its bodies, and its necks with how sure each is."""
+"""Stages in outline: found in a drawing, with the issues of their check, many on one sheet."""
 
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from flexstage.report.figures.shapes import Placer, body_shapes, extent
+from flexstage.report.figures.drawing import draw_bodies, draw_stage
+from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
 from flexstage.report.figures.style import (
     CYCLE,
     FIXED,
     HATCH,
     INK,
+    MM,
     MUTED,
     PAPER,
-    dress,
     entitle,
     new_figure,
+    one_panel,
 )
+from flexstage.stage import Stage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from flexstage.stage import Issue, Stage
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
-_MM = 1e3
-_LONGEST = 7.0  # longer side of the picture [inch]
+
 # bodies beside each other differ; they are no figures, so their colours only have to be pale
 _PALE = ("#bcd9ee", "#f6d5b3", "#c5e5d5", "#f0d3e3", "#f5e6b8", "#d5d9f2", "#e3e8ee")
 _COLOURS = {"sure": CYCLE[2], "likely": CYCLE[4], "doubtful": CYCLE[1]}
@@ -33,27 +38,26 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
 
     Numbers are those of the names: 3 is ``neck-3``.
     """
+    longest = 7.0  # longer side of the picture [inch]
     stage = drawn.stage
     shapes = body_shapes(stage)
-    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     margin = 0.06 * max(x1 - x0, y1 - y0)
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
-    per_inch = max(x1 - x0, y1 - y0) / _LONGEST
+    per_inch = max(x1 - x0, y1 - y0) / longest
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
-    figure = new_figure(max(width, 3.4) + 0.7, height + 1.4)
-    axes = figure.subplots()
-    dress(axes, grid=False)
+    figure, axes = one_panel(max(width, 3.4) + 0.7, height + 1.4, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     entitle(axes, f"{stage.name}: {len(stage.bodies)} bodies, {len(stage.hinges)} necks", 10.0)
     _bodies(axes, drawn)
     point = per_inch / 72.0
     placer = Placer((x0, y0, x1, y1))
     for hinge in stage.hinges:
-        placer.take(hinge.at[0] * _MM, hinge.at[1] * _MM, 4.0 * point, 4.0 * point)
+        placer.take(hinge.at[0] * MM, hinge.at[1] * MM, 4.0 * point, 4.0 * point)
     for shape in shapes:
         number = shape.body.name.removeprefix("body-")
-        x, y = (v * _MM for v in shape.label_at)
-        if 2.0 * shape.room * _MM > 7.0 * point:
+        x, y = (v * MM for v in shape.label_at)
+        if 2.0 * shape.room * MM > 7.0 * point:
             axes.text(
                 x, y, number, color=MUTED, fontsize=6.5, ha="center", va="center_baseline", zorder=6
             )
@@ -83,7 +87,7 @@ def _bodies(axes: "Axes", drawn: "DrawnStage") -> None:
     for shape in shapes:
         body = shape.body
         fill = FIXED if body.fixed else _PALE[colours[body.name]]
-        path = shape.path(_MM)
+        path = shape.path(MM)
         axes.add_patch(PathPatch(path, facecolor=fill, edgecolor=INK, linewidth=0.5, zorder=1))
         if body.fixed:
             axes.add_patch(
@@ -99,10 +103,10 @@ def _necks(axes: "Axes", drawn: "DrawnStage", placer: Placer, point: float) -> N
         half = 0.5 * hinge.profile.neck_thickness
         ends = [hinge.to_plane(0.0, across) for across in (-half, half)]
         axes.plot(
-            [p[0] * _MM for p in ends], [p[1] * _MM for p in ends],
+            [p[0] * MM for p in ends], [p[1] * MM for p in ends],
             color=colour, linewidth=2.0, solid_capstyle="butt", zorder=5,
         )  # fmt: skip
-        x, y = hinge.at[0] * _MM, hinge.at[1] * _MM
+        x, y = hinge.at[0] * MM, hinge.at[1] * MM
         axes.plot(x, y, "o", color=colour, markersize=2.6, markeredgewidth=0, zorder=5)
         text = hinge.name.removeprefix("neck-")
         width, height = (0.64 * len(text) + 0.2) * 6.5 * point, 7.0 * point
@@ -129,4 +133,139 @@ def _legend(axes: "Axes", drawn: "DrawnStage") -> None:
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=7,
         frameon=False,
+    )  # fmt: skip
+
+
+_SEVERITIES = {"error": CYCLE[1], "warning": CYCLE[4]}
+#: More issues than that are not marked: their numbers would cover the drawing.
+MARKED = 12
+
+
+def draw_checked(stage: "Stage", issues: Sequence["Issue"]) -> "Figure":
+    """Draw a stage, and a numbered ring at each thing that is wrong, in the order of the issues.
+
+    Examples
+    --------
+    >>> from flexstage.designs import find_stage
+    >>> from flexstage.stage import check
+    >>> thin = find_stage("vgtu-piezo", {"x.lever_neck": "0.1 mm"})
+    >>> figure = draw_checked(thin, check(thin))
+    >>> [text.get_text() for text in figure.axes[0].texts if text.get_gid() == "issue"][:2]
+    ['1', '2']
+    """
+    figure = draw_stage(stage, key=False)
+    axes = figure.axes[0]
+    shapes = {shape.body.name: shape for shape in body_shapes(stage)}
+    x0, y0, x1, y1 = extent(tuple(shapes.values()))
+    size = 0.022 * max(x1 - x0, y1 - y0) * MM
+    taken: list[tuple[float, float]] = []
+    for number, issue in enumerate(issues[:MARKED], start=1):
+        places = [at for name in issue.what if (at := _place(stage, shapes, name)) is not None]
+        if not places:
+            continue
+        colour = _SEVERITIES[issue.severity]
+        for x, y in places:
+            axes.plot(x, y, "o", markersize=11, markerfacecolor="none", markeredgecolor=colour,
+                      markeredgewidth=1.8, zorder=9)  # fmt: skip
+        _number(axes, number, places[0], size, taken, colour)
+    return figure
+
+
+def _place(stage: "Stage", shapes: dict[str, BodyShape], name: str) -> tuple[float, float] | None:
+    """Return where a hinge, body, drive or probe is [mm]."""
+    for hinge in stage.hinges:
+        if hinge.name == name:
+            return hinge.at[0] * MM, hinge.at[1] * MM
+    for probe in stage.probes:
+        if probe.name == name and name not in shapes:
+            return probe.at[0] * MM, probe.at[1] * MM
+    for drive in stage.drives:
+        if drive.name == name and name not in shapes:
+            return drive.at[0][0] * MM, drive.at[0][1] * MM
+    if name in shapes:
+        x, y = shapes[name].label_at
+        return x * MM, y * MM
+    return None
+
+
+def _number(
+    axes: "Axes",
+    number: int,
+    at: tuple[float, float],
+    size: float,
+    taken: list[tuple[float, float]],
+    colour: str,
+) -> None:
+    """Put a number beside a ring, where no other number stands."""
+    place = at
+    for k in range(24):
+        angle, radius = math.radians(45 + 45 * k), (1.7 + 0.9 * (k // 8)) * size
+        place = (at[0] + radius * math.cos(angle), at[1] + radius * math.sin(angle))
+        if all(math.dist(place, other) > 1.8 * size for other in taken):
+            break
+    taken.append(place)
+    box = {"boxstyle": "circle,pad=0.25", "facecolor": colour, "edgecolor": "none"}
+    axes.text(*place, str(number), color=PAPER, fontsize=7, fontweight="bold", ha="center",
+              va="center_baseline", bbox=box, zorder=10, gid="issue", in_layout=False)  # fmt: skip
+
+
+#: Size of a stage with its name [inch].
+_WIDTH, _HEIGHT = 2.5, 2.7
+#: Height of the window that it is drawn in [inch], and how much larger than the stage that is.
+_TALL, _ROOM = 2.2, 1.12
+
+
+def draw_contact_sheet(stages: Mapping[str, Stage]) -> "Figure":
+    """Draw stages beside one another, each as large as there is room, with its name and its size.
+
+    Blue points are necks; arrows show how drives push.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> figure = draw_contact_sheet({"parallelogram": design("parallelogram")})
+    >>> len(figure.axes)
+    1
+    """
+    most_columns = 4
+    columns = min(most_columns, len(stages))
+    rows = math.ceil(len(stages) / columns)
+    figure = new_figure(columns * _WIDTH, rows * _HEIGHT)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+    for axes, (name, stage) in zip(grid, stages.items(), strict=False):
+        _small_stage(axes, name, stage)
+    return figure
+
+
+def _small_stage(axes: "Axes", name: str, stage: Stage) -> None:
+    shapes = body_shapes(stage)
+    draw_bodies(axes, stage, shapes)
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
+    longest = max(x1 - x0, y1 - y0)
+    # a window of one shape for all, so that names stand in rows
+    x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    per_inch = _ROOM * max((x1 - x0) / _WIDTH, (y1 - y0) / _TALL) / 2.0
+    axes.set(
+        xlim=(x - per_inch * _WIDTH, x + per_inch * _WIDTH),
+        ylim=(y - per_inch * _TALL, y + per_inch * _TALL),
+        aspect="equal",
+    )
+    xs, ys = zip(*(hinge.at for hinge in stage.hinges), strict=True) if stage.hinges else ((), ())
+    axes.plot(
+        [x * MM for x in xs], [y * MM for y in ys], "o", color=CYCLE[0], markersize=2.0,
+        markeredgewidth=0, zorder=5,
+    )  # fmt: skip
+    arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "linewidth": 1.2, "mutation_scale": 8}
+    for drive in stage.drives:
+        x, y = (v * MM for v in drive.at[0])
+        back = 0.13 * longest
+        start = (x - back * math.cos(drive.direction), y - back * math.sin(drive.direction))
+        axes.annotate("", xy=(x, y), xytext=start, arrowprops=arrow, zorder=6)
+    axes.set_title(name, fontsize=8, fontweight="bold", loc="center", pad=12)
+    said = f"{x1 - x0:.0f} mm x {y1 - y0:.0f} mm, {len(stage.hinges)} hinges"
+    axes.text(
+        0.5, 1.0, said, transform=axes.transAxes, ha="center", va="bottom", fontsize=6.5,
+        color=MUTED,
     )  # fmt: skip

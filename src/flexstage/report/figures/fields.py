@@ -8,8 +8,8 @@ import numpy as np
 
 from flexstage.arrays import Array, Integers
 from flexstage.quantities import number
-from flexstage.report.figures.style import BODY, INK, MUTED, dress, entitle, new_figure
-from flexstage.system import Analysis, DriveCondition
+from flexstage.report.figures.style import BODY, INK, MM, MUTED, dress, entitle, new_figure
+from flexstage.system import Analysis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 
 Loops = Sequence[Integers]
-
-_MM = 1e3
-# detail smaller than this part of a picture is left out of its lines
-_RESOLUTION = 2000.0
 
 
 class Bands:
@@ -65,7 +61,7 @@ def fill(
     from matplotlib.patches import PathPatch
     from matplotlib.tri import Triangulation
 
-    mm = points * _MM
+    mm = points * MM
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = mm[triangles, 0], mm[triangles, 1]
     seen = (x.max(axis=1) > x0) & (x.min(axis=1) < x1) & (y.max(axis=1) > y0) & (y.min(axis=1) < y1)
@@ -90,7 +86,7 @@ def trace(axes: "Axes", points: Array, loops: Loops, **look: Any) -> None:
     """Draw closed lines of corners [m], shape (n, 2), within the limits of the axes."""
     from matplotlib.collections import LineCollection
 
-    lines = _lines(axes, points * _MM, loops)
+    lines = _lines(axes, points * MM, loops)
     axes.add_collection(LineCollection(lines, **({"linewidths": 0.4, "colors": INK} | look)))
 
 
@@ -124,10 +120,12 @@ def _area(axes: "Axes", mm: Array, loops: Loops) -> "Path | None":
 
 def _thinned(axes: "Axes", line: Array) -> Array:
     """Leave out what a picture cannot show of a line."""
+    # detail smaller than this part of a picture is left out of its lines
+    resolution = 2000.0
     from shapely import LineString
 
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
-    finest = max(x1 - x0, y1 - y0) / _RESOLUTION
+    finest = max(x1 - x0, y1 - y0) / resolution
     return np.asarray(LineString(line).simplify(finest).coords)
 
 
@@ -143,7 +141,7 @@ def window(points: Array, margin: float) -> tuple[float, float, float, float]:
 
 def frame(axes: "Axes", sight: tuple[float, float, float, float], *, ticks: bool) -> None:
     """Set what axes show: smallest x and y, largest x and y [m]; with ticks or without."""
-    x0, y0, x1, y1 = (_MM * v for v in sight)
+    x0, y0, x1, y1 = (MM * v for v in sight)
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
     axes.set_aspect("equal")
     if not ticks:
@@ -176,12 +174,6 @@ def add_bar(axes: "Axes", bands: Bands, label: str) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-_MOST = 6
-_COLUMNS = 3
-_WIDTH = 3.3  # of a picture [inch]
-# the largest motion of a mode is drawn as this part of the size of the stage
-_SHOWN = 0.03
-_MARGIN = 0.05
 _SIZE, _LIFT = "displacement / largest [1]", "displacement out of plane / largest [1]"
 _IN_PLANE, _OUT_OF_PLANE = "viridis", "RdBu_r"
 
@@ -201,8 +193,7 @@ def draw_fe_modes(
     model: "StageModel",
     analysis: Analysis,
     *,
-    drives: DriveCondition = "removed",
-    most: int = _MOST,
+    most: int = 6,
 ) -> "Figure":
     """Draw the lowest modes of a finite-element model.
 
@@ -210,9 +201,10 @@ def draw_fe_modes(
     of the plane the displacement out of it, with its sign, on the middle plane, which such a mode
     leaves as it is. A thin line shows the stage at rest.
     """
+    margin = 0.05
     from flexstage.fem.sampling import Sampler
 
-    found = analysis.modes[drives]
+    found = analysis.modes["removed"]
     count = min(most, found.frequency_hz.size)
     sampler = Sampler(model=model, divisions=4)
     bands = Bands(0.0, 1.0, _IN_PLANE, count=20)
@@ -221,7 +213,7 @@ def draw_fe_modes(
     lifted = [out_of_plane(model, shape) for shape in shapes]
 
     at_rest = sampler.read(shapes[0], stress=False).points[:, :2]
-    x0, y0, x1, y1 = window(at_rest, _MARGIN)
+    x0, y0, x1, y1 = window(at_rest, margin)
     scales = [(bands, _SIZE)] if not all(lifted) else []
     scales += [(signed, _LIFT)] if any(lifted) else []
     figure, grid, bars = _arranged((y1 - y0) / (x1 - x0), count, len(scales))
@@ -239,7 +231,7 @@ def draw_fe_modes(
         where = " · out of plane" if lifted[k] else ""
         entitle(
             axes,
-            f"mode {k + 1} · {number(float(found.frequency_hz[k]))} Hz · drives {drives}{where}",
+            f"mode {k + 1} · {number(float(found.frequency_hz[k]))} Hz · drives removed{where}",
             8.0,
         )
     for axes, (colours, label) in zip(bars, scales, strict=True):
@@ -249,9 +241,11 @@ def draw_fe_modes(
 
 def _arranged(aspect: float, count: int, bars: int) -> "tuple[Figure, list[Axes], list[Axes]]":
     """Lay out pictures of this height to width, and colour bars beside them."""
+    widest = 3.3  # of a picture [inch]
+    most_columns = 3
     title, gap, beside = 0.32, 0.15, 0.85
-    columns, rows = min(_COLUMNS, count), math.ceil(count / _COLUMNS)
-    width = min(_WIDTH, 1.3 * _WIDTH / aspect)
+    columns, rows = min(most_columns, count), math.ceil(count / most_columns)
+    width = min(widest, 1.3 * widest / aspect)
     height = width * aspect
     cell = max(width, 2.4) + gap  # as wide as its title at least
     high = rows * (height + title) + 0.1
@@ -276,6 +270,8 @@ def _arranged(aspect: float, count: int, bars: int) -> "tuple[Figure, list[Axes]
 
 def _drawn(sample: "Sample", *, lifted: bool) -> tuple[Array, Array]:
     """Return the corners of a mode as they are drawn, and what colours them."""
+    # the largest motion of a mode is drawn as this part of the size of the stage
+    shown = 0.03
     points, motion = sample.points[:, :2], sample.displacement
     size = float((points.max(axis=0) - points.min(axis=0)).max())
     if lifted:
@@ -283,4 +279,4 @@ def _drawn(sample: "Sample", *, lifted: bool) -> tuple[Array, Array]:
         # which way a mode starts says nothing: upwards where it moves furthest
         return points, values * np.sign(values[np.argmax(np.abs(values))])
     largest = float(sample.magnitude.max()) or 1.0
-    return points + _SHOWN * size / largest * motion[:, :2], sample.magnitude / largest
+    return points + shown * size / largest * motion[:, :2], sample.magnitude / largest

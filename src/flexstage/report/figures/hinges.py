@@ -6,9 +6,19 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hinges import Profile
-from flexstage.report.coupled_axes import cause_words
 from flexstage.report.figures.shapes import notch_contour
-from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    BODY,
+    CYCLE,
+    INK,
+    MM,
+    MPA,
+    MUTED,
+    add_legend,
+    entitle,
+    one_panel,
+)
+from flexstage.report.tables import cause_words
 from flexstage.system import Analysis
 from flexstage.system.characteristics import pulsating_limit
 
@@ -16,29 +26,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MM = 1e3
-
-
 def draw_notch(profile: Profile) -> "Figure":
     """Draw the contour of a notch to scale, in millimetres, with the neck in the middle."""
     half = 0.5 * profile.neck_thickness
-    right = [(x * _MM, depth * _MM) for x, depth in notch_contour(profile)]
+    right = [(x * MM, depth * MM) for x, depth in notch_contour(profile)]
     edge = [(-x, depth) for x, depth in reversed(right)] + right
     x = [place for place, _ in edge]
-    upper = [half * _MM + depth for _, depth in edge]
-    lower = [-half * _MM - (0.0 if profile.one_sided else depth) for _, depth in edge]
-    figure = new_figure(4.5, 3.2)
-    axes = figure.subplots()
-    dress(axes)
+    upper = [half * MM + depth for _, depth in edge]
+    lower = [-half * MM - (0.0 if profile.one_sided else depth) for _, depth in edge]
+    figure, axes = one_panel(4.5, 3.2)
     axes.fill_between(x, lower, upper, facecolor=BODY, edgecolor=INK, linewidth=1.0)
     axes.set(xlabel="along the hinge [mm]", ylabel="across [mm]", aspect="equal")
-    entitle(axes, f"{profile.kind} notch, neck {profile.neck_thickness * _MM:g} mm")
+    entitle(axes, f"{profile.kind} notch, neck {profile.neck_thickness * MM:g} mm")
     return figure
-
-
-_MPA = 1e-6
-_NOTHING = 0.01  # less than this part of the largest stress is not drawn
-_MOST = 48  # bars beyond this are too thin to read
 
 
 def draw_stress(analysis: Analysis) -> "Figure":
@@ -46,6 +46,8 @@ def draw_stress(analysis: Analysis) -> "Figure":
 
     Hinges carry the numbers of the drawing.
     """
+    most = 48  # bars beyond this are too thin to read
+    nothing = 0.01  # less than this part of the largest stress is not drawn
     from matplotlib.patches import Patch
 
     stress = {axis: values for axis, values in analysis.hinge_stress.items() if values}
@@ -53,18 +55,16 @@ def draw_stress(analysis: Analysis) -> "Figure":
         raise ModelError("the analysis has no stress in hinges to draw")
     numbers = {hinge.name: i for i, hinge in enumerate(analysis.stage.hinges, start=1)}
     largest = {name: max(values[name] for values in stress.values()) for name in numbers}
-    names = sorted(numbers, key=lambda name: (-round(largest[name], 3), numbers[name]))[:_MOST]
-    figure = new_figure(8.6, 0.21 * len(names) + 1.5)
-    axes = figure.subplots()
-    dress(axes)
+    names = sorted(numbers, key=lambda name: (-round(largest[name], 3), numbers[name]))[:most]
+    figure, axes = one_panel(8.6, 0.21 * len(names) + 1.5)
     axes.grid(visible=False, axis="y")
     rows = np.arange(len(names))
     for row, name in enumerate(names):
         # an axis that leaves a hinge at rest gets no room in its row
         bars = [
-            (values[name] * _MPA, CYCLE[k % len(CYCLE)])
+            (values[name] * MPA, CYCLE[k % len(CYCLE)])
             for k, values in enumerate(stress.values())
-            if values[name] > _NOTHING * largest[names[0]]
+            if values[name] > nothing * largest[names[0]]
         ]
         height = 0.72 / max(len(bars), 1)
         for k, (value, colour) in enumerate(bars):
@@ -76,14 +76,14 @@ def draw_stress(analysis: Analysis) -> "Figure":
             )  # fmt: skip
     material = analysis.stage.material
     limits: list[tuple[float, str, Any]] = [
-        (limit * _MPA, label, dashes)
+        (limit * MPA, label, dashes)
         for limit, label, dashes in (
             (pulsating_limit(material), "fatigue, 0 to peak, allows", (0, (4, 2))),
             (material.yield_strength, "yield", "solid"),
         )
         if limit is not None
     ]
-    furthest = max([*(value for value, *_ in limits), largest[names[0]] * _MPA]) or 1.0
+    furthest = max([*(value for value, *_ in limits), largest[names[0]] * MPA]) or 1.0
     limits.sort(key=lambda limit: limit[0])
     # two limits of nearly the same height have their words on either side
     apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
@@ -110,10 +110,5 @@ def draw_stress(analysis: Analysis) -> "Figure":
         Patch(color=CYCLE[k % len(CYCLE)], label=f"{of} {axis} at full stroke")
         for k, axis in enumerate(stress)
     ]
-    legend = figure.legend(
-        handles=handles, loc="outside lower right", ncols=len(handles), fontsize=7.5,
-        frameon=False, labelcolor=INK,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+    add_legend(figure, handles=handles, loc="outside lower right", ncols=len(handles))
     return figure

@@ -8,21 +8,20 @@ import numpy as np
 
 from flexstage.hysteresis import DriveModel, Prediction
 from flexstage.hysteresis.identification.identify import Identification
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+    scale,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-#: Points that a curve over time is drawn with, at most.
-_POINTS = 4000
-#: Cycles of which the loop is drawn.
-_CYCLES = 7
-#: Records that are drawn below one another.
-_RECORDS = 4
-#: Letters of a name, or of a title, that a plot has room for.
-_NAME = 44
 
 
 def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
@@ -31,9 +30,11 @@ def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Fi
     The first four records. Cycles that are drawn in the loop are shaded over time; the noise of the
     output is a band. Names are numbers from 1 where not given.
     """
+    # records that are drawn below one another
+    records = 4
     sections = found.measurement.sections
     called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
-    shown = min(len(sections), _RECORDS)
+    shown = min(len(sections), records)
     figure = new_figure(9.6, 0.5 + 3.2 * shown)
     plots = figure.subplots(shown, 2, width_ratios=(1.0, 1.25), squeeze=False)
     for i, (left, right) in enumerate(plots):
@@ -55,7 +56,9 @@ def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Fi
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= _NAME else f"{name[: _NAME // 2]}...{name[-_NAME // 2 + 3 :]}"
+    # letters of a name, or of a title, that a plot has room for
+    letters = 44
+    return name if len(name) <= letters else f"{name[: letters // 2]}...{name[-letters // 2 + 3 :]}"
 
 
 def _loop(axes: "Axes", found: Identification, section: int, within: np.ndarray, name: str) -> None:
@@ -71,9 +74,8 @@ def _loop(axes: "Axes", found: Identification, section: int, within: np.ndarray,
         s.u[within], factor * found.predicted[section][within], color=CYCLE[0], linewidth=1.0,
         label=f"model, {found.kind}",
     )  # fmt: skip
-    axes.set_xlabel(f"input{scale(found.model.input_unit)[0]}", color=INK)
-    axes.set_ylabel(f"output{unit}", color=INK)
-    axes.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)
+    axes.set(xlabel=f"input{scale(found.model.input_unit)[0]}", ylabel=f"output{unit}")
+    add_legend(axes, loc="upper left", markerscale=2.5)
     entitle(axes, f"{name}\n{_extent(found, section, within)}", 8.0)
 
 
@@ -104,8 +106,7 @@ def _residual(axes: "Axes", found: Identification, section: int, within: np.ndar
     axes.set_xlim(begin, end)
     top = 1.15 * max(float(np.abs(own).max()), found.noise_percent)
     axes.set_ylim(-top, top)
-    axes.set_xlabel("time [s]", color=INK)
-    axes.set_ylabel("output less model [% of stroke]", color=INK)
+    axes.set(xlabel="time [s]", ylabel="output less model [% of stroke]")
     entitle(
         axes,
         f"{begin:.4g} to {end:.4g} s: {np.sqrt(np.mean(own**2)):.2f} % rms, largest "
@@ -116,28 +117,28 @@ def _residual(axes: "Axes", found: Identification, section: int, within: np.ndar
 
 def _shown(found: Identification, section: int) -> np.ndarray:
     """Samples of the last cycles, so many that one can tell their curves apart."""
+    # cycles of which the loop is drawn
+    cycles = 7
     s = found.measurement.sections[section]
     bounds = s.cycles.bounds
     minor = np.flatnonzero(s.cycles.swing < 0.9)
     # from the last major loop before the last minor ones, or a few cycles of the end
     last = int(minor[-1]) if minor.size else s.cycles.swing.size - 1
-    first = max(last - _CYCLES, int(np.searchsorted(bounds, s.warm_up)))
+    first = max(last - cycles, int(np.searchsorted(bounds, s.warm_up)))
     stop = min(last + 2, bounds.size - 1)
     return np.arange(bounds[min(first, stop - 1)], bounds[stop] + 1)
 
 
 def _extremes(values: np.ndarray) -> np.ndarray:
     """Return where a curve of so many samples is lowest and highest, bin by bin."""
-    if values.size <= _POINTS:
+    # points that a curve over time is drawn with, at most
+    points = 4000
+    if values.size <= points:
         return np.arange(values.size)
-    bins = np.array_split(values, _POINTS // 2)
+    bins = np.array_split(values, points // 2)
     starts = np.concatenate(([0], np.cumsum([b.size for b in bins])[:-1]))
     ends = [sorted((int(b.argmin()), int(b.argmax()))) for b in bins]
     return (starts[:, None] + np.array(ends)).ravel()
-
-
-#: Points that a curve is drawn with, at most.
-_PREDICTED_POINTS = 6000
 
 
 def draw_prediction(found: Prediction, model: DriveModel, band: float | None = None) -> "Figure":
@@ -158,9 +159,8 @@ def draw_prediction(found: Prediction, model: DriveModel, band: float | None = N
         found.command[at], factor * found.predicted[at], color=CYCLE[0], linewidth=0.6,
         label=f"predicted, {model.hysteresis.kind}",
     )  # fmt: skip
-    left.set_xlabel(f"input{scale(model.input_unit)[0]}", color=INK)
-    left.set_ylabel(f"output{unit}", color=INK)
-    left.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK, markerscale=3.0)
+    left.set(xlabel=f"input{scale(model.input_unit)[0]}", ylabel=f"output{unit}")
+    add_legend(left, loc="upper left", markerscale=3.0)
     entitle(left, Path(found.source).name or "loop")
     _error(right, found, at, band)
     return figure
@@ -179,9 +179,8 @@ def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) 
     axes.set_xlim(float(found.time[at[0]]), float(found.time[at[-1]]))
     top = 1.2 * max(float(np.abs(error).max()), band or 0.0)
     axes.set_ylim(-top, top)
-    axes.set_xlabel("time [s]", color=INK)
-    axes.set_ylabel("measured less predicted [% of stroke]", color=INK)
-    axes.legend(loc="lower right", fontsize=7.5, frameon=False, labelcolor=INK, ncols=2)
+    axes.set(xlabel="time [s]", ylabel="measured less predicted [% of stroke]")
+    add_legend(axes, loc="lower right", ncols=2)
     entitle(
         axes,
         f"as predicted {found.as_predicted_rms_percent:.2f} % rms, with a free constant "
@@ -190,4 +189,6 @@ def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) 
 
 
 def _thin(at: np.ndarray) -> np.ndarray:
-    return at[:: max(1, at.size // _PREDICTED_POINTS)]
+    # points that a curve is drawn with, at most
+    predicted_points = 6000
+    return at[:: max(1, at.size // predicted_points)]

@@ -12,31 +12,35 @@ from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities import beside
 from flexstage.records import Record
 from flexstage.report.figures.responses import shown_lines
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure, scale
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+    one_panel,
+    scale,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-# half width of a 95 % interval of a normal distribution
-_NORMAL = 1.959964
-# a mode belongs to poles that are nearer than this part of its frequency
-_BESIDE_A_POLE = 0.02
-# points that a fitted curve is drawn with beside those of the lines
-_POINTS = 1500
-
-
-def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
+def draw_stabilisation(fit: ModalFit) -> "Figure":
     """Draw the poles of each order over the magnitude of the response.
 
     Marks say what is stable; the magnitude is the root mean square of all outputs and inputs, modes
-    of the fit are upright lines. `number` counts the responses that were fitted together.
+    of the fit are upright lines. Of several responses that were fitted together the first is drawn.
     """
+    # a mode belongs to poles that are nearer than this part of its frequency
+    beside_a_pole = 0.02
     diagram = fit.stabilisation
-    if diagram is None or not 0 <= number < len(fit.fitted):
-        raise ModelError(f"there is no stabilisation diagram of response {number}")
-    measured = fit.fitted[number].measured
+    if diagram is None:
+        raise ModelError("the fit has no stabilisation diagram: its number of modes was given")
+    measured = fit.fitted[0].measured
     figure = new_figure(9.6, 4.0)
     axes = figure.subplots()
     size = np.sqrt(np.mean(np.abs(measured.response) ** 2, axis=(1, 2)))
@@ -46,7 +50,7 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
         measured.frequency_hz, np.maximum(size, 1e-300), color=MUTED, linewidth=0.8, zorder=1
     )
     axes.set_ylabel(f"magnitude{_unit(measured.output_units, measured.input_units)}"
-                    if len(units) == 1 else "magnitude, rms of all", color=INK)  # fmt: skip
+                    if len(units) == 1 else "magnitude, rms of all")  # fmt: skip
     _band(axes, fit)
     over = axes.twinx()
     dress(over, grid=False)
@@ -67,45 +71,44 @@ def draw_stabilisation(fit: ModalFit, number: int = 0) -> "Figure":
     seen = [
         mode
         for mode in fit.modes
-        if np.any(np.abs(poles / mode.frequency_hz.value - 1.0) < _BESIDE_A_POLE)
+        if np.any(np.abs(poles / mode.frequency_hz.value - 1.0) < beside_a_pole)
     ]
     for n, mode in enumerate(seen):
         over.axvline(mode.frequency_hz.value, color=CYCLE[1], linewidth=0.9,
                      label="mode of the fit" if n == 0 else None, zorder=2)  # fmt: skip
     orders = [o.order for o in diagram.orders]
     over.set_ylim(min(orders) - 1, max(orders) + 1)
-    over.set_ylabel("order", color=INK)
-    figure.legend(*over.get_legend_handles_labels(), loc="outside upper right", ncols=4,
-                  fontsize=7.5, frameon=False, labelcolor=INK)  # fmt: skip
+    over.set_ylabel("order")
+    add_legend(figure, *over.get_legend_handles_labels(), loc="outside upper right", ncols=4)
     tolerances = 100.0 * np.array([diagram.frequency_tolerance, diagram.damping_tolerance])
     entitle(axes, "stable: frequency within {:g} %, damping within {:g} %".format(*tolerances))
     return figure
 
 
-def draw_modal_fit(
-    fit: ModalFit, number: int = 0, *, output: int | None = 0, input_number: int = 0
-) -> "Figure":
+def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
     """Draw a measured response, its fit with the 95 % band, and what the fit leaves.
 
-    `number` counts the responses that were fitted together, the others its outputs and inputs; None
-    is the output that the first input moves most.
+    It is that of the first input, in the first of the responses that were fitted together. `output`
+    counts its outputs; None is the one that the input moves most.
     """
+    # points that a fitted curve is drawn with beside those of the lines
+    fitted_points = 1500
+    # half width of a 95 % interval of a normal distribution
+    normal = 1.959964
     output = strongest_output(fit) if output is None else output
-    if not 0 <= number < len(fit.fitted):
-        raise ModelError(f"there are {len(fit.fitted)} fitted responses, got number {number}")
-    one = fit.fitted[number]
+    one = fit.fitted[0]
     measured = one.measured
-    if not (0 <= output < len(measured.outputs) and 0 <= input_number < len(measured.inputs)):
-        raise ModelError(f"response {number} has no output {output} or no input {input_number}")
-    at = (slice(None), output, input_number)
+    if not 0 <= output < len(measured.outputs):
+        raise ModelError(f"the response has no output {output}")
+    at = (slice(None), output, 0)
     f = measured.frequency_hz
-    fine = np.union1d(f, np.linspace(f[0], f[-1], _POINTS))
+    fine = np.union1d(f, np.linspace(f[0], f[-1], fitted_points))
     for mode in fit.modes:
         centre, half = mode.frequency_hz.value, 8.0 * mode.damping_ratio.value
         near = centre * np.linspace(1.0 - half, 1.0 + half, 161)
         fine = np.union1d(fine, near[(near > f[0]) & (near < f[-1])])
-    value, spread = fit.response(fine, number)[at], fit.response_uncertainty(fine, number)[at]
-    left = np.abs(measured.response[at] - fit.response(f, number)[at])
+    value, spread = fit.response(fine, 0)[at], fit.response_uncertainty(fine, 0)[at]
+    left = np.abs(measured.response[at] - fit.response(f, 0)[at])
     from matplotlib.ticker import MultipleLocator
 
     figure = new_figure(9.6, 4.6)
@@ -114,8 +117,8 @@ def draw_modal_fit(
     tiny = 1e-300
     upper.semilogy(f, np.maximum(np.abs(measured.response[at]), tiny), ".", color=CYCLE[1],
                    markersize=2.2, label="measured")  # fmt: skip
-    upper.fill_between(fine, np.maximum(np.abs(value) - _NORMAL * spread, 0.05 * np.abs(value)),
-                       np.abs(value) + _NORMAL * spread, color=CYCLE[5], alpha=0.5, linewidth=0,
+    upper.fill_between(fine, np.maximum(np.abs(value) - normal * spread, 0.05 * np.abs(value)),
+                       np.abs(value) + normal * spread, color=CYCLE[5], alpha=0.5, linewidth=0,
                        label="95 % band of the fit")  # fmt: skip
     upper.semilogy(fine, np.abs(value), color=CYCLE[0], linewidth=1.0, label="fit")
     upper.semilogy(f, np.maximum(left, tiny), color=MUTED, linewidth=0.4, label="residual")
@@ -124,13 +127,16 @@ def draw_modal_fit(
     shown = np.concatenate([np.abs(measured.response[at]), np.quantile(left, [0.02, 1.0])])
     shown = shown[shown > 0.0]
     upper.set_ylim(0.5 * shown.min(), 2.5 * shown.max())
-    units = [x[i : i + 1] for x, i in ((measured.output_units, output),
-                                       (measured.input_units, input_number))]  # fmt: skip
-    upper.set_ylabel(f"magnitude{_unit(*units)}", color=INK)
-    names = f"{measured.outputs[output]} over {measured.inputs[input_number]}"
-    entitle(upper, names)
-    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=5,
-                  fontsize=7.5, frameon=False, labelcolor=INK, markerscale=2.5)  # fmt: skip
+    units = (measured.output_units[output : output + 1], measured.input_units[:1])
+    upper.set_ylabel(f"magnitude{_unit(*units)}")
+    entitle(upper, f"{measured.outputs[output]} over {measured.inputs[0]}")
+    add_legend(
+        figure,
+        *upper.get_legend_handles_labels(),
+        loc="outside upper right",
+        ncols=5,
+        markerscale=2.5,
+    )
     dress(lower)
     cut = _emptiest(np.degrees(np.angle(value)))
     points = _from(cut, np.degrees(np.angle(measured.response[at])))
@@ -141,7 +147,7 @@ def draw_modal_fit(
     lower.plot(fine, phase, color=CYCLE[0], linewidth=1.0)
     lower.set_ylim(cut - 10.0, cut + 370.0)
     lower.yaxis.set_major_locator(MultipleLocator(90.0))
-    lower.set_ylabel("phase [deg]", color=INK)
+    lower.set_ylabel("phase [deg]")
     _band(lower, fit)
     return figure
 
@@ -160,7 +166,7 @@ def _from(cut: float, phase: Array) -> Array:
 
 def _band(axes: "Axes", fit: ModalFit) -> None:
     axes.set_xlim(*fit.band)
-    axes.set_xlabel("frequency [Hz]", color=INK)
+    axes.set_xlabel("frequency [Hz]")
 
 
 def _unit(outputs: tuple[str, ...], inputs: tuple[str, ...]) -> str:
@@ -186,9 +192,7 @@ def draw_resonance(
     output = strongest_output(fit)
     one = fit.fitted[0].measured
     f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
-    figure = new_figure(5.0, 2.9)
-    axes = figure.subplots()
-    dress(axes)
+    figure, axes = one_panel(5.0, 2.9)
     fine = np.linspace(f[0], f[-1], 1500)
     axes.semilogy(f, measured, ".", color=CYCLE[1], markersize=2.2, label=label)
     axes.semilogy(fine, np.abs(fit.response(fine, 0)[:, output, 0]), color=CYCLE[0], linewidth=1.0,
@@ -197,8 +201,8 @@ def draw_resonance(
         axes.axvline(published_hz, color=INK, linewidth=0.9, linestyle=(0, (5, 2)),
                      label=f"published, measured: {published_hz:.10g} Hz")  # fmt: skip
     axes.set_xlim(f[0], f[-1])
-    axes.set_xlabel("frequency [Hz]", color=INK)
-    axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", color=INK, parse_math=False)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", parse_math=False)
     axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
     title = f"{axis}, {label}"
     if frequency_hz is not None:
@@ -214,16 +218,14 @@ def strongest_output(fit: ModalFit) -> int:
     return int(np.argmax(np.abs(measured).max(axis=0)))
 
 
-#: Channels that are drawn, at most.
-_CHANNELS = 4
-
-
 def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
     """Draw a free decay, the damped sines that were fitted to it, and what they leave.
 
     Of the first four channels; the record gives their units.
     """
-    names = fit.channels[:_CHANNELS]
+    # channels that are drawn, at most
+    channels = 4
+    names = fit.channels[:channels]
     figure = new_figure(8.6, 1.2 + 2.6 * len(names))
     panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))
     for axes in panels:
@@ -238,14 +240,14 @@ def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
         upper.plot(
             fit.time[at], fitted[at], color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="fit"
         )
-        upper.set_ylabel(f"{name}{unit}", color=INK)
+        upper.set_ylabel(f"{name}{unit}")
         rest = measured - fitted
         at = shown_lines(rest)
         lower.plot(fit.time[at], rest[at], color=colour, linewidth=0.7)
-        lower.set_ylabel("measured\nless fit", color=INK)
+        lower.set_ylabel("measured\nless fit")
         if k == 0:
-            upper.legend(loc="upper right", ncols=2, fontsize=7.5, frameon=False, labelcolor=INK)
-    panels[-1].set_xlabel("time [s]", color=INK)
+            add_legend(upper, loc="upper right", ncols=2)
+    panels[-1].set_xlabel("time [s]")
     panels[-1].set_xlim(float(fit.time[0]), float(np.max(fit.time)))
     figure.align_ylabels(panels)
     found = ", ".join(f"{mode.frequency_hz.value:.2f} Hz" for mode in fit.modes[:5])

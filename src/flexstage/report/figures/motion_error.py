@@ -10,7 +10,15 @@ from flexstage.measure.motion.motion_curve import MotionCurve
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.measure.motion.workspace import Workspace
 from flexstage.quantities import number, prefixed
-from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    PAPER,
+    add_legend,
+    entitle,
+    one_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,9 +45,7 @@ def draw_motion_error(
     mean = curve.rows(x, "mean")
     # an offset is no error of motion: without a line the mean level is taken off
     base = off @ mean if line != "none" else np.tile(mean.mean(axis=0), (x.size, 1))
-    figure = new_figure(6.4, 3.3)
-    axes = figure.subplots()
-    dress(axes)
+    figure, axes = one_panel(6.4, 3.3)
     drawn = []
     for name in ("forward", "backward"):
         rows = curve.rows(x, name) - base
@@ -62,10 +68,14 @@ def draw_motion_error(
     of_error = f" [{prefix}{curve.unit}]" if curve.unit else ""
     axes.set_ylabel(f"{label}{of_error}", fontsize=8.5, parse_math=False)
     if legend:
-        axes.legend(
-            loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=7.5, frameon=False,
-            labelcolor=INK, title="with 95 % band", title_fontproperties={"size": 7.5},
-        ).get_title().set_color(MUTED)  # fmt: skip
+        add_legend(
+            axes,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.2),
+            ncols=2,
+            title="with 95 % band",
+            title_fontproperties={"size": 7.5},
+        ).get_title().set_color(MUTED)
     if title:
         entitle(axes, title)
     return figure
@@ -76,9 +86,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
 
     The title is the area where not given.
     """
-    figure = new_figure(5.0, 4.7)
-    axes = figure.subplots()
-    dress(axes)
+    figure, axes = one_panel(5.0, 4.7)
     corners = 1e6 * found.corners
     closed = np.vstack((corners, corners[:1]))
     axes.fill(closed[:, 0], closed[:, 1], color=CYCLE[0], alpha=0.12, linewidth=0.0)
@@ -152,9 +160,7 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
     A, E and M beside them, R and B at the targets where they are. The title is the accuracy where
     not given.
     """
-    figure = new_figure(7.2, 4.0)
-    axes = figure.subplots()
-    dress(axes)
+    figure, axes = one_panel(7.2, 4.0)
     across, of_target = prefixed(float(np.abs(found.target).max()))
     factor, prefix = prefixed(abs(found.accuracy.value))
     x = across * found.target
@@ -191,11 +197,14 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
     axes.set_xlim(x[0] - 0.09 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
     axes.set_xlabel(f"target [{of_target}m]", fontsize=8.5, parse_math=False)
     axes.set_ylabel(f"deviation [{unit}]", fontsize=8.5, parse_math=False)
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, fontsize=7.5, frameon=False,
-        labelcolor=INK, title=f"bands of ±2 s, {found.runs} runs",
+    add_legend(
+        axes,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.14),
+        ncols=3,
+        title=f"bands of ±2 s, {found.runs} runs",
         title_fontproperties={"size": 7.5},
-    ).get_title().set_color(MUTED)  # fmt: skip
+    ).get_title().set_color(MUTED)
     entitle(axes, title or f"A = {number(factor * found.accuracy.value)} {unit}")
     return figure
 

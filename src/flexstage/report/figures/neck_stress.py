@@ -13,7 +13,7 @@ from flexstage.quantities import number
 from flexstage.report.figures.body_motion import elongation_words, exaggeration
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.shapes import Placer
-from flexstage.report.figures.style import INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.report.figures.style import INK, MM, MPA, MUTED, PAPER, dress, entitle, new_figure
 from flexstage.stage import Hinge
 from flexstage.system import Analysis
 
@@ -24,13 +24,8 @@ if TYPE_CHECKING:
     from flexstage.fem import StageModel
     from flexstage.fem.sampling import Sample, Sampler
 
-_MM, _MPA = 1e3, 1e-6
 #: Colours of stress, and over which part of their scale they set in [1].
 STRESS_COLOURS, STRESS_CLEAR = "YlOrRd", 0.25
-_MOST = 4  # necks that are shown
-_ALIKE = 0.05  # necks of one profile whose stress differs by less are shown once
-_SIGHT = 2.6  # side of a picture of a neck, in lengths of its notch
-_DIVISIONS = 6
 _OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room about it
 
 
@@ -48,11 +43,12 @@ class StressedNeck:
     """Number of hinges of the same profile and stress, itself included."""
 
 
-def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[StressedNeck, ...]:
+def worst_necks(analysis: Analysis, axis: str, most: int = 4) -> tuple[StressedNeck, ...]:
     """Return the most stressed necks, worst first, one for all of the same profile and stress.
 
     The drive of the axis is at full stroke; none where no hinge bears stress.
     """
+    alike = 0.05  # necks of one profile whose stress differs by less are shown once
     stress = analysis.hinge_stress[axis]
     hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
     largest = max(stress.values(), default=0.0)
@@ -68,7 +64,7 @@ def worst_necks(analysis: Analysis, axis: str, most: int = _MOST) -> tuple[Stres
     for i, hinge in sorted(hinges, key=rank):
         for group in groups:
             first = group[0][1]
-            same = abs(stress[hinge.name] - stress[first.name]) <= _ALIKE * stress[first.name]
+            same = abs(stress[hinge.name] - stress[first.name]) <= alike * stress[first.name]
             if same and first.profile == hinge.profile:
                 group.append((i, hinge))
                 break
@@ -86,9 +82,10 @@ def neck_sampler(model: "StageModel") -> "Sampler":
 
     In the plane, or on the middle plane of a solid.
     """
+    divisions = 6
     from flexstage.fem.sampling import Sampler
 
-    return Sampler(model=model, divisions=_DIVISIONS)
+    return Sampler(model=model, divisions=divisions)
 
 
 def draw_neck_stress(
@@ -109,7 +106,7 @@ def draw_neck_stress(
         raise ModelError(f"no hinge bears stress when axis '{axis}' is driven")
     sampler = sampler or neck_sampler(model)
     sample = sampler.read(result.static.q)
-    bands = Bands(0.0, necks[0].stress * _MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
+    bands = Bands(0.0, necks[0].stress * MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
 
     x0, y0, x1, y1 = window(sample.points[:, :2], _MARGIN)
     figure, overview, panels, bar = _arranged((y1 - y0) / (x1 - x0), len(necks))
@@ -162,7 +159,7 @@ def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) 
     axes.set_xlabel("x [mm]", fontsize=8)
     axes.set_ylabel("y [mm]", fontsize=8)
     moved = sample.moved(factor)[:, :2]
-    fill(axes, moved, sample.cells, sample.von_mises * _MPA, sampler.outline, bands)
+    fill(axes, moved, sample.cells, sample.von_mises * MPA, sampler.outline, bands)
     trace(axes, moved, sampler.outline, linewidths=0.35)
     return factor
 
@@ -175,7 +172,7 @@ def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], fact
     centres: list[tuple[float, float]] = []
     for neck in necks:
         x, y = (
-            _MM * (np.array(neck.hinge.at) + factor * _motion(sample, neck.hinge.at)[:2])
+            MM * (np.array(neck.hinge.at) + factor * _motion(sample, neck.hinge.at)[:2])
         ).tolist()
         placer.take(x, y, 0.4 * size, 0.4 * size)
         centres.append((x, y))
@@ -209,8 +206,9 @@ def _neck(
     peak: Array,
     letter: str,
 ) -> None:
+    lengths = 2.6  # side of a picture of a neck, in lengths of its notch
     hinge = neck.hinge
-    half = 0.5 * _SIGHT * max(hinge.profile.length, 3.0 * hinge.profile.neck_thickness)
+    half = 0.5 * lengths * max(hinge.profile.length, 3.0 * hinge.profile.neck_thickness)
     (x, y), still = hinge.at, _motion(sample, hinge.at)
     near = np.abs(sample.points[:, :2] - hinge.at).max(axis=1) < half
     relative = sample.displacement - still
@@ -220,22 +218,22 @@ def _neck(
     sight = (x - half, y - half, x + half, y + half)
     dress(axes, grid=False)
     frame(axes, sight, ticks=False)
-    fill(axes, moved, sample.cells, sample.von_mises * _MPA, sampler.outline, bands)
+    fill(axes, moved, sample.cells, sample.von_mises * MPA, sampler.outline, bands)
     at_rest = {"linewidths": 0.5, "colors": MUTED, "linestyles": [(0, (3, 2))]}
     trace(axes, sample.points[:, :2], sampler.outline, **at_rest)
     trace(axes, moved, sampler.outline, linewidths=0.6)
     own = sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - still
-    where = _MM * (peak + factor * own)[:2]
+    where = MM * (peak + factor * own)[:2]
     ring = {"fillstyle": "none", "markersize": 13, "zorder": 5}
     axes.plot(*where, "o", color=PAPER, markeredgewidth=2.4, **ring)
     axes.plot(*where, "o", color=INK, markeredgewidth=1.0, **ring)
     like = f", {neck.alike - 1} more alike" if neck.alike > 1 else ""
     # adding nothing makes a rounded minus zero positive
-    px, py = (f"{round(_MM * float(v), 2) + 0.0:.2f}".replace("-", "−") for v in peak[:2])
+    px, py = (f"{round(MM * float(v), 2) + 0.0:.2f}".replace("-", "−") for v in peak[:2])
     entitle(
         axes,
         f"{letter} · {neck.hinge.name} · {neck.number}{like}\n"
-        f"{number(neck.stress * _MPA)} MPa at ({px}, {py}) mm",
+        f"{number(neck.stress * MPA)} MPa at ({px}, {py}) mm",
         8.0,
     )
     _ruler(axes, half, f"; motion × {factor:g}")
@@ -243,7 +241,7 @@ def _neck(
 
 def _ruler(axes: "Axes", half: float, words: str) -> None:
     """A bar of a round length, in place of coordinates, and words beside its length."""
-    wanted = 0.6 * half * _MM
+    wanted = 0.6 * half * MM
     power = 10.0 ** math.floor(math.log10(wanted))
     length = power * max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted)
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()

@@ -9,14 +9,12 @@ from flexstage.errors import ModelError
 from flexstage.measure.noise.allan import AllanDeviation
 from flexstage.measure.noise.hold import HoldNoise
 from flexstage.measure.noise.staircase import Staircase
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.style import CYCLE, MUTED, add_legend, dress, entitle, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Points of a trace that are drawn at most; more are drawn as the band between their extremes.
-_POINTS = 4000
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
@@ -84,11 +82,13 @@ def _small(axes: "Axes") -> None:
 
 
 def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
-    if y.size <= _POINTS:
+    # points of a trace that are drawn at most; more are drawn as the band between their extremes
+    points = 4000
+    if y.size <= points:
         axes.plot(t, y, color=CYCLE[0], linewidth=0.7)
         return
     # every sample counts in the band of its column, none is skipped
-    starts = np.linspace(0, y.size, _POINTS // 4, endpoint=False).astype(np.intp)
+    starts = np.linspace(0, y.size, points // 4, endpoint=False).astype(np.intp)
     low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
     axes.fill_between(t[starts], low, high, color=CYCLE[0], linewidth=0.5)
 
@@ -182,7 +182,7 @@ def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
         axes.set_ylim(factor * least, 2.2 * factor * float((size + half).max()))
     else:
         axes.set_ylim(0.0, 1.22 * factor * max(float((size + half).max()), high))
-    axes.legend(fontsize=7.5, frameon=False, labelcolor=INK, ncols=3, loc="upper right")
+    add_legend(axes, ncols=3, loc="upper right")
     entitle(
         axes,
         f"Resolution {factor * found.resolution.value:.3g} {label} at "

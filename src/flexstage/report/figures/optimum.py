@@ -11,7 +11,17 @@ from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.report.figures.drawing import draw_bodies
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
-from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MM,
+    MUTED,
+    PAPER,
+    dress,
+    entitle,
+    new_figure,
+    one_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,13 +29,8 @@ if TYPE_CHECKING:
 
     from flexstage.stage import Stage
 
-_MM = 1e3
 # mean width of a sliver that is rounding [mm]; and of what is seen, in parts of the drawing
 _NOISE, _SEEN = 1e-3, 8e-3
-# figures are drawn to so many times their limit
-_FARTHEST = 3.0
-# violation that is drawn as none
-_NONE = 1e-8
 
 
 def draw_history(found: Optimum) -> "Drawn":
@@ -34,6 +39,8 @@ def draw_history(found: Optimum) -> "Drawn":
     Searches of the lumped model have one colour, those of the corrected one another; crosses are
     what the finer model says of the optimum of each turn.
     """
+    # violation that is drawn as none
+    none = 1e-8
     figure = new_figure(6.6, 5.0)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
     goals = found.problem.goals
@@ -47,7 +54,7 @@ def draw_history(found: Optimum) -> "Drawn":
         look: dict[str, Any] = {"color": CYCLE[int(corrected)], "marker": ".", "ms": 3, "lw": 1.2}
         label = "corrected model" if corrected else "lumped model, each start a line"
         above.plot(at, [factor * s.objective for s in steps], label=label, **look)
-        below.semilogy(at, [max(s.violation, _NONE) for s in steps], **look)
+        below.semilogy(at, [max(s.violation, none) for s in steps], **look)
     for rung in found.rungs if goals else ():
         value, label = factor * rung.found[0], f"by {rung.model}"
         above.plot(rung.evaluations, value, marker="x", color=INK, ms=6, ls="", label=label)
@@ -55,7 +62,7 @@ def draw_history(found: Optimum) -> "Drawn":
         dress(axes)
     above.set_ylabel(goals[0].figure.heading if goals else "distance from the start\n[bounds]")
     below.set(ylabel="missed by\n[parts of limits]", xlabel="evaluations of the lumped model")
-    below.set_ylim(0.5 * _NONE, None)
+    below.set_ylim(0.5 * none, None)
     figure.align_ylabels([above, below])
     entitle(above, "Way to the optimum, and what the requirements are missed by on it")
     named = dict(zip(*reversed(above.get_legend_handles_labels()), strict=True))
@@ -71,12 +78,12 @@ def draw_before_after(found: Optimum) -> "Drawn":
     """
     shapes = body_shapes(found.stage)
     before = _before(found)
-    x0, y0, x1, y1 = (v * _MM for v in extent(shapes))
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     added: list[Any] = []
     removed: list[Any] = []
     edges: Any = None
     if before is not None:
-        b0, c0, b1, c1 = (v * _MM for v in extent(body_shapes(before)))
+        b0, c0, b1, c1 = (v * MM for v in extent(body_shapes(before)))
         x0, y0, x1, y1 = min(x0, b0), min(y0, c0), max(x1, b1), max(y1, c1)
         was, now = (_area(each) for each in (body_shapes(before), shapes))
         added, removed = _pieces(now.difference(was)), _pieces(was.difference(now))
@@ -150,7 +157,7 @@ def _area(shapes: tuple[BodyShape, ...]) -> Any:
     # a loop to the right is a hole
     bodies = []
     for shape in shapes:
-        parts = [Polygon(loop * _MM) for loop in shape.loops]
+        parts = [Polygon(loop * MM) for loop in shape.loops]
         solid = unary_union([p.buffer(0.0) for p in parts if p.exterior.is_ccw])
         cut = unary_union([p.buffer(0.0) for p in parts if not p.exterior.is_ccw])
         bodies.append(solid.difference(cut))
@@ -174,10 +181,10 @@ def _detail(stage: "Stage", pieces: list[Any], size: float) -> tuple[float, floa
         return None
     most = pieces[int(np.argmax(depths))]
     low_x, low_y, high_x, high_y = most.bounds
-    necks = [(most.distance(Point(h.at[0] * _MM, h.at[1] * _MM)), h) for h in stage.hinges]
+    necks = [(most.distance(Point(h.at[0] * MM, h.at[1] * MM)), h) for h in stage.hinges]
     distance, neck = min(necks, key=lambda one: one[0], default=(np.inf, None))
-    if neck is not None and distance < neck.profile.length * _MM:
-        return neck.at[0] * _MM, neck.at[1] * _MM, 1.2 * neck.profile.length * _MM
+    if neck is not None and distance < neck.profile.length * MM:
+        return neck.at[0] * MM, neck.at[1] * MM, 1.2 * neck.profile.length * MM
     half = min(max(0.6 * max(high_x - low_x, high_y - low_y), 0.008 * size), 0.05 * size)
     return *most.representative_point().coords[0], half
 
@@ -191,10 +198,10 @@ def _before(found: Optimum) -> "Stage | None":
 
 def draw_figures(found: Optimum) -> "Drawn":
     """Draw start and best stage by every model, each figure in parts of what is required of it."""
+    # figures are drawn to so many times their limit
+    farthest = 3.0
     rows = _compared(found)
-    figure = new_figure(6.6, 0.9 + 0.5 * len(rows))
-    axes = figure.subplots()
-    dress(axes)
+    figure, axes = one_panel(6.6, 0.9 + 0.5 * len(rows))
     at = np.arange(len(rows))[::-1]
     last = found.levels[-1]
     bars = [("start, " + last.model, last.start, MUTED)]
@@ -208,11 +215,11 @@ def draw_figures(found: Optimum) -> "Drawn":
         offset = 0.4 - (k + 0.5) * height
         axes.barh(at + offset, shares, height=0.9 * height, color=colour, label=label)
         for y, share in zip(at + offset, shares, strict=True):
-            if share > _FARTHEST:  # its length is written where its end is not seen
+            if share > farthest:  # its length is written where its end is not seen
                 look = {"ha": "right", "va": "center", "fontsize": 7, "color": PAPER}
-                axes.text(0.99 * _FARTHEST, y, f"{share:.3g}", **look)
-    if axes.get_xlim()[1] > _FARTHEST:
-        axes.set_xlim(right=_FARTHEST)
+                axes.text(0.99 * farthest, y, f"{share:.3g}", **look)
+    if axes.get_xlim()[1] > farthest:
+        axes.set_xlim(right=farthest)
     axes.axvline(1.0, color=INK, lw=0.8)
     axes.set_yticks(at, [name for _, name, _ in rows])
     axes.set_xlabel("figure ÷ its limit; of a goal: figure ÷ its value at the start")

@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 _PIXELS = 900  # longer side of a view
 _WIDE = 11.0  # of the figure [inch]
 _TYPE = 6.5  # [pt]
-_COLUMN = 0.34  # room for names beside a view, in widths of it
-_LOWEST = 0.45  # height of a view over its width, at least: names need room beside flat parts
-_LETTERS = 22  # of a name; a longer one is cut, and stands whole in the list of faces
-_SEEN = 12  # pixels of a face by which it counts as seen
 _HELD, _MOVED = CYCLE[5], CYCLE[4]  # blue and orange; solids have what is far from both
 _SOLIDS = (BODY, CYCLE[2], CYCLE[3], CYCLE[1])
 # towards who looks, in four directions that no face looks away from all of
@@ -103,6 +99,9 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
     Faces of the names that are held and moved are set off by colour. Those between two solids, and
     others that are seen from nowhere, are listed below.
     """
+    fewest_pixels = 12  # pixels of a face by which it counts as seen
+    lowest = 0.45  # height of a view over its width, at least: names need room beside flat parts
+    column = 0.34  # room for names beside a view, in widths of it
     surface = part_surface(part)
     outer = np.array([len(f.bodies) == 1 for f in part.faces])
     shown = PartSurface(
@@ -116,9 +115,9 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
     count = len(part.faces)
     pixels = np.array([np.bincount(v.face[v.face >= 0], minlength=count) for v in views])
     best = pixels.argmax(axis=0)
-    seen = pixels.max(axis=0) >= _SEEN
-    wide = (1.0 + 2.0 * _COLUMN) * _PIXELS
-    high = max(_LOWEST * wide, 1.05 * max(v.face.shape[0] for v in views))
+    seen = pixels.max(axis=0) >= fewest_pixels
+    wide = (1.0 + 2.0 * column) * _PIXELS
+    high = max(lowest * wide, 1.05 * max(v.face.shape[0] for v in views))
     figure = new_figure(_WIDE, _WIDE * high / wide + 1.2)
     places = figure.subplots(2, 2).ravel()
     for k, (axes, view, (title, _)) in enumerate(zip(places, views, _SIDES, strict=True)):
@@ -133,7 +132,8 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…"
+    letters = 22  # of a name; a longer one is cut, and stands whole in the list of faces
+    return name if len(name) <= letters else f"{name[: letters - 1]}…"
 
 
 def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.records import Channel, Record
 from flexstage.report.figures.responses import shown_lines
-from flexstage.report.figures.style import CYCLE, INK, dress, entitle, new_figure, scale
+from flexstage.report.figures.style import CYCLE, INK, add_legend, dress, entitle, new_figure, scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,12 +29,10 @@ def draw_record(record: Record, *, title: str = "") -> "Figure":
             look = {"color": CYCLE[k % len(CYCLE)], "linewidth": 0.9, "label": channel.name}
             axes.plot(record.time[at], factor * channel.values[at], **look)
         name = channels[0].name if len(channels) == 1 else ""
-        axes.set_ylabel(f"{name}{shown}".strip(), color=INK, parse_math=False)
+        axes.set_ylabel(f"{name}{shown}".strip(), parse_math=False)
         if len(channels) > 1:
-            legend = axes.legend(loc="upper right", fontsize=7.5, frameon=False, labelcolor=INK)
-            for text in legend.get_texts():
-                text.set_parse_math(False)
-    panels[-1].set_xlabel(_OVER[record.over], color=INK)
+            add_legend(axes, loc="upper right")
+    panels[-1].set_xlabel(_OVER[record.over])
     panels[-1].set_xlim(record.time[0], record.time[-1])
     if title:
         entitle(panels[0], title)
@@ -53,12 +51,12 @@ def draw_drive_record(record: Record, driven: str | int, follows: str | int) -> 
         shown, factor = scale(channel.unit)
         at = shown_lines(channel.values)
         axes.plot(record.time[at], factor * channel.values[at], color=CYCLE[k], linewidth=0.9)
-        axes.set_ylabel(f"{channel.name}{shown}", color=INK, parse_math=False)
+        axes.set_ylabel(f"{channel.name}{shown}", parse_math=False)
         axes.set_xlim(record.time[0], record.time[-1])
         if k == 0:
             axes.tick_params(labelbottom=False)
         else:
-            axes.set_xlabel(_OVER[record.over], color=INK)
+            axes.set_xlabel(_OVER[record.over])
     loop = figure.add_subplot(grid[:, 1])
     dress(loop)
     at = np.unique(np.concatenate([shown_lines(channel.values) for channel in both]))

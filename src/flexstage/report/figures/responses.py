@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
 from flexstage.quantities import number
-from flexstage.report.figures.style import CYCLE, INK, MUTED, PAPER, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    PAPER,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+)
 from flexstage.stage import Stage
 from flexstage.system import Analysis, FrequencyResponse
 
@@ -115,8 +124,7 @@ def _column(
         f"{axis}, {analysis.system.model} model, drives {first.drives}\n{first.input_kind}{of}",
     )
     upper.set_ylabel(f"{first.probe} / {first.input_kind} [{unit}]", parse_math=False)
-    lower.set_ylabel("phase [°]")
-    lower.set_xlabel("frequency [Hz]")
+    lower.set(ylabel="phase [°]", xlabel="frequency [Hz]")
     top, bottom = float(np.max(sizes)), float(np.min(sizes))
     # a rigid drive may leave nothing to see but its own length: show that as a level line
     spare = max(10.0 / math.sqrt(top / bottom), 1.0)
@@ -178,8 +186,6 @@ def _published(upper: "Axes", lower: "Axes", stage: Stage, axis: str) -> None:
         upper.legend(loc="lower left", fontsize=7, frameon=False, labelcolor=MUTED)
 
 
-#: Lines that a curve is drawn with, about and at most.
-_POINTS = 3000
 #: Responses that are drawn in one figure, at most.
 _CURVES = 6
 # of a complex normal error, its real or imaginary part is within this share of sqrt(variance / 2)
@@ -219,13 +225,13 @@ def draw_response(
                 response.frequency_hz[at], response.coherence[at, o], color=colour, linewidth=0.8
             )
         panels[2].set_ylim(-0.03, 1.06)
-        panels[2].set_ylabel("coherence", color=INK)
+        panels[2].set_ylabel("coherence")
     magnitude.set_yscale("log")
-    magnitude.set_ylabel(f"magnitude{_unit(response)}", color=INK)
-    phase.set_ylabel("phase [deg]", color=INK)
+    magnitude.set_ylabel(f"magnitude{_unit(response)}")
+    phase.set_ylabel("phase [deg]")
     phase.set_ylim(-190.0, 190.0)
     phase.set_yticks((-180, -90, 0, 90, 180))
-    panels[-1].set_xlabel("frequency [Hz]", color=INK)
+    panels[-1].set_xlabel("frequency [Hz]")
     panels[-1].set_xlim(response.frequency_hz[0], response.frequency_hz[-1])
     figure.align_ylabels(panels)
     if len(pairs) > 1 or fit is not None:
@@ -239,10 +245,12 @@ def shown_lines(values: Array) -> NDArray[np.intp]:
 
     Numbers that rise; all of them where there are few.
     """
+    # lines that a curve is drawn with, about and at most
+    points = 3000
     count = values.size
-    if count <= _POINTS:
+    if count <= points:
         return np.arange(count)
-    edges = np.linspace(0, count, _POINTS // 2 + 1).astype(np.intp)
+    edges = np.linspace(0, count, points // 2 + 1).astype(np.intp)
     kept = [0, count - 1]
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         kept += [a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))]
@@ -305,11 +313,7 @@ def _legend(axes: "Axes", fitted: bool) -> None:
     if fitted:
         handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle=(0, (4, 2))))
         labels.append("model")
-    made = axes.legend(
-        handles, labels, loc="best", fontsize=7.5, frameon=False, labelcolor=INK, ncols=2
-    )
-    for text in made.get_texts():
-        text.set_parse_math(False)
+    add_legend(axes, handles, labels, loc="best", ncols=2)
 
 
 def _title(response: "MeasuredResponse", pairs: list[tuple[int, int]]) -> str:

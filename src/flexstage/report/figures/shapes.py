@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 # Chords may leave their arcs by this much [m]: a tenth of a pixel of a large drawing.
 _TOLERANCE = 10e-6
-# A half notch is drawn this far into its body [m], so that the two merge without a seam.
-_OVERLAP = 20e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,12 +95,14 @@ def _shape(stage: Stage, body: Body) -> BodyShape:
 
 def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
     """Corners of the half of a notch on one side of the neck, a little into the body."""
+    # A half notch is drawn this far into its body [m], so that the two merge without a seam
+    overlap = 20e-6
     profile = hinge.profile
     edge = notch_contour(profile)
     neck = 0.5 * profile.neck_thickness
     upper = [(x, neck + depth) for x, depth in edge]
     lower = [(x, -neck if profile.one_sided else -neck - depth) for x, depth in edge]
-    end = upper[-1][0] + _OVERLAP
+    end = upper[-1][0] + overlap
     corners = [*upper, (end, upper[-1][1]), (end, lower[-1][1]), *reversed(lower)]
     return [hinge.to_plane(side * along, across) for along, across in corners]
 

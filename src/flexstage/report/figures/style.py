@@ -11,6 +11,10 @@ from flexstage.errors import ModelError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+#: What a metre is in millimetres, micrometres and nanometres, and a pascal in megapascals.
+MM, UM, NM, MPA = 1e3, 1e6, 1e9, 1e-6
 
 # Neutral colours. Inline in a page every colour becomes a CSS variable, so the page can be dark.
 INK = "#1b1f24"
@@ -123,6 +127,22 @@ def dress(axes: "Axes", *, grid: bool = True) -> None:
     if grid:
         axes.grid(visible=True, which="major", color=GRID, linewidth=0.6)
         axes.set_axisbelow(True)
+
+
+def one_panel(width: float, height: float, *, grid: bool = True) -> "tuple[Figure, Axes]":
+    """Start a figure of a size [inch] with one diagram, which has the common look."""
+    figure = new_figure(width, height)
+    axes = figure.subplots()
+    dress(axes, grid=grid)
+    return figure, axes
+
+
+def add_legend(on: "Axes | Figure", *entries: Any, size: float = 7.5, **look: Any) -> "Legend":
+    """Add a legend without a frame, in type of a size [pt]; a dollar sign in it is no formula."""
+    made = on.legend(*entries, fontsize=size, frameon=False, labelcolor=INK, **look)
+    for text in made.get_texts():
+        text.set_parse_math(False)
+    return made
 
 
 def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:

@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     from flexstage.fem import StageModel
     from flexstage.fem.sampling import Sample
 
-# A surface is divided while it has fewer triangles than this, of which the solid has two sides.
-_MOST_TRIANGLES = 40_000
-_FINEST = 4
-# An edge is drawn where two faces meet at more than 30 degrees.
-_SHARP = 0.866
-# Corners nearer than this [m] are one.
-_SAME = 1e-9
 # Faces of a tetrahedron and of a wedge, by the numbers of their corners.
 _FACES = {
     4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
@@ -176,11 +169,14 @@ class _Meshed:
     """The surface of a mesh."""
 
     def __init__(self, analysis: Analysis, mesh: "StageModel") -> None:
+        finest = 4
+        # a surface is divided while it has fewer triangles than this; a solid has two sides
+        most_triangles = 40_000
         from flexstage.fem.sampling import Sampler
 
         solid = mesh.problems[0].continuum.dimension == 3
-        most = _MOST_TRIANGLES // (2 if solid else 1)
-        fine = [d for d in range(1, _FINEST + 1) if mesh.elements * d**2 <= most]
+        most = most_triangles // (2 if solid else 1)
+        fine = [d for d in range(1, finest + 1) if mesh.elements * d**2 <= most]
         self._sampler: Sampler = Sampler(
             model=mesh, divisions=max(fine, default=1), extent="whole", seams=False
         )
@@ -227,7 +223,11 @@ def sharp_edges(points: Array, triangles: Integers) -> Integers:
 
     Corners in one place count as one; shape (k, 2).
     """
-    _, same = np.unique(np.rint(points / _SAME), axis=0, return_inverse=True)
+    # corners nearer than this [m] are one
+    same_place = 1e-9
+    # an edge is drawn where two faces meet at more than 30 degrees
+    sharp = 0.866
+    _, same = np.unique(np.rint(points / same_place), axis=0, return_inverse=True)
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     size = np.linalg.norm(normal, axis=1)
@@ -244,7 +244,7 @@ def sharp_edges(points: Array, triangles: Integers) -> Integers:
     pair = count == 2
     turn = np.ones(len(starts), dtype=bool)
     one, other = of[starts[pair]], of[starts[pair] + 1]
-    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[one], normal[other])) < _SHARP
+    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[one], normal[other])) < sharp
     # more than two triangles at an edge: parts that touch
     turn[count > 2] = False
     return edges[starts[turn]]

@@ -17,6 +17,7 @@ from flexstage.report.figures.style import (
     INK,
     MUTED,
     PAPER,
+    add_legend,
     dress,
     entitle,
     new_figure,
@@ -28,19 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure as Drawing
 
-#: Diagrams beside each other, and how wide they are together [inch].
-_COLUMNS = 3
 _WIDTH = 9.6
 #: Lines and words on the colours of a map, which stay light where a page is dark.
 _ON_MAP = "#14181c"
-#: Columns of a matrix of diagrams, and rows of bars, that can still be read.
-_MOST_COLUMNS = 5
-_MOST_BARS = 16
-#: Slices of a variable over which the middle of what was found is drawn.
-_SLICES = 12
-_LEVELS = 9
-#: Share of a map by which a word keeps clear of a mark, and which a line is long that has a word.
-_CLEAR = 0.12
 _DESCRIBED = "stage as described"
 _IMPOSSIBLE = "no possible stage"
 
@@ -62,6 +53,7 @@ def draw_sweep(sweep: Sweep) -> "Drawing":
 
 def draw_indices(sweep: Sweep) -> "Drawing":
     """Draw Sobol' indices: for each figure and variable a bar of either order, and its interval."""
+    most_bars = 16
     from matplotlib.patches import Patch
 
     found = sweep.indices
@@ -70,7 +62,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
     shown = [k for k in sweep.moving if np.isfinite(found.total[k]).all()]
     if not shown:
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
-    chosen = list(sweep.strongest(_MOST_BARS))
+    chosen = list(sweep.strongest(most_bars))
     names = [sweep.variables[i].name for i in chosen]
     rows, columns = _rows_and_columns(len(shown))
     wide = 0.075 * max(map(len, names))
@@ -186,10 +178,12 @@ def _maps(sweep: Sweep) -> "Drawing":
 
 def _matrix(sweep: Sweep) -> "Drawing":
     """Draw a diagram for each figure and variable: all points, and the middle of them by slices."""
+    # columns of a matrix of diagrams, and rows of bars, that can still be read
+    most_columns = 5
     from matplotlib.patches import Patch
 
     shown, possible = sweep.moving, sweep.possible
-    chosen = sweep.strongest(_MOST_COLUMNS)
+    chosen = sweep.strongest(most_columns)
     correlations = sweep.correlations
     figure = new_figure(_WIDTH, 1.4 * len(shown) + 0.9)
     grid = figure.subplots(len(shown), len(chosen), sharex="col", sharey="row", squeeze=False)
@@ -272,7 +266,9 @@ def _small_multiples(
 
 
 def _rows_and_columns(count: int) -> tuple[int, int]:
-    columns = 2 if count == 4 else min(_COLUMNS, count)
+    # diagrams beside each other, and how wide they are together [inch]
+    most_columns = 3
+    columns = 2 if count == 4 else min(most_columns, count)
     return -(-count // columns), columns
 
 
@@ -295,10 +291,11 @@ def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
 
 def _levels(values: "np.ma.MaskedArray") -> Array:
     """Return round values within what a map shows."""
+    levels = 9
     from matplotlib.ticker import MaxNLocator
 
     low, high = float(values.min()), float(values.max())
-    found = np.array(MaxNLocator(_LEVELS, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    found = np.array(MaxNLocator(levels, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
     inside = found[(found > low) & (found < high)]
     return inside if len(inside) else np.array([0.5 * (low + high)])
 
@@ -307,9 +304,11 @@ def _middles(
     lines: "Sequence[Sequence[Array]]", size: tuple[float, float], mark: tuple[float, float] | None
 ) -> list[tuple[float, float]]:
     """Return where the value of each line of a map is written: amid its longest stretch."""
+    # share of a map by which a word keeps clear of a mark, and which a line is long that has a word
+    clear = 0.12
     places = []
     for stretches in lines:
-        longest, length = None, _CLEAR
+        longest, length = None, clear
         for stretch in stretches:
             steps = np.hypot(*(np.diff(stretch, axis=0) / size).T)
             if steps.sum() > length:
@@ -319,7 +318,7 @@ def _middles(
         along = np.concatenate(([0.0], np.cumsum(np.hypot(*(np.diff(longest, axis=0) / size).T))))
         for share in (0.5, 0.3, 0.7):
             at = longest[int(np.argmin(np.abs(along - share * along[-1])))]
-            if mark is None or np.hypot(*((at - mark) / size)) > _CLEAR:
+            if mark is None or np.hypot(*((at - mark) / size)) > clear:
                 break
         places.append((float(at[0]), float(at[1])))
     return places
@@ -327,11 +326,13 @@ def _middles(
 
 def _by_slices(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
     """Return middles of slices of x with as many points, and the quantiles of y there."""
+    # slices of a variable over which the middle of what was found is drawn
+    slices = 12
     values = np.unique(x)
-    if len(values) <= _SLICES:  # a grid
+    if len(values) <= slices:  # a grid
         parts = [x == value for value in values]
     else:
-        edges = np.quantile(x, np.linspace(0.0, 1.0, min(_SLICES, max(len(x) // 8, 2)) + 1))
+        edges = np.quantile(x, np.linspace(0.0, 1.0, min(slices, max(len(x) // 8, 2)) + 1))
         at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         parts = [at == i for i in range(len(edges) - 1)]
     parts = [part for part in parts if part.any()]
@@ -378,7 +379,4 @@ def _say_of(figure: "Drawing", shown: int, sweep: Sweep) -> None:
 
 def _legend(figure: "Drawing", handles: "list[Artist]") -> None:
     if handles:
-        figure.legend(
-            handles=handles, loc="outside lower right", ncols=len(handles), fontsize=7.5,
-            frameon=False, labelcolor=INK,
-        )  # fmt: skip
+        add_legend(figure, handles=handles, loc="outside lower right", ncols=len(handles))

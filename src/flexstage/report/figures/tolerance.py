@@ -9,16 +9,23 @@ from flexstage.explore.deviations import LABELS
 from flexstage.explore.figures import Requirement
 from flexstage.explore.spread import Spread
 from flexstage.explore.tolerance import ToleranceStudy
-from flexstage.report.figures.style import CYCLE, GRID, INK, MUTED, dress, entitle, new_figure
+from flexstage.report.figures.style import (
+    CYCLE,
+    GRID,
+    INK,
+    MUTED,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+    one_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _WIDTH = 9.6  # [inch]
-#: Kinds of deviations that have a colour of their own; the others are one.
-_NAMED = 5
-_LEAST = 0.005  # share that is worth a colour [1]
 
 
 def draw_spreads(study: ToleranceStudy) -> "Figure":
@@ -44,10 +51,14 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
     for axes in cells.flat:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles),
-        fontsize=8, frameon=False, labelcolor=INK,
-    )  # fmt: skip
+    add_legend(
+        figure,
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=len(handles),
+        size=8,
+    )
     return figure
 
 
@@ -101,25 +112,26 @@ def _columns(count: int) -> int:
 
 def draw_shares(study: ToleranceStudy) -> "Figure":
     """Draw what the variance of every figure consists of, a bar each."""
+    least = 0.005  # share that is worth a colour [1]
+    # kinds of deviations that have a colour of their own; the others are one
+    own_colours = 5
     shares = study.shares
     total: dict[str, float] = {}
     for of in shares:
         for part in of.contributions:
             total[part.kind] = max(total.get(part.kind, 0.0), part.share)
-    ranked = [k for k in sorted(total, key=lambda k: -total[k]) if total[k] >= _LEAST]
-    named = ranked[:_NAMED]
-    figure = new_figure(_WIDTH, 1.3 + 0.34 * len(shares))
-    axes = figure.subplots()
-    dress(axes, grid=False)
+    ranked = [k for k in sorted(total, key=lambda k: -total[k]) if total[k] >= least]
+    named = ranked[:own_colours]
+    figure, axes = one_panel(_WIDTH, 1.3 + 0.34 * len(shares), grid=False)
     at = np.arange(len(shares))[::-1]
     left = np.zeros(len(shares))
     by_kind = [{c.kind: c.share for c in of.contributions} for of in shares]
     bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(named)]
     others = [sum(v for kind, v in b.items() if kind not in named) for b in by_kind]
-    if max(others, default=0.0) >= _LEAST:
-        bars.append(("other deviations", CYCLE[_NAMED], others))
+    if max(others, default=0.0) >= least:
+        bars.append(("other deviations", CYCLE[own_colours], others))
     rest = [of.rest for of in shares]
-    if max(rest, default=0.0) >= _LEAST:
+    if max(rest, default=0.0) >= least:
         bars.append(("joint or bent effects", MUTED, rest))
     for label, colour, values in bars:
         percent = 100.0 * np.array(values)
@@ -136,8 +148,5 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(-0.6, len(shares) - 0.4)
     axes.set_xlabel("share of the variance [%]")
-    figure.legend(
-        loc="outside lower center", ncols=min(len(bars), 4), fontsize=8, frameon=False,
-        labelcolor=INK,
-    )  # fmt: skip
+    add_legend(figure, loc="outside lower center", ncols=min(len(bars), 4), size=8)
     return figure

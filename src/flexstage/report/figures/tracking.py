@@ -1,4 +1,4 @@
-"""A stage that follows its reference: virtual, with the inverse of its hysteresis; or by a plan."""
+"""References that a stage follows: virtual with the inverse, by a plan, and by a command alone."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -6,7 +6,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.report.figures.style import CYCLE, INK, MUTED, dress, entitle, new_figure
+from flexstage.hysteresis import DriveModel, Feedforward
+from flexstage.report.figures.responses import shown_lines
+from flexstage.report.figures.style import (
+    CYCLE,
+    MUTED,
+    NM,
+    UM,
+    add_legend,
+    dress,
+    entitle,
+    new_figure,
+    scale,
+)
+from flexstage.units import readable, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,9 +28,6 @@ if TYPE_CHECKING:
     from flexstage.experiments.verbs.identify import IdentifiedStep
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
     from flexstage.studies.compensation import AxisExperiment
-
-
-_UM = 1e6
 
 
 def draw_compensation(experiments: "Mapping[str, AxisExperiment]") -> "Figure":
@@ -53,45 +63,43 @@ def draw_loop(made: "AxisExperiment") -> "Figure":
 def _loop(axes: "Axes", name: str, made: "AxisExperiment") -> None:
     dress(axes)
     axes.plot(
-        made.voltage, _UM * made.measured, color=CYCLE[1], linewidth=2.2,
+        made.voltage, UM * made.measured, color=CYCLE[1], linewidth=2.2,
         label="virtual stage",
     )  # fmt: skip
     axes.plot(
-        made.voltage, _UM * made.modelled, color=CYCLE[0], linewidth=0.9, linestyle=(0, (4, 2)),
+        made.voltage, UM * made.modelled, color=CYCLE[0], linewidth=0.9, linestyle=(0, (4, 2)),
         label="Bouc-Wen",
     )  # fmt: skip
     axes.tick_params(labelbottom=False)
-    axes.set_ylabel(f"{name} [µm]", color=INK)
-    axes.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK)
+    axes.set_ylabel(f"{name} [µm]")
+    add_legend(axes, loc="upper left")
     entitle(
         axes,
-        f"{name}: {_UM * made.width:.2f} µm wide, model within {_UM * made.deviation:.2f} µm",
+        f"{name}: {UM * made.width:.2f} µm wide, model within {UM * made.deviation:.2f} µm",
     )
 
 
 def _residual(axes: "Axes", made: "AxisExperiment") -> None:
     dress(axes)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.plot(made.voltage, _UM * (made.measured - made.modelled), color=CYCLE[0], linewidth=0.8)
-    axes.set_xlabel("voltage [V]", color=INK)
-    axes.set_ylabel("residual [µm]", color=INK)
+    axes.plot(made.voltage, UM * (made.measured - made.modelled), color=CYCLE[0], linewidth=0.8)
+    axes.set(xlabel="voltage [V]", ylabel="residual [µm]")
 
 
 def _over_reference(axes: "Axes", made: "AxisExperiment") -> None:
     dress(axes)
-    reference = _UM * made.reference
+    reference = UM * made.reference
     runs = (
-        (made.open_output, CYCLE[1], f"open loop, {_UM * made.open_loop.loop_width:.2f} µm"),
+        (made.open_output, CYCLE[1], f"open loop, {UM * made.open_loop.loop_width:.2f} µm"),
         *(
-            (run.output, CYCLE[i], f"{run.title}, {_UM * run.tracking.loop_width:.2f} µm")
+            (run.output, CYCLE[i], f"{run.title}, {UM * run.tracking.loop_width:.2f} µm")
             for run, i in zip(made.runs, (0, 2, 3, 4), strict=False)
         ),
     )
     for output, colour, label in runs:
-        axes.plot(reference, _UM * output, color=colour, linewidth=0.9, label=label)
-    axes.set_xlabel("reference [µm]", color=INK)
-    axes.set_ylabel("output [µm]", color=INK)
-    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
+        axes.plot(reference, UM * output, color=colour, linewidth=0.9, label=label)
+    axes.set(xlabel="reference [µm]", ylabel="output [µm]")
+    add_legend(axes, loc="upper left", size=7.0)
     share = np.ptp(made.reference) / made.stroke
     entitle(axes, f"without and with inverse, {100.0 * share:.0f} % of the stroke")
 
@@ -101,22 +109,20 @@ def _difference(axes: "Axes", made: "AxisExperiment") -> None:
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     top = 0.0
     for run, i in zip(made.runs, (0, 2, 3, 4), strict=False):
-        error = _UM * (run.output - made.reference)
+        error = UM * (run.output - made.reference)
         top = max(top, float(np.abs(error).max()))
         axes.plot(
             made.time, error, color=CYCLE[i], linewidth=0.7,
-            label=f"{run.title}: {1e3 * _UM * run.tracking.rms:.0f} nm rms, "
-            f"{1e3 * _UM * run.tracking.largest:.0f} nm at most",
+            label=f"{run.title}: {1e3 * UM * run.tracking.rms:.0f} nm rms, "
+            f"{1e3 * UM * run.tracking.largest:.0f} nm at most",
         )  # fmt: skip
     axes.set_xlim(made.time[0], made.time[-1])
     axes.set_ylim(-1.1 * top, 1.6 * top)
-    axes.set_xlabel("time [s]", color=INK)
-    axes.set_ylabel("output less reference [µm]", color=INK)
-    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
+    axes.set(xlabel="time [s]", ylabel="output less reference [µm]")
+    add_legend(axes, loc="upper left", size=7.0)
     entitle(axes, "error that the loop's width hides")
 
 
-_NM = 1e9
 #: Colour of each way, the same in every figure.
 _COLOURS = {
     "open loop": CYCLE[1],
@@ -125,8 +131,6 @@ _COLOURS = {
     "both": CYCLE[3],
     "learning": CYCLE[4],
 }
-#: Points of a curve, so that the page stays small.
-_POINTS = 3000
 
 
 def draw_following(step: "VerifiedStep") -> "Figure":
@@ -153,13 +157,12 @@ def _ways_over_reference(axes: "Axes", step: "VerifiedStep") -> None:
     for run in step.runs:
         at = _thin(run.time.size)
         axes.plot(
-            _UM * run.reference[at], _UM * run.output[at], color=_COLOURS[run.way], linewidth=0.9,
+            UM * run.reference[at], UM * run.output[at], color=_COLOURS[run.way], linewidth=0.9,
             label=f"{run.way}, loop {_length(run.tracking.loop_width)}",
         )  # fmt: skip
-    axes.set_xlabel("reference [µm]", color=INK)
-    axes.set_ylabel("output [µm]", color=INK)
-    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
-    entitle(axes, f"{step.axis}: {_UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
+    axes.set(xlabel="reference [µm]", ylabel="output [µm]")
+    add_legend(axes, loc="upper left", size=7.0)
+    entitle(axes, f"{step.axis}: {UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
 
 
 def _errors(axes: "Axes", step: "VerifiedStep") -> None:
@@ -169,7 +172,7 @@ def _errors(axes: "Axes", step: "VerifiedStep") -> None:
     top = 0.0
     for run in shown:
         at = _thin(run.time.size)
-        error = _NM * (run.output - run.reference)[at]
+        error = NM * (run.output - run.reference)[at]
         top = max(top, float(np.abs(error).max()))
         axes.plot(
             run.time[at] - run.time[0], error, color=_COLOURS[run.way], linewidth=0.7,
@@ -178,9 +181,8 @@ def _errors(axes: "Axes", step: "VerifiedStep") -> None:
         )  # fmt: skip
     axes.set_ylim(-1.1 * top, (1.25 + 0.15 * len(shown)) * top)
     axes.set_xlim(0.0, max(float(np.ptp(run.time)) for run in shown))
-    axes.set_xlabel("time [s]", color=INK)
-    axes.set_ylabel("reading less reference [nm]", color=INK)
-    axes.legend(loc="upper left", fontsize=7.0, frameon=False, labelcolor=INK)
+    axes.set(xlabel="time [s]", ylabel="reading less reference [nm]")
+    add_legend(axes, loc="upper left", size=7.0)
     entitle(axes, "error, which the width of a loop hides in part")
 
 
@@ -188,14 +190,13 @@ def _trials(axes: "Axes", run: "FollowedRun") -> None:
     from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
     dress(axes)
-    errors = _NM * np.asarray(run.errors)
+    errors = NM * np.asarray(run.errors)
     axes.plot(np.arange(errors.size), errors, "o-", color=_COLOURS["learning"], markersize=4)
     axes.set_yscale("log")
     for axis in ("set_major_formatter", "set_minor_formatter"):
         getattr(axes.yaxis, axis)(ScalarFormatter())
     axes.tick_params(axis="y", which="minor", labelsize=7)
-    axes.set_xlabel("trial", color=INK)
-    axes.set_ylabel("error [nm rms]", color=INK)
+    axes.set(xlabel="trial", ylabel="error [nm rms]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     entitle(axes, "learning")
 
@@ -207,34 +208,108 @@ def draw_drive_fit(step: "IdentifiedStep") -> "Figure":
     at = _thin(step.time.size)
     dress(left)
     left.plot(
-        step.voltage[at], _UM * step.measured[at], color=CYCLE[1], linewidth=1.8, label="reading"
+        step.voltage[at], UM * step.measured[at], color=CYCLE[1], linewidth=1.8, label="reading"
     )
     left.plot(
-        step.voltage[at], _UM * step.modelled[at], color=CYCLE[0], linewidth=0.8, label=step.kind,
+        step.voltage[at], UM * step.modelled[at], color=CYCLE[0], linewidth=0.8, label=step.kind,
         linestyle=(0, (4, 2)),
     )  # fmt: skip
-    left.set_xlabel("voltage [V]", color=INK)
-    left.set_ylabel(f"{step.axis} [µm]", color=INK)
-    left.legend(loc="upper left", fontsize=7.5, frameon=False, labelcolor=INK)
+    left.set(xlabel="voltage [V]", ylabel=f"{step.axis} [µm]")
+    add_legend(left, loc="upper left")
     entitle(left, f"{step.name}: {step.kind} on axis {step.axis}")
     dress(right)
     right.axhline(0.0, color=MUTED, linewidth=0.6)
     right.plot(
-        step.time[at], _NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
+        step.time[at], NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
     )
     # what is drawn in grey still remembers what was before the record
     right.axvspan(step.time[0], step.settled, color=MUTED, alpha=0.18, linewidth=0.0)
-    right.set_xlabel("time [s]", color=INK)
-    right.set_ylabel("reading less model [nm]", color=INK)
+    right.set(xlabel="time [s]", ylabel="reading less model [nm]")
     entitle(right, f"model error, {_length(step.deviation)} at most after the grey part")
     return figure
 
 
 def _thin(size: int) -> NDArray[np.intp]:
-    return np.arange(0, size, max(1, size // _POINTS))
+    # points of a curve, so that the page stays small
+    points = 3000
+    return np.arange(0, size, max(1, size // points))
 
 
 def _length(value: float) -> str:
     if abs(value) < 0.995e-6:
-        return f"{_NM * value:.3g} nm"
-    return f"{_UM * value:.3g} µm"
+        return f"{NM * value:.3g} nm"
+    return f"{UM * value:.3g} µm"
+
+
+def draw_feedforward(
+    made: Feedforward, model: DriveModel, band_percent: float | None = None
+) -> "Figure":
+    """Draw the command over time and over the reference, and what its prediction leaves.
+
+    The band is half the width of that which holds 95 % of the held-out errors of the model, over
+    its stroke [%]: so far a measured drive is away from its model.
+    """
+    figure = new_figure(10.2, 4.6)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1.0))
+    above = figure.add_subplot(grid[0, 0])
+    _command(above, made, model)
+    _command_error(figure.add_subplot(grid[1, 0], sharex=above), made, model, band_percent)
+    _command_loop(figure.add_subplot(grid[:, 1]), made, model)
+    return figure
+
+
+def _command(axes: "Axes", made: Feedforward, model: DriveModel) -> None:
+    dress(axes)
+    at = shown_lines(made.command)
+    axes.plot(made.time[at], made.command[at], color=CYCLE[0], linewidth=1.0, label="command")
+    axes.set_ylabel(f"command{scale(model.input_unit)[0]}")
+    axes.tick_params(labelbottom=False)
+    axes.set_xlim(made.time[0], made.time[-1])
+    low, high = float(made.command.min()), float(made.command.max())
+    entitle(
+        axes,
+        f"{made.time.size} samples, {readable(model.input_unit, low, high, digits=4)}",
+    )
+
+
+def _command_error(
+    axes: "Axes", made: Feedforward, model: DriveModel, band_percent: float | None
+) -> None:
+    dress(axes)
+    error = made.predicted - made.wanted
+    band = 0.0
+    if band_percent is not None and model.validity is not None:
+        low, high = model.validity.output_range
+        band = 0.01 * band_percent * (high - low)
+    unit, factor = readable_unit(max(made.largest_error, band), model.output_unit)
+    at = shown_lines(error)
+    if band:
+        axes.axhspan(
+            -factor * band, factor * band, color=CYCLE[0], alpha=0.12, linewidth=0.0,
+            label="95 % of the model's held-out errors",
+        )  # fmt: skip
+    axes.plot(made.time[at], factor * error[at], color=CYCLE[1], linewidth=0.8, label="predicted")
+    top = factor * max(made.largest_error, band)
+    axes.set_ylim(-1.15 * top or -1.0, 1.6 * top or 1.0)
+    add_legend(axes, loc="upper right", ncols=2)
+    axes.set_xlabel("time [s]")
+    shown = f" [{unit.replace('um', 'µm')}]" if unit else ""
+    axes.set_ylabel(f"predicted less wanted{shown}")
+    axes.set_xlim(made.time[0], made.time[-1])
+
+
+def _command_loop(axes: "Axes", made: Feedforward, model: DriveModel) -> None:
+    dress(axes)
+    unit, factor = scale(model.output_unit)
+    at = np.unique(np.concatenate((shown_lines(made.command), shown_lines(made.wanted))))
+    axes.plot(
+        factor * made.wanted[at], made.command[at], color=CYCLE[0], linewidth=0.9, label="command"
+    )
+    ends = [int(made.wanted.argmin()), int(made.wanted.argmax())]
+    axes.plot(
+        factor * made.wanted[ends], made.command[ends], color=MUTED, linewidth=0.8,
+        linestyle=(0, (5, 3)), label="in proportion",
+    )  # fmt: skip
+    axes.set(xlabel=f"wanted{unit}", ylabel=f"command{scale(model.input_unit)[0]}")
+    add_legend(axes, loc="upper left")
+    entitle(axes, "the loop that undoes the drive's")

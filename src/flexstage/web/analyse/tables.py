@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from flexstage.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.comparison import compare, title_of
 from flexstage.quantities import Quantity, number
-from flexstage.report.coupled_axes import cause_words
-from flexstage.report.tables import percent
+from flexstage.report.tables import cause_words, percent
 from flexstage.system import DriveCondition
 from flexstage.table import Cell, Table, table
 from flexstage.web.analyse.work import Analysed

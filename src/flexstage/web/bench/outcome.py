@@ -12,7 +12,7 @@ from flexstage.arrays import Array
 from flexstage.errors import FlexstageError
 from flexstage.quantities import Quantity
 from flexstage.records import Record
-from flexstage.report.run_tables import figures_table, runs_table, shown_time
+from flexstage.report.run import figures_table, runs_table, shown_time
 from flexstage.report.tables import value_text
 from flexstage.web.bench.run_forms import RunForm
 from flexstage.web.bench.runs import (

@@ -14,7 +14,7 @@ from flexstage.experiments import run_plan
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.excitations import EqualCycles
-from flexstage.experiments.file import find_plan, read_plan
+from flexstage.experiments.plan import find_plan, read_plan
 from flexstage.experiments.run_context import base_rate_of
 from flexstage.experiments.runner import new_run_folder
 from flexstage.experiments.verbs.excite import whole_part

@@ -17,7 +17,7 @@ from flexstage.explore.sensitivity import Sensitivities, sensitivities
 from flexstage.explore.variables import every_variable
 from flexstage.files.write import write_whole
 from flexstage.progress import subtask
-from flexstage.report.figures.checked_stage import draw_checked
+from flexstage.report.figures.drawn_stage import draw_checked
 from flexstage.report.tables import percent
 from flexstage.stage import Issue
 from flexstage.studies.models import ModelOptions, analyse_model, run_model

@@ -31,9 +31,9 @@ from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
 from flexstage.records.reading_options import column, understood
 from flexstage.records.write import record_bytes
-from flexstage.report.figures.feedforward import draw_feedforward
 from flexstage.report.figures.identification import draw_identification, draw_prediction
 from flexstage.report.figures.record import draw_drive_record, draw_record
+from flexstage.report.figures.tracking import draw_feedforward
 from flexstage.stage.assumptions import DAMPING_RATIO
 from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
 from flexstage.web.pictures import inline
