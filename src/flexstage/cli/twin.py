@@ -18,6 +18,7 @@ from flexstage.cli.options import (
     from_docstring,
     one_of,
     quantity,
+    refuse,
 )
 from flexstage.cli.output import (
     OutputFile,
@@ -55,7 +56,7 @@ def twin(
     servo_rate: str = "10 kHz",
     amplifier: Annotated[str, one_of(_AMPLIFIERS)] = "voltage",
     fast: bool = False,
-    identity: Annotated[str, one_of(_IDENTITIES)] = "",
+    identity: Annotated[str | None, one_of(_IDENTITIES)] = None,
     axes: str = "",
     serial_number: str = "",
     hold_control: bool = False,
@@ -99,17 +100,13 @@ def twin(
         The first program that sends a motion or a change keeps control until it disconnects
         (default: all have control, as with a real controller).
     """
-    _check("--model", model, _MODELS)
-    _check("--amplifier", amplifier, _AMPLIFIERS)
-    if identity:
-        _check("--identity", identity, _IDENTITIES)
-    if not 0 <= port <= _PORTS:
-        raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
-    if not (serial_number.isascii() and serial_number.isprintable()):
-        raise typer.BadParameter("--serial-number must be of plain printable characters")
+    misuse = typer.BadParameter
+    refuse(not 0 <= port <= _PORTS, f"--port must be 0 to {_PORTS}, got {port}", misuse)
+    plain = serial_number.isascii() and serial_number.isprintable()
+    refuse(not plain, "--serial-number must be of plain printable characters", misuse)
     loop_rate = _rate(servo_rate)
-    if (play is None) != (out is None) or (axis is not None and play is None):
-        raise typer.BadParameter("--play and --out go together, and --axis with them")
+    alone = (play is None) != (out is None) or (axis is not None and play is None)
+    refuse(alone, "--play and --out go together, and --axis with them", misuse)
     described = taken.stage(stage)
     if play is not None and out is not None:
         how = {"model": model, "seed": seed, "amplifier": amplifier}
@@ -193,16 +190,10 @@ def _play(
     write_file(out, record_bytes(made.played(name, values, rate), kind))
 
 
-def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        known = ", ".join(allowed[:-2]) + ", " * (len(allowed) > 2) + " or ".join(allowed[-2:])
-        raise typer.BadParameter(f"{option} must be {known}, got '{value[:40]}'")
-
-
 def _rate(text: str) -> float:
     rate = quantity(text, "frequency", bare_unit="Hz")
-    if not 1e3 <= rate <= 50e3:
-        raise UnitError(f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'")
+    sentence = f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'"
+    refuse(not 1e3 <= rate <= 50e3, sentence, UnitError)
     return rate
 
 
