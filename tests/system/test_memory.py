@@ -12,8 +12,7 @@ import pytest
 
 from flexstage.cache import Cache, Memory
 from flexstage.cache import memory as memory_module
-from flexstage.cache.memory import source_hash
-from flexstage.cache.packing import NotPlainError, pack, unpack
+from flexstage.cache.memory import NotPlainError, pack, source_hash, unpack
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.cli import main
 from flexstage.designs import design
