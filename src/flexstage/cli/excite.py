@@ -111,11 +111,13 @@ def excite(
 
     format = record_format(out)
     plant = _plant(stage, taken, axis, needs_frequency=frequency is None)
+    words = [] if loop_rates is None else loop_rates.split(",")
+    rates = [quantity(word, "frequency", bare_unit="Hz") for word in words]
     made = excitation(
         _voltage_range(voltage, plant),
         sample_rate_hz=optional(sample_rate, "frequency", bare_unit="Hz"),
         duration=optional(duration, "time", bare_unit="s"),
-        rates_hz=_rates(loop_rates),
+        rates_hz=rates or None,
         shape=shape,
         slope_limit=optional(slew, "slew rate", bare_unit="V/s"),
         current_limit=optional(current, "current"),
@@ -136,12 +138,6 @@ def excite(
         print_json(result)
     else:
         _print(result)
-
-
-def _rates(text: str | None) -> list[float] | None:
-    if text is None:
-        return None
-    return [quantity(word, "frequency", bare_unit="Hz") for word in text.split(",")]
 
 
 def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:

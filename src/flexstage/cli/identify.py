@@ -146,6 +146,9 @@ def identify(
     read, others = given[: len(records)], given[len(records) :]
     if (branches or curve) and timing.sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
+    known = None
+    if resonance is not None:
+        known = positive_frequency(resonance, "--resonance"), damping_ratio
     with progress_bar("identify", quiet=quiet):
         found = run(
             read,
@@ -153,7 +156,7 @@ def identify(
             follows,
             model=[word.strip() for word in hysteresis_model.split(",") if word.strip()],
             chain=_chain(delay, creep),
-            resonance=_mode(resonance, damping_ratio),
+            resonance=known,
             temperature=_temperature(temperature),
             drift=drift,
             train=train_range(train, read),
@@ -184,12 +187,6 @@ def _chain(delay: str | None, creep: str | None) -> Any:
     known = 0.0 if creep is None or creep.strip().rstrip("%") == "0" else relative(creep)
     seconds = 0.0 if delay is None else quantity(delay, "time")
     return ChainValues(delay=seconds, creep_per_decade=known)
-
-
-def _mode(resonance: str | None, damping: float) -> tuple[float, float] | None:
-    if resonance is None:
-        return None
-    return positive_frequency(resonance, "--resonance"), damping
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:

@@ -1,7 +1,6 @@
 """`flexstage twin`: a simulated stage behind a GCS controller on a TCP port."""
 
 import contextlib
-import ipaddress
 import json
 import signal
 import threading
@@ -31,6 +30,7 @@ from flexstage.cli.output import (
 from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import LimitError, ModelError, NotConnectedError, UnitError
+from flexstage.web.options import is_loopback
 
 if TYPE_CHECKING:
     import socket
@@ -104,7 +104,9 @@ def twin(
     refuse(not 0 <= port <= _PORTS, f"--port must be 0 to {_PORTS}, got {port}", misuse)
     plain = serial_number.isascii() and serial_number.isprintable()
     refuse(not plain, "--serial-number must be of plain printable characters", misuse)
-    loop_rate = _rate(servo_rate)
+    loop_rate = quantity(servo_rate, "frequency", bare_unit="Hz")
+    sentence = f"--servo-rate must be 1 kHz to 50 kHz, got '{servo_rate}'"
+    refuse(not 1e3 <= loop_rate <= 50e3, sentence, UnitError)
     alone = (play is None) != (out is None) or (axis is not None and play is None)
     refuse(alone, "--play and --out go together, and --axis with them", misuse)
     described = taken.stage(stage)
@@ -190,13 +192,6 @@ def _play(
     write_file(out, record_bytes(made.played(name, values, rate), kind))
 
 
-def _rate(text: str) -> float:
-    rate = quantity(text, "frequency", bare_unit="Hz")
-    sentence = f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'"
-    refuse(not 1e3 <= rate <= 50e3, sentence, UnitError)
-    return rate
-
-
 def _reserved(host: str, port: int) -> "socket.socket":
     from flexstage.instruments.pi.simulated.server import reserve
 
@@ -218,7 +213,7 @@ def _taken(host: str, port: int) -> Iterator[None]:
 
 def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
     address, port = server.address
-    if not _is_loopback(host):
+    if not is_loopback(host):
         typer.echo(f"flexstage: anyone who reaches {address}:{port} can move this stage", err=True)
     bracketed = f"[{address}]" if ":" in address else address
     where = f"gcs://{bracketed}:{port}"
@@ -229,13 +224,6 @@ def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast
         line = f"twin of {name} at {where} (simulated); Ctrl-C ends it"
     typer.echo(line)
     typer.get_text_stream("stdout").flush()
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 @contextlib.contextmanager
