@@ -69,13 +69,9 @@ class Characteristic:
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
-            raise ModelError(
-                f"unknown quantity '{self.quantity}': expected one of {', '.join(QUANTITIES)}"
-            )
+            raise ModelError(unknown("quantity", self.quantity, QUANTITIES))
         if self.origin not in ORIGINS:
-            raise ModelError(
-                f"unknown origin '{self.origin}': expected one of {', '.join(ORIGINS)}"
-            )
+            raise ModelError(unknown("origin", self.origin, ORIGINS))
         if self.unit != QUANTITIES[self.quantity].unit:
             raise ModelError(
                 f"{self.quantity} is held in '{QUANTITIES[self.quantity].unit}', got '{self.unit}'"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.cli.drive_records import read_drive
+from flexstage.cli.reading import read_drive
 from flexstage.errors import RecordError
 from flexstage.records import Channel, Record, read_record
 from flexstage.records.curves import from_branches

@@ -417,7 +417,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("--near must be", (*named, "--near", "300,-2")),
         ("differ", (*named, "--near", "137,250", "--modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),
-        ("--weight is one of noise, relative", (*named, "--weight", "inv")),
+        ("'--weight': must be noise, relative or uniform", (*named, "--weight", "inv")),
         ("--complex applies to fits with --fit-delay", (*named, "--complex")),
         ("no file", (tmp_path / "nothing.csv", "--input", "force", "--output", "a")),
         ("--output", (struck, "--ring-down")),

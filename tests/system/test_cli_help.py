@@ -49,7 +49,7 @@ class Terminal(io.StringIO):
 def served(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The calls of the command that serves the front panel."""
     calls: list[str] = []
-    monkeypatch.setattr("flexstage.cli.start.serve", lambda: calls.append("served"))
+    monkeypatch.setattr("flexstage.cli.serve", lambda: calls.append("served"))
     return calls
 
 
@@ -70,7 +70,7 @@ def test_without_a_command_it_prints_the_help_and_how_to_get_the_panel(
     installed: bool,
     last: str,
 ) -> None:
-    monkeypatch.setattr("flexstage.cli.start.find_spec", lambda name: name if installed else None)
+    monkeypatch.setattr("flexstage.cli.find_spec", lambda name: name if installed else None)
     monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
     printed = said(capsys)
     assert printed.startswith("Usage: flexstage [OPTIONS] COMMAND")
@@ -86,7 +86,7 @@ def test_without_a_command_a_terminal_is_offered_the_panel(
     typed: str,
     opens: bool,
 ) -> None:
-    monkeypatch.setattr("flexstage.cli.start.find_spec", lambda name: name)
+    monkeypatch.setattr("flexstage.cli.find_spec", lambda name: name)
     monkeypatch.setattr(sys, "stdin", Terminal(typed))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     printed = said(capsys)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.drive_records import read_drive
+from flexstage.cli.reading import read_drive
 from flexstage.errors import RecordError
 from flexstage.records.drives import train_range
 from flexstage.virtual.stack import virtual_stack

@@ -67,6 +67,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
     assert page.count("<svg") == 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_not_known_is_not_written(capsys, tmp_path):
     code, out, err = run(
         capsys, "parallelogram", "--samples", "7", "--model", "lumped", "--quiet",
@@ -79,6 +80,7 @@ def test_what_is_not_known_is_not_written(capsys, tmp_path):
     assert "needs at least 40 samples" in (tmp_path / "few" / "tolerance.html").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_changes_and_shares_have_the_same_decimals_in_each_figure(capsys, tmp_path):
     code, out, _ = run(
         capsys, *QUICK, "--of", "natural_frequency.x", "--of", "stroke.x", "--scatter",
@@ -105,6 +107,7 @@ def test_all_numbers_of_a_row_have_the_same_decimals(capsys):
         assert decimals.pop() >= least
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys, tmp_path):
     code, out, _ = run(
         capsys, *QUICK, "--require", "natural_frequency.x >= 250 Hz", "--target-yield", "90 %",
@@ -247,6 +250,7 @@ def test_a_figure_without_its_axis_is_that_of_every_axis(capsys):
     assert names == ["natural_frequency.x", "natural_frequency.y"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_says_what_the_description_is_and_no_other_claim_of_it(capsys, tmp_path):
     run(
         capsys, "vgtu-piezo", "--samples", "9", "--model", "lumped", "--of", "frequency",
@@ -280,6 +284,7 @@ def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
     assert few.values == pytest.approx(lots[0].values[:123], rel=1e-10, abs=1e-12)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_from_what_is_there(tmp_path):
     words = [

@@ -49,7 +49,7 @@ def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("parallelogram", "--format", "pdf"), "--to is one of text, latex, svg, got 'pdf'"),
+        (("parallelogram", "--format", "pdf"), "'--to': must be text, latex or svg, got 'pdf'"),
         (("parallelogram", "--axis", "z"), "the axis 'z', which does not exist"),
         (("vgtu-piezo", "--reduce", "symmetry"), "reduce it by condensation"),
         (("no-such-stage",), "no-such-stage"),

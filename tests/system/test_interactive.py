@@ -20,8 +20,7 @@ from flexstage.errors import HingeError, ModelError, StageError
 from flexstage.experiments import Campaign, Columns, Test
 from flexstage.experiments.campaign.plan import campaign_text
 from flexstage.interactive.hinge_result import HingeResult
-from flexstage.interactive.stage_analysis import StageAnalysis
-from flexstage.interactive.stage_study import StageStudy
+from flexstage.interactive.stage_analysis import StageAnalysis, StageStudy
 from flexstage.records import Channel, Record
 from flexstage.short_repr import short_repr
 from flexstage.stage import write_stage

@@ -12,8 +12,7 @@ import pytest
 
 from flexstage.cache import Cache, Memory
 from flexstage.cache import memory as memory_module
-from flexstage.cache.memory import source_hash
-from flexstage.cache.packing import NotPlainError, pack, unpack
+from flexstage.cache.memory import NotPlainError, pack, source_hash, unpack
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.cli import main
 from flexstage.designs import design
@@ -332,6 +331,7 @@ def test_what_bodies_in_space_give_is_not_kept_beside_them(
     assert not list(tmp_path.rglob("*.arrays"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = run_study(design("parallelogram"))
     memo = memory(tmp_path)

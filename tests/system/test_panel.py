@@ -282,17 +282,17 @@ async def collected(gone: Callable[[], bool]) -> None:
         gc.collect()
 
 
-@pytest.mark.parametrize("view", [view.path for view in VIEWS])
-def test_nothing_of_a_view_stays_when_its_browser_is_gone(tmp_path: Path, view: str) -> None:
+def test_nothing_of_a_view_stays_when_its_browser_is_gone(tmp_path: Path) -> None:
     async def look(user: Any, panel: Any) -> None:
-        gone = []
-        for seconds in (0.0, 0.3):  # also while it still reads and draws
-            client = await opened(user, view)
-            await asyncio.sleep(seconds)
-            gone.append(weakref.ref(client))
-            client.delete()
-            user.client = client = None
-        await collected(lambda: [each() for each in gone] == [None, None])
+        gone: dict[tuple[str, float], weakref.ref[Any]] = {}
+        for view in VIEWS:
+            for seconds in (0.0, 0.3):  # also while it still reads and draws
+                client = await opened(user, view.path)
+                await asyncio.sleep(seconds)
+                gone[view.path, seconds] = weakref.ref(client)
+                client.delete()
+                user.client = client = None
+        await collected(lambda: not [at for at, client in gone.items() if client() is not None])
         assert [*of_views()] == []
         await user.open("/report")  # the library ends in a page
 

@@ -6,6 +6,7 @@ Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr an
 import os
 import sys
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from typing import Annotated, cast
 
 import typer
@@ -35,7 +36,6 @@ from flexstage.cli.runs import runs
 from flexstage.cli.sensitivity import sensitivity
 from flexstage.cli.serve import serve
 from flexstage.cli.show import show
-from flexstage.cli.start import without_command
 from flexstage.cli.study import study
 from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
@@ -46,6 +46,11 @@ from flexstage.errors import NO_FINITE_ELEMENTS, FlexstageError
 __all__ = ["app", "main"]
 
 _INTERRUPTED = 130
+_WAYS = """
+  flexstage serve    the front panel, in a browser
+  flexstage new      designs to start from
+  flexstage --help   every command
+"""
 
 # The threads of the matrix library wait by turning in circles, beside those of the finite elements,
 # which do the same: an analysis takes twice as long with both. Read when NumPy is loaded.
@@ -86,7 +91,20 @@ def _root(
         typer.echo(f"flexstage {flexstage.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        without_command(context)
+        _without_command(context)
+
+
+def _without_command(context: typer.Context) -> None:
+    """Offer the front panel at a terminal; else print the help, with how to get the panel."""
+    # looked for and not imported, which takes a second
+    has_panel = find_spec("nicegui") is not None
+    if has_panel and sys.stdin.isatty() and sys.stdout.isatty():
+        typer.echo(f"{context.command.help}\n{_WAYS}")
+        if typer.confirm("Open the front panel?", default=True):
+            serve()
+        return
+    first = "" if has_panel else 'pip install "flexstage[web]", then '
+    typer.echo(f"{context.get_help()}\n\nThe front panel, in a browser: {first}flexstage serve")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -6,19 +6,17 @@ from typing import Annotated
 
 import typer
 
-from flexstage.cli.centre_report import print_setting
-from flexstage.cli.centre_trial import print_trial
-from flexstage.cli.options import JsonOption, from_docstring, positive_length, quantity
+from flexstage.cli.centre_report import print_setting, print_trial
+from flexstage.cli.options import JsonOption, from_docstring, positive_length, quantity, refuse
 from flexstage.cli.output import (
     FigureFile,
     console,
-    picture,
     print_json,
     print_notes,
-    write_file,
+    write_picture,
 )
 from flexstage.cli.reading import WHOLE_FILE, FileOptions, read_records
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import RecordError
 
 
 @from_docstring
@@ -110,6 +108,7 @@ def centre(
         Draw the error over the turn and its harmonics. (.svg, .png or .pdf)
     """
     from flexstage.centring.from_records import CentreOptions, centre_records
+    from flexstage.report.figures.centring import draw_polar
 
     said: list[str] = []
     if not (angle or error or reading or turns):
@@ -149,12 +148,8 @@ def centre(
     read[0] = replace(read[0], notes=(*said, *read[0].notes))
     found = centre_records(read, options)
     result = found.result
-    if figure is not None:
-        from flexstage.report.figures.centring import draw_polar
-
-        settings = found.settings
-        drawn = draw_polar([s.fits[0] for s in settings], [s.heads[0].angle for s in settings])
-        write_file(figure, picture(figure, drawn))
+    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.settings), strict=True)
+    if files := write_picture(figure, lambda: draw_polar(fits, angles)):
         result["files"] = [str(figure)]
     if json:
         print_json(result)
@@ -163,13 +158,12 @@ def centre(
         print_setting(one)
     if found.trial is not None:
         print_trial(found.trial)
-    print_notes(console(), found.notes, [] if figure is None else [figure])
+    print_notes(console(), found.notes, files)
 
 
 def _radius_of(radius: str | None, diameter: str | None) -> float | None:
     """Return the radius that options give [m]."""
-    if radius is not None and diameter is not None:
-        raise ModelError("give --radius or --diameter, not both")
+    refuse(radius and diameter, "give --radius or --diameter, not both")
     if diameter is not None:
         return 0.5 * positive_length(diameter, "the diameter of the scale", "mm")
     return None if radius is None else positive_length(radius, "the radius of the scale", "mm")
@@ -180,22 +174,23 @@ def _orders_of(text: str | None) -> list[int] | None:
     if text is None:
         return None
     words = [word.strip() for word in text.replace(":", ",").split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
-        raise RecordError(f'--orders must be such as "1:12" or "1,2,4", got \'{text}\'')
+    known = all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words)
+    refuse(not known, f'--orders must be such as "1:12" or "1,2,4", got \'{text}\'', RecordError)
     given = [int(word) for word in words]
     if ":" not in text:
         return given if "," in text else list(range(1, given[0] + 1))
-    if len(given) != 2 or given[0] > given[1]:
-        raise RecordError(f"--orders must be a range such as \"1:12\", got '{text}'")
+    sentence = f"--orders must be a range such as \"1:12\", got '{text}'"
+    refuse(len(given) != 2 or given[0] > given[1], sentence, RecordError)
     return list(range(given[0], given[1] + 1))
 
 
 def _positions_of(text: str) -> list[tuple[float, float]]:
     """Return the positions x, y of the stage [m] that --stage-at gives."""
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
-    if any(len(pair) != 2 for pair in pairs):
-        raise RecordError(
-            f"--stage-at gives x,y for each setting, such as '0,0; 20,0; 0,20' in um, got '{text}'"
-        )
+    refuse(
+        any(len(pair) != 2 for pair in pairs),
+        f"--stage-at gives x,y for each setting, such as '0,0; 20,0; 0,20' in um, got '{text}'",
+        RecordError,
+    )
     x, y = ([quantity(p[k].strip(), "length", bare_unit="um") for p in pairs] for k in (0, 1))
     return list(zip(x, y, strict=True))

@@ -13,7 +13,9 @@ from flexstage.cli.options import (
     QuietOption,
     from_docstring,
     model_names,
+    optional,
     quantity,
+    refuse,
     relative,
 )
 from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
@@ -201,11 +203,11 @@ def characterise(
             folder = plans[0].parent
             found = run(read_campaign(plans[0]), folder)
         else:
-            if not files:
-                raise ModelError(
-                    "no file is given: give measured files or a test description (.yaml), or "
-                    "--virtual-seed with --stage"
-                )
+            refuse(
+                not files,
+                "no file is given: give measured files or a test description (.yaml), or "
+                "--virtual-seed with --stage",
+            )
             sensor = SensorSpecification(
                 name="sensor",
                 calibration=0.0 if calibration is None else relative(calibration),
@@ -256,11 +258,11 @@ def _words(text: str | None) -> tuple[str, ...]:
 def _no_columns(source: str, given: dict[str, Any]) -> None:
     """Refuse options on columns and files where a description says all that."""
     idle = [f"--{name.replace('_', '-')}" for name, value in given.items() if value]
-    if idle:
-        raise ModelError(
-            f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
-            "leave it out"
-        )
+    refuse(
+        idle,
+        f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
+        "leave it out",
+    )
 
 
 def _beside(stage: str, folder: Path) -> str:
@@ -309,7 +311,7 @@ def _reading(timing: TimeOptions, how: FileOptions) -> "FileReading":
     from flexstage.experiments.campaign.plan import FileReading
 
     rate = timing.sample_rate
-    hertz = None if rate is None else quantity(rate, "frequency", bare_unit="Hz")
+    hertz = optional(rate, "frequency", bare_unit="Hz")
     return FileReading(sample_rate=hertz, time=timing.time, **vars(how))
 
 
@@ -322,10 +324,10 @@ def _units(given: list[str]) -> Any:
     found: dict[str, Any] = {}
     for text in given:
         role, _, unit = (word.strip() for word in text.partition("="))
-        if role not in roles or not unit:
-            raise ModelError(
-                f'--column-unit must be a role and a unit such as "along=um", got "{text}" (roles: '
-                f"{', '.join(roles)})"
-            )
+        refuse(
+            role not in roles or not unit,
+            f'--column-unit must be a role and a unit such as "along=um", got "{text}" (roles: '
+            f"{', '.join(roles)})",
+        )
         found[role] = (unit,) if isinstance(getattr(Columns(), role), tuple) else unit
     return Columns(**found)

@@ -10,17 +10,19 @@ from flexstage.cli.options import (
     JsonOption,
     SlewOption,
     from_docstring,
+    optional,
     quantity,
+    refuse,
     voltage_range,
 )
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
-    picture,
     print_json,
     print_notes,
     write_file,
+    write_picture,
 )
 from flexstage.cli.predict import moved_for
 from flexstage.cli.reading import (
@@ -100,6 +102,7 @@ def compensate(
     from flexstage.records.likely_columns import taken_drive
     from flexstage.records.reading_options import understood
     from flexstage.records.write import record_bytes
+    from flexstage.report.figures.feedforward import draw_feedforward
 
     kind = record_format(out)
     file = read_model_file(model)
@@ -123,17 +126,12 @@ def compensate(
         largest_rate=_largest_rate(slew, current, capacitance),
         state=drive.hysteresis.initial_state() if word == "rest" else None,
         start=None if named else moved_for(start, "conditioned, rest"),
-        band_hz=None
-        if reference_bandwidth is None
-        else quantity(reference_bandwidth, "frequency", bare_unit="Hz"),
+        band_hz=optional(reference_bandwidth, "frequency", bare_unit="Hz"),
     )
     if out is not None:
         write_file(out, record_bytes(command_record(made, drive), kind))
-    if figure is not None:
-        from flexstage.report.figures.tracking import draw_feedforward
-
-        drawn = draw_feedforward(made, drive, file.errors.get("heldout_95"))
-        write_file(figure, picture(figure, drawn))
+    band = file.errors.get("heldout_95")
+    drawn = write_picture(figure, lambda: draw_feedforward(made, drive, band))
     notes = (
         *file.notes,
         *((converted,) if converted else ()),
@@ -148,7 +146,7 @@ def compensate(
 
     for line in command_in_words(made, drive):
         console().print(line)
-    written = [str(path) for path in (out, figure) if path is not None]
+    written = ([] if out is None else [out]) + drawn
     print_notes(console(), result["notes"], written, style="yellow")
 
 
@@ -159,11 +157,11 @@ def _largest_rate(slew: str | None, current: str | None, capacitance: str | None
         if capacitance is None:
             raise ModelError("--current needs --capacitance: a current charges the stack")
         farads = quantity(capacitance, "capacitance")
-        if not farads > 0.0:
-            raise ModelError(f"--capacitance must be positive, got '{capacitance}'")
+        refuse(not farads > 0.0, f"--capacitance must be positive, got '{capacitance}'")
         rates.append(quantity(current, "current") / farads)
-    elif capacitance is not None:
-        raise ModelError("--capacitance needs --current: both together limit the slope")
+    else:
+        sentence = "--capacitance needs --current: both together limit the slope"
+        refuse(capacitance is not None, sentence)
     return min(rates) if rates else None
 
 

@@ -1,14 +1,14 @@
 """`flexstage equations`: the dynamic model of a stage in symbols."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, from_docstring
+from flexstage.cli.options import JsonOption, from_docstring, one_of
 from flexstage.cli.output import OutputFile, print_json, write_file
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from flexstage.lumped.reduction import ReducedModel
@@ -16,22 +16,19 @@ if TYPE_CHECKING:
     from flexstage.lumped.transfer import TransferFunction
     from flexstage.stage import Stage
 
-_FORMATS = ("text", "latex", "svg")
-_REDUCTIONS = ("auto", "symmetry", "condense", "none")
 # a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
 # output says: the frequencies change by the square of it
 _ASYMMETRY = 0.02
-_DAMPING = ("rayleigh", "hinge", "none")
 
 
 @from_docstring
 def equations(
     stage: StageArgument,
     taken: StageOptions = AS_DESCRIBED,
-    form: str = "text",
-    reduce: str = "auto",
+    form: Annotated[str, one_of(("text", "latex", "svg"))] = "text",
+    reduce: Annotated[str, one_of(("auto", "symmetry", "condense", "none"))] = "auto",
     axis: str | None = None,
-    damping: str = "rayleigh",
+    damping: Annotated[str, one_of(("rayleigh", "hinge", "none"))] = "rayleigh",
     out: OutputFile = None,
     json: JsonOption = False,
 ) -> None:
@@ -42,22 +39,18 @@ def equations(
     Parameters
     ----------
     form
-        --to text|latex|svg: Plain text, a LaTeX document, or the structural diagram of an axis as a
-        drawing.
+        --to: Plain text, a LaTeX document, or the structural diagram as a drawing.
     reduce
-        auto|symmetry|condense|none: Reduction of the coordinates for transfer functions; auto uses
+        Reduction of the coordinates for transfer functions; auto uses
         the symmetry of the stage if it leaves few enough coordinates, else condensation to drives
         and probes.
     axis
         NAME: Axis of the transfer function (default: all), or of the diagram.
     damping
-        rayleigh|hinge|none: Damping model of the equations.
+        Damping model of the equations.
     out
         Write the equations to a file instead of the terminal.
     """
-    _one_of("--to", form, _FORMATS)
-    _one_of("--reduce", reduce, _REDUCTIONS)
-    _one_of("--damping", damping, _DAMPING)
     described = taken.stage(stage)
     if axis is not None:
         described.axis(axis)
@@ -104,11 +97,6 @@ def _drawing(stage: "Stage", axis: str | None) -> str:
     from flexstage.export.diagram.svg import diagram_svg
 
     return diagram_svg(stage_diagram(stage, axis=axis or axes[0])).decode()
-
-
-def _one_of(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise StageError(f"{option} is one of {', '.join(allowed)}, got '{value}'")
 
 
 def _reduced(

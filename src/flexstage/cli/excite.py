@@ -12,7 +12,9 @@ from flexstage.cli.options import (
     JsonOption,
     SlewOption,
     from_docstring,
+    optional,
     quantity,
+    refuse,
     voltage_range,
 )
 from flexstage.cli.output import (
@@ -109,19 +111,22 @@ def excite(
 
     format = record_format(out)
     plant = _plant(stage, taken, axis, needs_frequency=frequency is None)
+    words = [] if loop_rates is None else loop_rates.split(",")
+    rates = [quantity(word, "frequency", bare_unit="Hz") for word in words]
     made = excitation(
         _voltage_range(voltage, plant),
-        sample_rate_hz=_number(sample_rate, "frequency", "Hz"),
-        duration=_number(duration, "time", "s"),
-        rates_hz=_rates(loop_rates),
+        sample_rate_hz=optional(sample_rate, "frequency", bare_unit="Hz"),
+        duration=optional(duration, "time", bare_unit="s"),
+        rates_hz=rates or None,
         shape=shape,
-        slope_limit=_number(slew, "slew rate", "V/s"),
-        current_limit=_number(current, "current", None),
-        capacitance=_number(capacitance, "capacitance", None) or plant.capacitance,
-        natural_frequency_hz=_number(frequency, "frequency", "Hz") or plant.natural_frequency_hz,
+        slope_limit=optional(slew, "slew rate", bare_unit="V/s"),
+        current_limit=optional(current, "current"),
+        capacitance=optional(capacitance, "capacitance") or plant.capacitance,
+        natural_frequency_hz=optional(frequency, "frequency", bare_unit="Hz")
+        or plant.natural_frequency_hz,
         resonance=multisine,
-        hold=_number(hold_time, "time", "s"),
-        rest_voltage=_number(rest, "voltage", "V"),
+        hold=optional(hold_time, "time", bare_unit="s"),
+        rest_voltage=optional(rest, "voltage", bare_unit="V"),
         seed=seed,
     )
     if out is not None:
@@ -133,16 +138,6 @@ def excite(
         print_json(result)
     else:
         _print(result)
-
-
-def _number(text: str | None, dimension: str, bare_unit: str | None) -> float | None:
-    return None if text is None else quantity(text, dimension, bare_unit=bare_unit)
-
-
-def _rates(text: str | None) -> list[float] | None:
-    if text is None:
-        return None
-    return [quantity(word, "frequency", bare_unit="Hz") for word in text.split(",")]
 
 
 def _voltage_range(text: str | None, plant: _Plant) -> tuple[float, float]:
@@ -167,15 +162,14 @@ def _plant(
     """Read what a stage says about its stack and its lowest natural frequency."""
     taken.require_stage(text, "a STAGE")
     if text is None:
-        if axis is not None:
-            raise ModelError("--axis needs a STAGE: name it before the options")
+        refuse(axis is not None, "--axis needs a STAGE: name it before the options")
         return _Plant()
     from flexstage.experiments.axis_limits import lowest_frequency
     from flexstage.stage import PiezoStack
 
     stage = taken.stage(text)
-    if not stage.axes:
-        raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
+    sentence = f"{stage.name} has no axis: give it one, or leave STAGE out"
+    refuse(not stage.axes, sentence, StageError)
     chosen = stage.axis(axis) if axis is not None else stage.axes[0]
     drive = stage.drive_of(chosen.name)
     if not isinstance(drive, PiezoStack):

@@ -15,8 +15,9 @@ from flexstage.cli.options import (
     QuietOption,
     from_docstring,
     one_of,
+    optional,
     positive_length,
-    quantity,
+    refuse,
     relative,
 )
 from flexstage.cli.output import (
@@ -42,13 +43,12 @@ _Fmi = Literal["2.0", "3.0"]
 _FMI: dict[str, tuple[_Fmi, ...]] = {"2.0": ("2.0",), "3.0": ("3.0",), "both": ("2.0", "3.0")}
 _ALL = "all"
 _SHOWN = 8  # files of a format in the table
-_PRECISIONS = ("double", "single")
 
 
 @from_docstring
 def export(
     stage: StageArgument,
-    to: Annotated[str, one_of(FORMATS)],
+    to: Annotated[str, typer.Option(metavar="|".join(FORMATS))],
     taken: StageOptions = AS_DESCRIBED,
     out: Annotated[Path, FOLDER] = Path("exported"),
     model: ModelOption = "superelement",
@@ -60,9 +60,9 @@ def export(
     current: CurrentOption = None,
     sensor_bandwidth: str | None = None,
     keep_modes: Annotated[int | None, typer.Option(min=1)] = None,
-    fmi: str = "both",
+    fmi: Annotated[str, one_of(_FMI)] = "both",
     source_only: bool = False,
-    precision: str = "double",
+    precision: Annotated[str, one_of(("double", "single"))] = "double",
     kerf: str | None = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -89,19 +89,15 @@ def export(
     keep_modes
         NUMBER: Number of modes to keep (default: all).
     fmi
-        2.0|3.0|both: FMI version of the FMU.
+        FMI version of the FMU.
     source_only
         Write the FMU with C sources only, without a compiled library.
     precision
-        double|single: Floating-point precision of the C header.
+        Floating-point precision of the C header.
     kerf
         LENGTH: Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF.
     """
     wanted = _formats(to)
-    if fmi not in _FMI:
-        raise ModelError(f"--fmi is 2.0, 3.0 or both, got '{fmi[:40]}'")
-    if precision not in _PRECISIONS:
-        raise ModelError(f"--precision is double or single, got '{precision[:40]}'")
     from flexstage.export.request import ExportRequest
     from flexstage.files.write import write_files
 
@@ -113,9 +109,9 @@ def export(
         plane=plane,
         step=_number("--time-step", time_step, "time", "s"),
         creep=creep,
-        bandwidth_hz=_optional("--bandwidth", bandwidth, "frequency", "Hz"),
-        current_limit=_optional("--current", current, "current", "A"),
-        sensor_bandwidth_hz=_optional("--sensor-bandwidth", sensor_bandwidth, "frequency", "Hz"),
+        bandwidth_hz=_number("--bandwidth", bandwidth, "frequency", "Hz"),
+        current_limit=_number("--current", current, "current", "A"),
+        sensor_bandwidth_hz=_number("--sensor-bandwidth", sensor_bandwidth, "frequency", "Hz"),
         mode_count=keep_modes,
         precision=precision,  # type: ignore[arg-type]
         fmi=_FMI[fmi],
@@ -196,12 +192,11 @@ def _read_hysteresis(given: Sequence[str]) -> "Mapping[str, DriveModel] | Litera
     models: dict[str, DriveModel] = {}
     for text in given:
         name, sign, path = text.partition("=")
-        if not (name and sign and path):
-            raise ModelError(
-                f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
-            )
-        if name in models:
-            raise ModelError(f"--hysteresis gives a model for '{name}' twice: give it once")
+        refuse(
+            not (name and sign and path),
+            f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'",
+        )
+        refuse(name in models, f"--hysteresis gives a model for '{name}' twice: give it once")
         models[name] = read_model_file(Path(path)).model
     return models
 
@@ -214,15 +209,11 @@ def _shown(paths: list[Path]) -> str:
     return "\n".join(lines)
 
 
-def _number(option: str, text: str, dimension: str, unit: str) -> float:
-    value = quantity(text, dimension, bare_unit=unit)
-    if not value > 0.0:
-        raise ModelError(f"{option} must be above zero, got '{text[:40]}'")
+def _number(option: str, text: str | None, dimension: str, unit: str) -> Any:
+    """Return what an option gives, above zero; None where it is not given."""
+    value = optional(text, dimension, bare_unit=unit)
+    refuse(value is not None and not value > 0.0, f"{option} must be above zero, got '{text}'")
     return value
-
-
-def _optional(option: str, text: str | None, dimension: str, unit: str) -> float | None:
-    return None if text is None else _number(option, text, dimension, unit)
 
 
 def _results(

@@ -12,16 +12,18 @@ from flexstage.cli.options import (
     OutputUnitOption,
     QuietOption,
     from_docstring,
+    one_of,
     positive_frequency,
+    refuse,
 )
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
-    picture,
     print_json,
     progress_bar,
     write_file,
+    write_picture,
 )
 from flexstage.cli.reading import (
     AS_EVEN,
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
     from flexstage.measure.spectra.response import MeasuredResponse
     from flexstage.records import Record
 
+#: What the fit calls a weight.
+_WEIGHTS = {"noise": "variance", "relative": "relative", "uniform": "uniform"}
 _NEEDED = "records over time need --input and --output: name the columns"
 
 
@@ -58,7 +62,7 @@ def frf(
     band: str | None = None,
     fit_modes: str = "auto",
     near: str | None = None,
-    weight: str = "noise",
+    weight: Annotated[str, one_of(_WEIGHTS)] = "noise",
     delay: bool = False,
     lag: bool = False,
     complex_modes: bool = False,
@@ -107,7 +111,7 @@ def frf(
     near
         FREQUENCIES: Fit modes near these frequencies alone, such as "365,660" in Hz.
     weight
-        NAME: Weight of the frequency lines: noise, by their variance or the residual of the fit;
+        Weight of the frequency lines: noise, by their variance or the residual of the fit;
         relative, by the inverse of their magnitude, for responses over decades; uniform.
     delay
         --fit-delay: Also fit a delay of the outputs; --fit-modes auto tries it where the phase
@@ -131,11 +135,11 @@ def frf(
                            exponential=exponential, **{"fit-delay": delay, "fit-lag": lag}, out=out,
                            response=response, near=near, complex=complex_modes,
                            weight=None if weight == "noise" else weight)  # fmt: skip
-    if complex_modes and not (delay or lag):
-        raise ModelError(
-            "--complex applies to fits with --fit-delay or --fit-lag, which assume real modes "
-            "otherwise; without them all modes are complex: leave it out"
-        )
+    refuse(
+        complex_modes and not (delay or lag),
+        "--complex applies to fits with --fit-delay or --fit-lag, which assume real modes "
+        "otherwise; without them all modes are complex: leave it out",
+    )
     count, guesses = _count(fit_modes), _frequencies(near)
     if guesses is not None and count not in (None, len(guesses)):
         raise ModelError(
@@ -154,13 +158,12 @@ def frf(
     inputs, outputs = column_list(input), column_list(output)
     units = [input_unit] * len(inputs) + [output_unit] * len(outputs)
     existing = not (inputs or outputs or ring_down)
-    if existing and any(vars(timing).values()):
-        raise ModelError(_NEEDED)
-    if response is not None and not existing:
-        raise ModelError(
-            "--response names columns of a response that exists, --input and --output those of "
-            "a record over time: give one or the other"
-        )
+    refuse(existing and any(vars(timing).values()), _NEEDED)
+    refuse(
+        response is not None and not existing,
+        "--response names columns of a response that exists, --input and --output those of "
+        "a record over time: give one or the other",
+    )
     with progress_bar("frf", quiet=quiet):
         read = read_records(
             records,
@@ -193,7 +196,7 @@ def frf(
                     "band": fitted_band,
                     "count": count,
                     "frequency_guess": guesses,
-                    "weighting": _weighting(weight),
+                    "weighting": _WEIGHTS[weight],
                     "delay": delay or None,
                     "lag": lag,
                     # a delay turns the phase as complex modes do: only modes in phase tell the two
@@ -220,16 +223,15 @@ def _written(
     """Write what was asked for, when all of it is there."""
     from flexstage.records.write import record_bytes
 
-    contents: dict[Path, bytes] = {}
+    files: list[Path] = []
+    drawn = {} if figure is None else draw()
     if out is not None and response is not None:
-        contents[out] = record_bytes(response_record(response, read), record_format(out))
-    if figure is not None:
-        for name, drawn in draw().items():
-            path = figure.with_name(f"{figure.stem}{name}{figure.suffix}")
-            contents[path] = picture(figure, drawn)
-    for path, content in contents.items():
-        write_file(path, content)
-    return [str(path) for path in contents]
+        write_file(out, record_bytes(response_record(response, read), record_format(out)))
+        files.append(out)
+    for name, each in drawn.items():
+        path = figure and figure.with_name(f"{figure.stem}{name}{figure.suffix}")
+        files += write_picture(path, lambda each=each: each)
+    return [str(path) for path in files]
 
 
 def _tabled(
@@ -240,30 +242,29 @@ def _tabled(
 
     if record.over != "frequency":
         return responses_in_columns(record, columns, output_unit=output_unit, input_unit=input_unit)
-    if columns is not None:
-        raise ModelError(
-            f"'{record.source}' says itself which responses it holds: leave --response out, and "
-            "choose some by --dataset"
-        )
+    refuse(
+        columns is not None,
+        f"'{record.source}' says itself which responses it holds: leave --response out, and "
+        "choose some by --dataset",
+    )
     return record
 
 
 def _no_driven_options(**given: Any) -> None:
     """Refuse options that a free decay has no use for."""
     idle = [f"--{name}" for name, value in given.items() if value not in (None, False)]
-    if idle:
-        raise ModelError(
-            f"{', '.join(idle)} has no meaning with --ring-down, which fits outputs alone: leave "
-            "it out"
-        )
+    refuse(
+        idle,
+        f"{', '.join(idle)} has no meaning with --ring-down, which fits outputs alone: leave it "
+        "out",
+    )
 
 
 def _count(text: str) -> int | None:
     """How many modes; None for as many as there are."""
     if text.strip().lower() == "auto":
         return None
-    if not text.strip().isdecimal():
-        raise ModelError(f"--fit-modes must be a number or auto, got '{text}'")
+    refuse(not text.strip().isdecimal(), f"--fit-modes must be a number or auto, got '{text}'")
     return int(text)
 
 
@@ -274,23 +275,13 @@ def _frequencies(text: str | None) -> list[float] | None:
     return [positive_frequency(word, "--near") for word in text.split(",")]
 
 
-def _weighting(text: str) -> str:
-    """What the fit calls a weight."""
-    names = {"noise": "variance", "relative": "relative", "uniform": "uniform"}
-    if text not in names:
-        raise ModelError(f"--weight is one of {', '.join(names)}, got '{text}'")
-    return names[text]
-
-
 def _band(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
     words = text.split(":")
-    if len(words) != 2:
-        raise ModelError(f"--band must be two frequencies such as 200:800, got '{text}'")
+    refuse(len(words) != 2, f"--band must be two frequencies such as 200:800, got '{text}'")
     low, high = (positive_frequency(word, "--band") for word in words)
-    if not low < high:
-        raise ModelError(f"--band must rise, got '{text}'")
+    refuse(not low < high, f"--band must rise, got '{text}'")
     return low, high
 
 
@@ -313,8 +304,7 @@ def _responded(
     if read[0].over == "frequency":
         responses = [response_from_record(record) for record in read]
     else:
-        if not inputs or not outputs:
-            raise ModelError(_NEEDED)
+        refuse(not inputs or not outputs, _NEEDED)
         hits = None if exponential is None else HitOptions(exponential=exponential)
         estimate = estimate_response(read, inputs, outputs, hits=hits, **how)
         responses, added = [estimate.response], estimate.added_damping_rate
@@ -342,15 +332,14 @@ def _decayed(
 ) -> tuple[dict[str, Any], Any]:
     from flexstage.measure.modal.ring_down import ring_down
 
-    if len(read) != 1 or not outputs:
-        raise ModelError("--ring-down needs one file and --output: name the columns that decay")
-    if read[0].over != "time":
-        raise ModelError(
-            f"--ring-down needs samples over time, and '{read[0].source}' is over {read[0].over}: "
-            "leave the option out, or give a record of the decay"
-        )
-    if count == 0:
-        raise ModelError("--ring-down fits modes and nothing else: leave --fit-modes 0 out")
+    one = "--ring-down needs one file and --output: name the columns that decay"
+    refuse(len(read) != 1 or not outputs, one)
+    refuse(
+        read[0].over != "time",
+        f"--ring-down needs samples over time, and '{read[0].source}' is over {read[0].over}: "
+        "leave the option out, or give a record of the decay",
+    )
+    refuse(count == 0, "--ring-down fits modes and nothing else: leave --fit-modes 0 out")
     found = ring_down(read[0], outputs, count=count)
 
     def draw() -> Any:

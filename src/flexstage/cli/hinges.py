@@ -4,13 +4,13 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from flexstage.choose import did_you_mean
 from flexstage.cli.options import (
     JsonOption,
     PlaneOption,
     from_docstring,
     positive_length,
     quantity,
+    refuse,
 )
 from flexstage.cli.output import console, print_json, print_table
 from flexstage.errors import HingeError
@@ -76,9 +76,6 @@ def hinges(
     if profile == "circular" and not any(given.values()):
         given["radius"] = "1 mm"
     notch = _profile(profile, neck, given, one_sided=one_sided)
-    if plane not in ("auto", "stress", "strain"):
-        hint = did_you_mean(plane, ("auto", "stress", "strain"))
-        raise HingeError(f"--plane must be auto, stress or strain, got '{plane}'{hint}")
     result = hinge_figures(
         notch, find_material(material), positive_length(width, "the width"), plane
     )
@@ -106,19 +103,18 @@ def _profile(kind: str, neck: str, given: dict[str, str | None], *, one_sided: b
     from flexstage.hinges.registry import profile_class
 
     cls = profile_class(kind)
-    if kind == "as-drawn":
-        raise HingeError("an as-drawn notch has a contour, which only a stage file can hold")
+    contour = "an as-drawn notch has a contour, which only a stage file can hold"
+    refuse(kind == "as-drawn", contour, HingeError)
     fields = [f.name for f in dataclasses.fields(cls) if f.name in _OPTIONS]
     wanted = [_OPTIONS[name] for name in fields]
     list_wanted = " ".join(f"--{name}" for name in wanted)
     missing = [f"--{name}" for name in wanted if given[name] is None]
-    if missing:
-        raise HingeError(f"a {kind} notch also needs {' and '.join(missing)}")
+    refuse(missing, f"a {kind} notch also needs {' and '.join(missing)}", HingeError)
     surplus = [
         f"--{name}" for name, text in given.items() if text is not None and name not in wanted
     ]
-    if surplus:
-        raise HingeError(f"a {kind} notch has no {' or '.join(surplus)}: it takes {list_wanted}")
+    sentence = f"a {kind} notch has no {' or '.join(surplus)}: it takes {list_wanted}"
+    refuse(surplus, sentence, HingeError)
     values: dict[str, Any] = {}
     for name, which in zip(fields, wanted, strict=True):
         text = given[which]

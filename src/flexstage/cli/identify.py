@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
-from flexstage.cli.identify_result import identification_result, print_identification
 from flexstage.cli.options import (
     AxisOption,
     InputUnitOption,
@@ -17,32 +15,42 @@ from flexstage.cli.options import (
     from_docstring,
     positive_frequency,
     quantity,
+    refuse,
     relative,
 )
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
-    picture,
     print_json,
+    print_notes,
+    print_shown,
     progress_bar,
     write_file,
+    write_picture,
 )
 from flexstage.cli.predict import (
     prediction_result,
     print_predictions,
+    start_value,
 )
 from flexstage.cli.reading import (
     AS_EVEN,
     WHOLE_FILE,
+    BranchesOption,
+    CurveOption,
     EvenTimeOptions,
     FileOptions,
+    read_drive,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
-from flexstage.errors import ModelError, RecordError
+from flexstage.errors import RecordError
+from flexstage.files.plain import picked
 from flexstage.stage.assumptions import DAMPING_RATIO
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from flexstage.hysteresis.identification.identify import Identification
     from flexstage.records import Record
 
@@ -123,11 +131,10 @@ def identify(
     from flexstage.hysteresis.prediction import predict_each
     from flexstage.records.drives import train_range
 
-    if axis is not None and stage is None:
-        raise ModelError("--axis needs --stage: it names an axis of that")
+    refuse(axis is not None and stage is None, "--axis needs --stage: it names an axis of that")
     taken.require_stage(stage, "--stage")
-    if test_record and curve == "files":
-        raise RecordError("--curve files makes one record of all files: leave --test-record out")
+    one = "--curve files makes one record of all files: leave --test-record out"
+    refuse(test_record and curve == "files", one, RecordError)
     given, driven, follows = read_drive(
         [*records, *(test_record or ())],
         input,
@@ -141,6 +148,9 @@ def identify(
     read, others = given[: len(records)], given[len(records) :]
     if (branches or curve) and timing.sample_rate is None and delay is None and creep is None:
         delay = "0 s"  # which rows without times do not tell
+    known = None
+    if resonance is not None:
+        known = positive_frequency(resonance, "--resonance"), damping_ratio
     with progress_bar("identify", quiet=quiet):
         found = run(
             read,
@@ -148,7 +158,7 @@ def identify(
             follows,
             model=[word.strip() for word in hysteresis_model.split(",") if word.strip()],
             chain=_chain(delay, creep),
-            resonance=_mode(resonance, damping_ratio),
+            resonance=known,
             temperature=_temperature(temperature),
             drift=drift,
             train=train_range(train, read),
@@ -181,18 +191,12 @@ def _chain(delay: str | None, creep: str | None) -> Any:
     return ChainValues(delay=seconds, creep_per_decade=known)
 
 
-def _mode(resonance: str | None, damping: float) -> tuple[float, float] | None:
-    if resonance is None:
-        return None
-    return positive_frequency(resonance, "--resonance"), damping
-
-
 def _temperature(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
     words = text.split(":")
-    if len(words) > 2:
-        raise ModelError(f"--temperature must be one, or a range such as 294.5:296, got '{text}'")
+    sentence = f"--temperature must be one, or a range such as 294.5:296, got '{text}'"
+    refuse(len(words) > 2, sentence)
     numbers = [quantity(word, "temperature", bare_unit="K") for word in words]
     return numbers[0], numbers[-1]
 
@@ -200,17 +204,75 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
 def _write(
     found: "Identification", read: "list[Record]", out: Path | None, figure: Path | None
 ) -> list[Path]:
-    content: list[tuple[Path, bytes]] = []
+    from flexstage.hysteresis.identification.identified_file import identified_file
+    from flexstage.hysteresis.model_file import model_text
+    from flexstage.report.figures.identification import draw_identification
+
     if out is not None:
-        from flexstage.hysteresis.identification.identify import identified_file
-        from flexstage.hysteresis.model_file import model_text
+        write_file(out, model_text(identified_file(found, read)).encode())
+    names = [r.source for r in read]
+    drawn = write_picture(figure, lambda: draw_identification(found, names))
+    return ([] if out is None else [out]) + drawn
 
-        content.append((out, model_text(identified_file(found, read)).encode()))
-    if figure is not None:
-        from flexstage.report.figures.identification import draw_identification
 
-        drawn = draw_identification(found, [r.source for r in read])
-        content.append((figure, picture(figure, drawn)))
-    for path, own in content:
-        write_file(path, own)
-    return [path for path, _ in content]
+def identification_result(
+    found: "Identification", read: "list[Record]", files: list[Path]
+) -> dict[str, Any]:
+    """Return an identification as plain data."""
+    from flexstage.report.identification import chain_found, parameters_found
+
+    return {
+        "records": [r.source for r in read],
+        **picked(
+            found,
+            "model=kind",
+            "rms_percent",
+            "max_percent",
+            "heldout_rms_percent",
+            "heldout_free_constant_rms_percent=heldout_free_rms_percent",
+            "heldout_standard_error_percent=heldout_standard_error",
+            "heldout_max_percent",
+            "heldout_band_percent",
+        ),
+        "start": start_value(found.model.start),
+        "settling": {"value": found.settling, "unit": found.model.output_unit},
+        "noise_percent": found.noise_percent,
+        "fitted": found.settings["fitted"],
+        "stroke": {"value": found.stroke, "unit": found.model.output_unit},
+        "parameters": parameters_found(found),
+        "chain": chain_found(found),
+        "candidates": [
+            {
+                **picked(c, "model=kind", "parameters=size", "rms_percent", "heldout_rms_percent"),
+                "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
+                "failed": c.failed or None,
+            }
+            for c in found.candidates
+        ],
+        **picked(found, "verdict", "warnings"),
+        "notes": sorted({note for r in read for note in r.notes}),
+        "files": [str(file) for file in files],
+    }
+
+
+def print_identification(
+    screen: "Console", found: "Identification", result: dict[str, Any]
+) -> None:
+    """Print candidates, how well the best one fits, parameters, warnings and files."""
+    from flexstage.report.identification import (
+        candidates_table,
+        failures,
+        identification_in_words,
+        parameters_table,
+    )
+
+    caption = f"{found.kind}: {', '.join(result['records'])}"
+    print_shown(screen, candidates_table(found, caption))
+    for failed in failures(found):
+        screen.print(failed, style="yellow", markup=False)
+    for line in identification_in_words(found):
+        screen.print(line, markup=False)
+    print_shown(screen, parameters_table(found))
+    for warning in found.warnings:
+        screen.print(f"warning: {warning}", style="yellow", markup=False)
+    print_notes(screen, result["notes"], result["files"])

@@ -5,20 +5,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.drawing_options import DrawingSettings
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
     count,
-    picture,
     print_json,
     print_notes,
     print_shown,
     stage_file,
     write_file,
+    write_picture,
 )
+from flexstage.cli.stage_options import DrawingSettings
 from flexstage.files.names import file_name
 
 if TYPE_CHECKING:
@@ -50,18 +50,14 @@ def import_(
     figure
         Draw what was found: bodies, and necks with how sure each is. (.svg, .png or .pdf)
     """
+    from flexstage.report.figures.drawn_stage import draw_found
     from flexstage.stage.drawing.blanks import stage_file_text
     from flexstage.stage.drawing.drawn_stage import read_drawing
 
     drawn = read_drawing(drawing, taken.drawing())
     path = stage_file(out, f"{file_name(drawn.stage.name)}.yaml", force=force)
     write_file(path, stage_file_text(drawn).encode("utf-8"))
-    files = [path]
-    if figure is not None:
-        from flexstage.report.figures.drawn_stage import draw_found
-
-        write_file(figure, picture(figure, draw_found(drawn)))
-        files.append(figure)
+    files = [path, *write_picture(figure, lambda: draw_found(drawn))]
     if json:
         print_json(_plain(drawn, files))
     else:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.cli.options import JsonOption, from_docstring
+from flexstage.cli.options import JsonOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFile,
     OutputFolder,
@@ -17,7 +17,6 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.stage_options import designs_like
-from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,8 +59,9 @@ def new(
     from flexstage.designs.registry import design as built
 
     if design is None:
-        if out is not None or spelled_out or force:
-            raise ModelError("--out, --spelled-out and --force need a DESIGN: name one")
+        refuse(
+            out or spelled_out or force, "--out, --spelled-out and --force need a DESIGN: name one"
+        )
         stages = {name: built(name) for name in DESIGNS}
         files = [] if folder is None else _drawn(stages, folder)
         _list(PARAMETER_SETS, stages, files, json=json)

@@ -6,26 +6,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring
+from flexstage.cli.options import (
+    USUAL_WORKERS,
+    JsonOption,
+    QuietOption,
+    WorkerOptions,
+    from_docstring,
+)
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    picture,
     print_json,
     print_notes,
     print_shown,
     progress_bar,
-    write_file,
+    write_folder,
+    write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from matplotlib.figure import Figure
-
     from flexstage.explore import Front, Optimum
 
 
@@ -119,15 +120,10 @@ def optimise(
         found = run(workers)
     if isinstance(found, Front):
         _tell_front(found, folder, figure, json=json)
-        _end(found.optimum)
+        found = found.optimum
     else:
         _tell(found, folder, figure, json=json)
-        _end(found)
-
-
-def _end(found: "Optimum") -> None:
-    """Fail where a requirement is missed."""
-    if not found.met:
+    if not found.met:  # a requirement is missed
         raise typer.Exit(1)
 
 
@@ -137,10 +133,10 @@ def _tell(found: "Optimum", folder: Path | None, figure: Path | None, *, json: b
     from flexstage.report.figures.optimum import draw_before_after
     from flexstage.report.optimise import optimum_notes, optimum_tables
 
-    files = _written(folder, partial(optimum_files, found))
-    files += _figure(figure, partial(draw_before_after, found))
+    files = write_folder(folder, partial(optimum_files, found))
+    files += write_picture(figure, partial(draw_before_after, found))
     if json:
-        print_json(optimum_results(found) | {"files": files})
+        print_json(optimum_results(found) | {"files": [str(file) for file in files]})
         return
     _print(optimum_tables(found), optimum_notes(found), files)
 
@@ -151,28 +147,15 @@ def _tell_front(found: "Front", folder: Path | None, figure: Path | None, *, jso
     from flexstage.report.figures.optimum import draw_front
     from flexstage.report.optimise import front_notes, front_tables
 
-    files = _written(folder, partial(front_files, found))
-    files += _figure(figure, partial(draw_front, found))
+    files = write_folder(folder, partial(front_files, found))
+    files += write_picture(figure, partial(draw_front, found))
     if json:
-        print_json(front_results(found) | {"files": files})
+        print_json(front_results(found) | {"files": [str(file) for file in files]})
         return
     _print(front_tables(found), front_notes(found), files)
 
 
-def _figure(figure: Path | None, draw: "Callable[[], Figure]") -> list[str]:
-    if figure is None:
-        return []
-    write_file(figure, picture(figure, draw()))
-    return [str(figure)]
-
-
-def _written(folder: Path | None, files: "Callable[[], dict[str, bytes]]") -> list[str]:
-    from flexstage.files.write import write_files
-
-    return [] if folder is None else [str(file) for file in write_files(folder, files())]
-
-
-def _print(tables: Any, notes: tuple[str, ...], files: list[str]) -> None:
+def _print(tables: Any, notes: tuple[str, ...], files: list[Path]) -> None:
     screen = console()
     for shown in tables:
         print_shown(screen, shown)

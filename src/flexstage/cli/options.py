@@ -5,12 +5,18 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, get_args, get_origin
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_origin
 
 import typer
 
+from flexstage.choose import did_you_mean
+from flexstage.comparison import MODEL_WORDS
 from flexstage.errors import ModelError
+
+if TYPE_CHECKING:
+    from flexstage.explore import Workers
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -18,9 +24,23 @@ def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
     return typer.Option(*names, metavar=metavar, help=help, **more)
 
 
-def one_of(words: Iterable[str]) -> Any:
+def one_of(words: Iterable[str], help: str | None = None) -> Any:
     """Declare an option whose value is one of some words, which its help shows."""
-    return typer.Option(metavar="|".join(words))
+    known = tuple(words)
+
+    def chosen(text: str) -> str:
+        if text not in known:
+            sentence = f"must be {', '.join(known[:-1])} or {known[-1]}, got '{text[:40]}'"
+            raise typer.BadParameter(sentence + did_you_mean(text, known))
+        return text
+
+    return typer.Option(parser=chosen, metavar="|".join(known), help=help)
+
+
+def refuse(wrong: object, sentence: str, error: type[Exception] = ModelError) -> None:
+    """Refuse options that are wrong, or do not go together, in a sentence."""
+    if wrong:
+        raise error(sentence)
 
 
 def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
@@ -135,8 +155,8 @@ CurrentOption = Annotated[
 ]
 PlaneOption = Annotated[
     str,
-    option(
-        "auto|stress|strain",
+    one_of(
+        ("auto", "stress", "strain"),
         "Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
@@ -164,6 +184,11 @@ def quantity(text: str, dimension: str, *, bare_unit: str | None = None) -> floa
     return parse(text, dimension, bare_unit=bare_unit)
 
 
+def optional(text: str | None, dimension: str, *, bare_unit: str | None = None) -> float | None:
+    """Return a quantity that an option gives, as `quantity` does; None where it is not given."""
+    return None if text is None else quantity(text, dimension, bare_unit=bare_unit)
+
+
 def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
     """Return the length that an option gives [m], within what a stage may have.
 
@@ -177,18 +202,17 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
     from flexstage.stage.outline import LARGEST, SMALLEST
 
     value = quantity(text, "length", bare_unit=bare_unit)
-    if not SMALLEST <= value <= LARGEST:
-        raise ModelError(
-            f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'"
-        )
+    refuse(
+        not SMALLEST <= value <= LARGEST,
+        f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'",
+    )
     return value
 
 
 def voltage_range(text: str) -> tuple[float, float]:
     """Return the two ends of a range of voltages that an option gives [V]."""
     words = text.split(":")
-    if len(words) != 2:
-        raise ModelError(f"--voltage must be a range such as \"0:120\", got '{text}'")
+    refuse(len(words) != 2, f"--voltage must be a range such as \"0:120\", got '{text}'")
     low, high = (quantity(word, "voltage", bare_unit="V") for word in words)
     return low, high
 
@@ -222,6 +246,34 @@ def positive_frequency(text: str, option: str) -> float:
     800.0
     """
     value = quantity(text, "frequency", bare_unit="Hz")
-    if not value > 0.0:
-        raise ModelError(f"{option} must be a positive frequency, got '{text}'")
+    refuse(not value > 0.0, f"{option} must be a positive frequency, got '{text}'")
     return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """Who does the work.
+
+    Parameters
+    ----------
+    workers
+        --workers N: Number of processes that share long work (default: one for each core); 1 is
+        this process alone. The numbers are the same whatever it is.
+    scheduler
+        --scheduler ADDRESS: Have a Dask cluster do the work, by the address of its scheduler, such
+        as tls://HOST:8786.
+    """
+
+    panel: ClassVar[str] = "Workers"
+    workers: int | None = None
+    scheduler: str | None = None
+
+    def open(self) -> "AbstractContextManager[Workers]":
+        """Return the workers, for a `with` block."""
+        from flexstage.explore import open_workers
+
+        return open_workers(self.workers, self.scheduler)
+
+
+#: None of them given.
+USUAL_WORKERS = WorkerOptions()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
     from rich.console import Console
@@ -202,8 +202,18 @@ def write_file(path: Path, content: bytes) -> None:
     write_files(path.parent, {path.name: content})
 
 
-def picture(path: Path, drawn: "Figure") -> bytes:
-    """Return a figure in the format that the ending of a path says."""
+def write_folder(folder: Path | None, files: "Callable[[], Mapping[str, bytes]]") -> list[Path]:
+    """Write the files of a result where a folder was asked for; return which."""
+    from flexstage.files.write import write_files
+
+    return [] if folder is None else write_files(folder, files())
+
+
+def write_picture(path: Path | None, draw: "Callable[[], Figure]") -> list[Path]:
+    """Write a picture where one was asked for, in the format that its ending says; return it."""
+    if path is None:
+        return []
     from flexstage.report.figures.style import encode
 
-    return encode(drawn, path.suffix.lower().lstrip("."))
+    write_file(path, encode(draw(), path.suffix.lower().lstrip(".")))
+    return [path]

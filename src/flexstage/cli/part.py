@@ -7,21 +7,30 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring, option, quantity
+from flexstage.cli.options import (
+    JsonOption,
+    QuietOption,
+    from_docstring,
+    one_of,
+    option,
+    optional,
+    quantity,
+    refuse,
+)
 from flexstage.cli.output import (
     FigureFile,
     console,
-    picture,
     print_json,
     print_notes,
     print_table,
     progress_bar,
-    write_file,
+    write_picture,
 )
 from flexstage.cli.part_materials import DEFAULT, materials_of
 from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.console import Console
 
     from flexstage.fem.part import Part
@@ -49,7 +58,7 @@ def part(
     move: str = "",
     at: str = "",
     ratio: str = "",
-    interfaces: str = "both",
+    interfaces: Annotated[str, one_of(("rigid", "mean", "both"))] = "both",
     order: int = 3,
     size: str | None = None,
     thin: float = 1.5,
@@ -80,7 +89,7 @@ def part(
         FACES:FACES:FACES: Two faces that a drive pushes apart, and the output face: its motion for
         each micrometre of the drive is computed, with one end fixed.
     interfaces
-        rigid|mean|both: Fixed, moved and pushed faces are rigid, or deform and count by their mean
+        Fixed, moved and pushed faces are rigid, or deform and count by their mean
         motion, fixed and moved ones by that of each group that touches.
     order
         N: Order of the elements; 0 lists the faces only.
@@ -100,8 +109,6 @@ def part(
     from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
     from flexstage.fem.part_mesh import PartMesh
 
-    if interfaces not in (*INTERFACES, "both"):
-        raise typer.BadParameter(f"--interfaces must be rigid, mean or both, got '{interfaces}'")
     words = solids if solids == "all" else [w.strip() for w in solids.split(",")]
     read = read_step(file, solid=words)
     of = materials_of(read, material or [])
@@ -109,16 +116,16 @@ def part(
     moved = named_faces(read, move) if move else ()
     about = _point(at) if at else None
     three = [named_faces(read, text) for text in ratio.split(":")] if ratio else []
-    if ratio and len(three) != 3:
-        raise StageError(
-            f"--ratio is between three faces, END:END:OUTPUT, such as face7:face9:z-max, got "
-            f"'{ratio}'"
-        )
+    refuse(
+        ratio and len(three) != 3,
+        f"--ratio is between three faces, END:END:OUTPUT, such as face7:face9:z-max, got '{ratio}'",
+        StageError,
+    )
     found = None
     if order:
         mesh = PartMesh(
             order=order,
-            size=None if size is None else quantity(size, "length", bare_unit="mm"),
+            size=optional(size, "length", bare_unit="mm"),
             thin=thin,
         )
         kinds = INTERFACES if interfaces == "both" else (interfaces,)
@@ -136,11 +143,7 @@ def part(
                 force=force,
                 expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
             )
-    if figure is not None:
-        from flexstage.report.figures.part import draw_part
-
-        drawn = draw_part(read, held=held, moved=moved)
-        write_file(figure, picture(figure, drawn))
+    write_picture(figure, lambda: _drawn(read, held, moved))
     if json:
         print_json(_plain(read, of, found))
         return
@@ -153,12 +156,16 @@ def part(
         screen.print(f"picture: {figure}", markup=False)
 
 
+def _drawn(read: "Part", held: Any, moved: Any) -> "Figure":
+    from flexstage.report.figures.part import draw_part  # it loads what draws
+
+    return draw_part(read, held=held, moved=moved)
+
+
 def _point(text: str) -> tuple[float, ...]:
     words = text.split(",")
-    if len(words) != 3:
-        raise typer.BadParameter(
-            f"--at is three lengths X,Y,Z, such as 0,0,7.5 in millimetres, got '{text}'"
-        )
+    sentence = f"--at is three lengths X,Y,Z, such as 0,0,7.5 in millimetres, got '{text}'"
+    refuse(len(words) != 3, sentence, typer.BadParameter)
     return tuple(quantity(word, "length", bare_unit="mm") for word in words)
 
 

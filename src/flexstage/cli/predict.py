@@ -5,31 +5,33 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.drive_records import BranchesOption, CurveOption, read_drive
 from flexstage.cli.options import (
     InputUnitOption,
     JsonOption,
     OutputUnitOption,
     from_docstring,
     quantity,
+    refuse,
 )
 from flexstage.cli.output import (
     FigureFile,
     console,
-    picture,
     print_json,
     print_notes,
     print_shown,
     print_text,
-    write_file,
+    write_picture,
 )
 from flexstage.cli.reading import (
     AS_EVEN,
     WHOLE_FILE,
+    BranchesOption,
+    CurveOption,
     EvenTimeOptions,
     FileOptions,
+    read_drive,
 )
-from flexstage.errors import ModelError, UnitError
+from flexstage.errors import UnitError
 from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
@@ -83,6 +85,8 @@ def predict(
     """
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.hysteresis.prediction import predict_each
+    from flexstage.report.figures.identification import draw_prediction
+    from flexstage.report.identification import band_in_words
 
     before = _start(start)
     file = read_model_file(model)
@@ -97,13 +101,8 @@ def predict(
         **vars(how),
     )
     found = predict_each(file.model, read, driven, follows, before)
-    written = []
-    if figure is not None:
-        from flexstage.report.figures.identification import draw_prediction
-
-        band = file.errors.get("heldout_95")
-        write_file(figure, picture(figure, draw_prediction(found[0], file.model, band)))
-        written.append(str(figure))
+    band = file.errors.get("heldout_95")
+    written = write_picture(figure, lambda: draw_prediction(found[0], file.model, band))
     result = {
         "model": file.model.hysteresis.kind,
         "file": str(model),
@@ -113,16 +112,14 @@ def predict(
         "records": [prediction_result(p) for p in found],
         "warnings": list(file.warnings),
         "notes": sorted({note for r in read for note in r.notes}),
-        "files": written,
+        "files": [str(path) for path in written],
     }
     if json:
         print_json(result)
         return
     screen = console()
     print_predictions(screen, found, file.model, f"{file.model.hysteresis.kind}, {model}")
-    if (band := file.errors.get("heldout_95")) is not None:
-        from flexstage.report.identification import band_in_words
-
+    if band is not None:
         screen.print(band_in_words(found, band))
     print_notes(screen, (), written)
 
@@ -146,10 +143,10 @@ def moved_for(text: str, words: str) -> float:
         seconds = math.inf if word == "inf" else quantity(text, "time", bare_unit="s")
     except UnitError:
         seconds = math.nan
-    if not seconds >= 0.0:
-        raise ModelError(
-            f"--start must be {words} or a time that is not negative, such as 30 s, got '{text}'"
-        )
+    refuse(
+        not seconds >= 0.0,
+        f"--start must be {words} or a time that is not negative, such as 30 s, got '{text}'",
+    )
     return seconds
 
 

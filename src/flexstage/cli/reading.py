@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
+from flexstage.cli.options import option
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -123,3 +124,43 @@ def record_format(out: Path | None) -> str:
             "the format"
         )
     return _FORMATS[out.suffix.lower()]
+
+
+BranchesOption = Annotated[
+    str | None,
+    option(
+        "UP,DOWN",
+        "Instead of --output: columns of the rising and the falling branch, in a table with "
+        "one row for each input and no times.",
+    ),
+]
+CurveOption = Annotated[
+    str | None,
+    option(
+        "COLUMN|files|columns",
+        "First-order reversal curves, measured on the way back to saturation: the column of "
+        'their numbers or reversal points; "files" if each file is one curve, "columns" if '
+        "--output lists one column for each.",
+    ),
+]
+
+
+def read_drive(
+    files: "Sequence[Path]",
+    input: str | None,
+    output: str | None,
+    *,
+    branches: str | None,
+    curve: str | None,
+    units: tuple[str | None, str | None],
+    **given: Any,
+) -> "tuple[list[Record], str | int, str | int]":
+    """Read what a drive was told and what followed, as `records.drives` does.
+
+    `given` are the fields of the options on reading files.
+    """
+    from flexstage.records.drives import read_drive as run
+    from flexstage.records.reading_options import understood
+
+    how = understood(len(files), **given)
+    return run(files, input, output, branches=branches, curve=curve, units=units, **how)

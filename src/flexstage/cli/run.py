@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFolder,
     console,
@@ -80,8 +80,7 @@ def run(
     wanted = read_plan(file)
     own = taken.stage(stage if stage is not None else stage_source(wanted, file.parent))
     chosen = None if only is None else tuple(s.strip() for s in only.split(",") if s.strip())
-    if chosen == ():
-        raise PlanError("--only names no step: give names separated by commas")
+    refuse(chosen == (), "--only names no step: give names separated by commas", PlanError)
     wanted.chosen(chosen)
     if dry_run:
         from flexstage.experiments import dry_run as tried
@@ -102,8 +101,8 @@ def run(
         )
     from flexstage.files.write import require_writable
 
-    if resume and out is None:
-        raise PlanError("--resume needs --folder: the folder of the run that was interrupted")
+    lacking = "--resume needs --folder: the folder of the run that was interrupted"
+    refuse(resume and out is None, lacking, PlanError)
     from flexstage.experiments.runner import new_run_folder
 
     folder = out if out is not None else new_run_folder(Path("runs"), own.name, file.stem)

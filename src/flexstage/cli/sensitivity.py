@@ -1,7 +1,6 @@
 """`flexstage sensitivity`: which parameter of a stage moves which figure."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from contextlib import suppress
 
 from flexstage.cli.options import (
     JsonOption,
@@ -14,18 +13,15 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    picture,
     print_json,
     print_notes,
     print_shown,
     progress_bar,
+    write_folder,
+    write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.errors import ModelError
-
-if TYPE_CHECKING:
-    from flexstage.explore.sensitivity import Sensitivities
-    from flexstage.stage import Stage
 
 
 @from_docstring
@@ -68,6 +64,9 @@ def sensitivity(
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
     from flexstage.explore.requests.sensitivity import SensitivityRequest
+    from flexstage.report.explored_files import sensitivity_files
+    from flexstage.report.figures.moving_necks import draw_moving_necks
+    from flexstage.report.figures.sensitivity import draw_sensitivities
 
     request = SensitivityRequest(
         of=tuple(of or ()),
@@ -80,9 +79,12 @@ def sensitivity(
     run = request.ready(template)
     with progress_bar("sensitivity", quiet=quiet):
         found = run()
-    files = _written(found, length, folder, figure)
+    files = write_folder(folder, lambda: sensitivity_files(found, length))
+    files += write_picture(figure, lambda: draw_sensitivities(found, length))
     if folder is not None and hinges:
-        files += _necks(found, template.stage(), folder)
+        with suppress(ModelError):  # the places of necks alone were asked for
+            drawn = draw_moving_necks(template.stage(), found)
+            files += write_picture(folder / "necks.svg", lambda: drawn)
     if json:
         from flexstage.explore.results import sensitivity_results
 
@@ -95,33 +97,3 @@ def sensitivity(
         print_shown(screen, shown)
     own = shown.notes if len(shown.rows) < 2 else ()
     print_notes(screen, (*own, *left_out_notes(found, hinges=hinges)), files)
-
-
-def _necks(found: "Sensitivities", stage: "Stage", folder: Path) -> list[Path]:
-    """Write what each neck moves on the drawing of the stage, where one moves a figure."""
-    from flexstage.files.write import write_files
-    from flexstage.report.figures.sensitivity import draw_moving_necks
-
-    try:
-        drawn = draw_moving_necks(stage, found)
-    except ModelError:  # their places alone were asked for
-        return []
-    return write_files(folder, {"necks.svg": picture(Path("necks.svg"), drawn)})
-
-
-def _written(
-    found: "Sensitivities", length: float | None, folder: Path | None, figure: Path | None
-) -> list[Path]:
-    from flexstage.files.write import write_files
-
-    files: list[Path] = []
-    if folder is not None:
-        from flexstage.report.explored_files import sensitivity_files
-
-        files += write_files(folder, sensitivity_files(found, length))
-    if figure is not None:
-        from flexstage.report.figures.sensitivity import draw_sensitivities
-
-        drawn = draw_sensitivities(found, length)
-        files += write_files(figure.parent, {figure.name: picture(figure, drawn)})
-    return files

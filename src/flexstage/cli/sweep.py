@@ -5,19 +5,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.cli.options import JsonOption, ModelOption, QuietOption, from_docstring
+from flexstage.cli.options import (
+    USUAL_WORKERS,
+    JsonOption,
+    ModelOption,
+    QuietOption,
+    WorkerOptions,
+    from_docstring,
+)
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    picture,
     print_json,
     print_notes,
     print_shown,
     progress_bar,
+    write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
@@ -112,7 +118,7 @@ def _written(
     notes: list[str] = []
     if figure is not None:
         try:
-            files += write_files(figure.parent, {figure.name: picture(figure, draw_sweep(found))})
+            files += write_picture(figure, lambda: draw_sweep(found))
         except ModelError as error:
             notes.append(f"{figure.name} was not written: {error}")
     if folder is not None:

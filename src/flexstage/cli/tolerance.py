@@ -5,21 +5,27 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring, one_of
+from flexstage.cli.options import (
+    USUAL_WORKERS,
+    JsonOption,
+    QuietOption,
+    WorkerOptions,
+    from_docstring,
+    one_of,
+    refuse,
+)
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    picture,
     print_json,
     print_notes,
     print_shown,
     progress_bar,
-    write_file,
+    write_folder,
+    write_picture,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.cli.worker_options import USUAL_WORKERS, WorkerOptions
-from flexstage.errors import ModelError
 
 if TYPE_CHECKING:
     from flexstage.explore.tolerance import ToleranceStudy
@@ -86,9 +92,10 @@ def tolerance(
     """
     from flexstage.explore.batches import finished_batches
     from flexstage.explore.requests.tolerance import ToleranceRequest
+    from flexstage.report.explored_files import tolerance_files
+    from flexstage.report.figures.tolerance import draw_spreads
 
-    if every_sample and folder is None:
-        raise ModelError("--every-sample writes a file: give a --folder for it")
+    refuse(every_sample and folder is None, "--every-sample writes a file: give a --folder for it")
     run = ToleranceRequest(
         samples=samples,
         seed=seed,
@@ -103,17 +110,8 @@ def tolerance(
     with finished_batches(folder) as keep:
         with progress_bar("tolerance", quiet=quiet), sharing.open() as workers:
             study, choice = run(workers, keep)
-        files: list[Path] = []
-        if folder is not None:
-            from flexstage.files.write import write_files
-            from flexstage.report.explored_files import tolerance_files
-
-            files += write_files(folder, tolerance_files(study, choice, every=every_sample))
-    if figure is not None:
-        from flexstage.report.figures.tolerance import draw_spreads
-
-        write_file(figure, picture(figure, draw_spreads(study)))
-        files.append(figure)
+        files = write_folder(folder, lambda: tolerance_files(study, choice, every=every_sample))
+    files += write_picture(figure, lambda: draw_spreads(study))
     if json:
         from flexstage.explore.results import tolerance_results
 

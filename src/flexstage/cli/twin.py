@@ -1,7 +1,6 @@
 """`flexstage twin`: a simulated stage behind a GCS controller on a TCP port."""
 
 import contextlib
-import ipaddress
 import json
 import signal
 import threading
@@ -18,6 +17,7 @@ from flexstage.cli.options import (
     from_docstring,
     one_of,
     quantity,
+    refuse,
 )
 from flexstage.cli.output import (
     OutputFile,
@@ -30,6 +30,7 @@ from flexstage.cli.output import (
 from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import LimitError, ModelError, NotConnectedError, UnitError
+from flexstage.web.options import is_loopback
 
 if TYPE_CHECKING:
     import socket
@@ -55,7 +56,7 @@ def twin(
     servo_rate: str = "10 kHz",
     amplifier: Annotated[str, one_of(_AMPLIFIERS)] = "voltage",
     fast: bool = False,
-    identity: Annotated[str, one_of(_IDENTITIES)] = "",
+    identity: Annotated[str | None, one_of(_IDENTITIES)] = None,
     axes: str = "",
     serial_number: str = "",
     hold_control: bool = False,
@@ -99,17 +100,15 @@ def twin(
         The first program that sends a motion or a change keeps control until it disconnects
         (default: all have control, as with a real controller).
     """
-    _check("--model", model, _MODELS)
-    _check("--amplifier", amplifier, _AMPLIFIERS)
-    if identity:
-        _check("--identity", identity, _IDENTITIES)
-    if not 0 <= port <= _PORTS:
-        raise typer.BadParameter(f"--port must be 0 to {_PORTS}, got {port}")
-    if not (serial_number.isascii() and serial_number.isprintable()):
-        raise typer.BadParameter("--serial-number must be of plain printable characters")
-    loop_rate = _rate(servo_rate)
-    if (play is None) != (out is None) or (axis is not None and play is None):
-        raise typer.BadParameter("--play and --out go together, and --axis with them")
+    misuse = typer.BadParameter
+    refuse(not 0 <= port <= _PORTS, f"--port must be 0 to {_PORTS}, got {port}", misuse)
+    plain = serial_number.isascii() and serial_number.isprintable()
+    refuse(not plain, "--serial-number must be of plain printable characters", misuse)
+    loop_rate = quantity(servo_rate, "frequency", bare_unit="Hz")
+    sentence = f"--servo-rate must be 1 kHz to 50 kHz, got '{servo_rate}'"
+    refuse(not 1e3 <= loop_rate <= 50e3, sentence, UnitError)
+    alone = (play is None) != (out is None) or (axis is not None and play is None)
+    refuse(alone, "--play and --out go together, and --axis with them", misuse)
     described = taken.stage(stage)
     if play is not None and out is not None:
         how = {"model": model, "seed": seed, "amplifier": amplifier}
@@ -193,19 +192,6 @@ def _play(
     write_file(out, record_bytes(made.played(name, values, rate), kind))
 
 
-def _check(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        known = ", ".join(allowed[:-2]) + ", " * (len(allowed) > 2) + " or ".join(allowed[-2:])
-        raise typer.BadParameter(f"{option} must be {known}, got '{value[:40]}'")
-
-
-def _rate(text: str) -> float:
-    rate = quantity(text, "frequency", bare_unit="Hz")
-    if not 1e3 <= rate <= 50e3:
-        raise UnitError(f"--servo-rate must be 1 kHz to 50 kHz, got '{text}'")
-    return rate
-
-
 def _reserved(host: str, port: int) -> "socket.socket":
     from flexstage.instruments.pi.simulated.server import reserve
 
@@ -227,7 +213,7 @@ def _taken(host: str, port: int) -> Iterator[None]:
 
 def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
     address, port = server.address
-    if not _is_loopback(host):
+    if not is_loopback(host):
         typer.echo(f"flexstage: anyone who reaches {address}:{port} can move this stage", err=True)
     bracketed = f"[{address}]" if ":" in address else address
     where = f"gcs://{bracketed}:{port}"
@@ -238,13 +224,6 @@ def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast
         line = f"twin of {name} at {where} (simulated); Ctrl-C ends it"
     typer.echo(line)
     typer.get_text_stream("stdout").flush()
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 @contextlib.contextmanager

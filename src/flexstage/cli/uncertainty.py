@@ -6,18 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
     console,
-    picture,
     print_json,
     print_notes,
     print_table,
     progress_bar,
-    write_file,
+    write_picture,
 )
-from flexstage.errors import ModelError
 from flexstage.files.plain import picked, plain
 
 if TYPE_CHECKING:
@@ -56,13 +54,15 @@ def uncertainty(
     """
     from flexstage.measure.uncertainty.budget_file import read_budget
     from flexstage.measure.uncertainty.monte_carlo import validate
+    from flexstage.report.figures.budget import draw_budget
 
     budget = read_budget(file)
     propagated = budget.propagate()
     with progress_bar("uncertainty", quiet=quiet):
         drawn = budget.monte_carlo(trials=_trials(trials), seed=seed, confidence=confidence)
     verdict = validate(propagated, drawn)
-    files = _draw(figure, budget, propagated, drawn)
+    named = {"quantity": budget.quantity, "unit": budget.unit, "factor": budget.factor}
+    files = write_picture(figure, lambda: draw_budget(propagated, drawn, **named))
     result = _result(budget, propagated, drawn, verdict, files)
     if json:
         print_json(result)
@@ -77,23 +77,9 @@ def _trials(text: str) -> int | Literal["auto"]:
         number = float(text)
     except ValueError:
         number = math.nan
-    if not (math.isfinite(number) and number == int(number)):
-        raise ModelError(f"--trials must be a whole number or auto, got '{text}'")
+    whole = math.isfinite(number) and number == int(number)
+    refuse(not whole, f"--trials must be a whole number or auto, got '{text}'")
     return int(number)
-
-
-def _draw(
-    figure: Path | None, budget: "Budget", propagated: "Propagated", drawn: "MonteCarlo"
-) -> list[str]:
-    if figure is None:
-        return []
-    from flexstage.report.figures.budget import draw_budget
-
-    shown = draw_budget(
-        propagated, drawn, quantity=budget.quantity, unit=budget.unit, factor=budget.factor
-    )
-    write_file(figure, picture(figure, shown))
-    return [str(figure)]
 
 
 def _result(
@@ -101,7 +87,7 @@ def _result(
     propagated: "Propagated",
     drawn: "MonteCarlo",
     verdict: "Validation",
-    files: list[str],
+    files: list[Path],
 ) -> dict[str, Any]:
     scale = 1.0 / budget.factor
 
@@ -152,7 +138,7 @@ def _result(
             "high": scale * verdict.high,
         },
         "notes": [*_constants(budget), *propagated.notes, *filter(None, [budget.notes])],
-        "files": files,
+        "files": [str(file) for file in files],
     }
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from flexstage.interactive.show import draw as draw
     from flexstage.interactive.show import read as read
     from flexstage.interactive.stage_analysis import analyse as analyse
-    from flexstage.interactive.stage_study import study as study
+    from flexstage.interactive.stage_analysis import study as study
     from flexstage.interactive.verbs import centre as centre
     from flexstage.interactive.verbs import characterise as characterise
     from flexstage.interactive.verbs import check as check

@@ -11,6 +11,14 @@ _SHORTEST_PASSWORD = 10
 _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
+def is_loopback(host: str) -> bool:
+    """Say whether an address to listen on is reached by this computer alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelOptions:
     """Where the front panel is served, who may come in, and where its files lie.
@@ -66,10 +74,7 @@ class PanelOptions:
     @property
     def is_loopback(self) -> bool:
         """Whether this computer alone reaches it."""
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
 
     @property
     def scheme(self) -> str:

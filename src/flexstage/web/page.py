@@ -1,8 +1,8 @@
 """What a view of the front panel is given: the panel, the person, long work, complaints."""
 
+import asyncio
 import os
 import re
-from asyncio import Task
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -56,7 +56,7 @@ class Page:
     """Who looks at it, with what stays open through a reload."""
     client: Client = field(default_factory=lambda: ui.context.client)
     """Its end in the library: whatever is shown ends with it."""
-    _tasks: set[Task[None]] = field(default_factory=set)
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.client.on_delete(self.leave)
@@ -214,7 +214,7 @@ def choice(
     options: Any,
     value: Any,
     label: str,
-    changed: Callable[[Any], object] | None = None,
+    changed: Callable[..., object] | None = None,
     **more: Any,
 ) -> ui.select:
     """Return a field whose value is one of some, or several of them."""
