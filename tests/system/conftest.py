@@ -23,23 +23,15 @@ def undrawn() -> Iterator[None]:
         yield
 
 
-def _called_here(work: Callable[..., Any], *given: Any, **_: object) -> Any:
-    # copied on both ways, as between two processes
-    return pickle.loads(pickle.dumps(work(*pickle.loads(pickle.dumps(given)))))
-
-
 @pytest.fixture
 def meshed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mesher and geometry kernel run in this process: for parts that they bear."""
     from flexstage.elasticity import step_file
     from flexstage.fem import part_mesh
 
-    monkeypatch.setattr(part_mesh, "in_own_process", _called_here)
+    def called(work: Callable[..., Any], *given: Any, **_: object) -> Any:
+        # copied on both ways, as between two processes
+        return pickle.loads(pickle.dumps(work(*pickle.loads(pickle.dumps(given)))))
 
-
-@pytest.fixture
-def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """STEP files are read in this process: for those that the kernel bears."""
-    from flexstage.elasticity import step_file
-
-    monkeypatch.setattr(step_file, "in_own_process", _called_here)
+    monkeypatch.setattr(part_mesh, "in_own_process", called)
+    monkeypatch.setattr(step_file, "in_own_process", called)

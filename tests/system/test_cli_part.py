@@ -39,7 +39,6 @@ def test_faces_and_mass(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
-@pytest.mark.usefixtures("read_here")
 def test_stiffness_and_modes_of_a_held_bar(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "x-min", "--move", "x-max", "--size", "6", "--json")
     assert run("part", bar, *words) == 0
@@ -56,7 +55,7 @@ def test_stiffness_and_modes_of_a_held_bar(bar: str, capsys: pytest.CaptureFixtu
     assert found["natural_frequency_hz"][0] == pytest.approx(first, rel=0.02)
 
 
-@pytest.mark.usefixtures("read_here", "meshed_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("part", bar, "--size", "6", "--modes", "2") == 0
     assert "natural frequencies in Hz, free" in " ".join(capsys.readouterr().out.split())
@@ -71,7 +70,7 @@ def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFix
     assert 0.95 * first < shown[0] < first
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -106,7 +105,7 @@ def test_bad_input(
     assert said in captured.err
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_a_file_without_a_solid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "face.step"
     Box((0, 0, 0), (1, 1, 1)).faces[0].WriteStep(str(path))
@@ -115,7 +114,7 @@ def test_a_file_without_a_solid(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("read_here", "meshed_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_own_material_and_both_kinds_of_interfaces(
     bar: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +136,7 @@ def test_own_material_and_both_kinds_of_interfaces(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("read_here", "meshed_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_the_point_of_the_stiffness(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "x-min", "--move", "x-max", "--size", "8", "--order", "2", "--modes", "0")
     found = []
@@ -151,7 +150,7 @@ def test_the_point_of_the_stiffness(bar: str, capsys: pytest.CaptureFixture[str]
     assert foot == pytest.approx(shift.T @ end @ shift, rel=1e-6, abs=1e-6 * abs(end).max())
 
 
-@pytest.mark.usefixtures("read_here", "meshed_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_ratio_of_three_faces(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "y-min", "--ratio", "x-max:x-min:y-max", "--modes", "0", "--size", "6")
     own = ("--material", "E=115 GPa, nu=0.34, rho=8800")
@@ -178,7 +177,7 @@ def chain(tmp_path: Path) -> str:
     return str(path)
 
 
-@pytest.mark.usefixtures("read_here", "meshed_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_an_assembly_of_two_materials(chain: str, capsys: pytest.CaptureFixture[str]) -> None:
     soft, hard = "E=46 GPa, nu=0.3, rho=7600", "E=193 GPa, nu=0.3, rho=7750"
     which = ("--solids", "shell,2", "--material", hard, "--material", f"stack={soft}")
@@ -199,7 +198,7 @@ def test_an_assembly_of_two_materials(chain: str, capsys: pytest.CaptureFixture[
     assert "joined, as if bonded: shell and stack at " in shown
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -219,7 +218,7 @@ def test_bad_assemblies(
     assert said in captured.err
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_solids_that_overlap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "overlap.step"
     Compound([Box((0, 0, 0), (5, 4, 3)), Box((4.9, 1, 0), (9, 3, 2))]).WriteStep(str(path))
@@ -227,7 +226,7 @@ def test_solids_that_overlap(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "overlap, body1, body2: joined they fall into 3 pieces" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_a_mesh_that_will_not_fit_is_refused_before_it_is_made(
     bar: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,7 +265,7 @@ def test_words_of_the_geometry_kernel_stay_off_standard_output(
     assert captured.err.count("\n") == 1
 
 
-@pytest.mark.usefixtures("read_here")
+@pytest.mark.usefixtures("meshed_here")
 def test_a_picture_with_the_names_of_faces(
     bar: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -102,7 +102,7 @@ def compensate(
     from flexstage.records.likely_columns import taken_drive
     from flexstage.records.reading_options import understood
     from flexstage.records.write import record_bytes
-    from flexstage.report.figures.feedforward import draw_feedforward
+    from flexstage.report.figures.tracking import draw_feedforward
 
     kind = record_format(out)
     file = read_model_file(model)

@@ -8,7 +8,7 @@ import typer
 from flexstage.cli.options import JsonOption, from_docstring, one_of
 from flexstage.cli.output import OutputFile, print_json, write_file
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, StageError
 
 if TYPE_CHECKING:
     from flexstage.lumped.reduction import ReducedModel
@@ -39,7 +39,8 @@ def equations(
     Parameters
     ----------
     form
-        --to: Plain text, a LaTeX document, or the structural diagram as a drawing.
+        --to: Plain text, a LaTeX document, or the structural diagram of an axis as a
+        drawing.
     reduce
         Reduction of the coordinates for transfer functions; auto uses
         the symmetry of the stage if it leaves few enough coordinates, else condensation to drives

@@ -204,7 +204,7 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
 def _write(
     found: "Identification", read: "list[Record]", out: Path | None, figure: Path | None
 ) -> list[Path]:
-    from flexstage.hysteresis.identification.identified_file import identified_file
+    from flexstage.hysteresis.identification.identify import identified_file
     from flexstage.hysteresis.model_file import model_text
     from flexstage.report.figures.identification import draw_identification
 

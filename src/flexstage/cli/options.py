@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_origin
 import typer
 
 from flexstage.choose import did_you_mean
-from flexstage.comparison import MODEL_WORDS
 from flexstage.errors import ModelError
 
 if TYPE_CHECKING:

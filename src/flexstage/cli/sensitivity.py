@@ -65,8 +65,7 @@ def sensitivity(
     """
     from flexstage.explore.requests.sensitivity import SensitivityRequest
     from flexstage.report.explored_files import sensitivity_files
-    from flexstage.report.figures.moving_necks import draw_moving_necks
-    from flexstage.report.figures.sensitivity import draw_sensitivities
+    from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
 
     request = SensitivityRequest(
         of=tuple(of or ()),

@@ -12,7 +12,7 @@ from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.export.request import ExportRequest
 from flexstage.files.names import file_name
-from flexstage.hinges.arcs import ARC_TOLERANCE, CurvedProfile
+from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
 
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
