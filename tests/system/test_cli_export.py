@@ -114,7 +114,7 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
         (["vgtu-piezo", "--to", "c", "--step", "3 mm"], "not a unit of time"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis is usual, none"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "x=missing.yaml"], "no file missing.yaml"),
-        (["vgtu-piezo", "--to", "c", "--current", "0.1 A"], "bandwidth"),
+        (["vgtu-piezo", "--to", "c", "--current", "0.1 A", "--model", "lumped"], "bandwidth"),
         (["vgtu-piezo", "--to", "dxf", "--kerf", "9 mm"], "wire"),
         (["vgtu-piezo", "--to", "mat", "--model", "rigid"], "rigid"),
         (["nowhere", "--to", "step"], "nowhere"),

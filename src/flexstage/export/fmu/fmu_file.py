@@ -1,9 +1,10 @@
-"""An FMU: one file that other simulation programs run as a block, with its header and its icon."""
+"""An FMU: one file that other simulation programs run as a block, with its header."""
 
 import hashlib
 import io
 import uuid
 import zipfile
+from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree as ET
@@ -16,21 +17,16 @@ from flexstage.export.fmu.description import MAIN, model_description
 from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, fmu_layout
 from flexstage.export.request import ExportRequest
-from flexstage.export.source.arrays import c_comment, c_number
+from flexstage.export.source.arrays import c_array, c_comment, c_flags
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel
-from flexstage.hysteresis.model import Array
-from flexstage.stage import Circle, Stage
-from flexstage.stage.contour import body_contour
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h", "fmi_calls.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip archive can hold
-_PIXELS = 256
-_HELD, _MOVED, _EDGE = "#9aa5b1", "#3f7fbf", "#1f2d3d"
 
 
 def fmu_files(
@@ -38,12 +34,11 @@ def fmu_files(
     *,
     version: Literal["2.0", "3.0"] = "2.0",
     binary: bool | None = None,
-    stage: Stage | None = None,
 ) -> dict[str, bytes]:
     """Return a model as an FMU, for co-simulation and for model exchange.
 
-    The FMU holds its sources, a library for computers like this one, a page of documentation and an
-    icon. Co-simulation steps as `DynamicModel.simulate` does, by whole multiples of `model.step`;
+    The FMU holds its sources, a library for computers like this one, and a page of documentation.
+    Co-simulation steps as `DynamicModel.simulate` does, by whole multiples of `model.step`;
     with the parameter ``interpolation`` 1 commands move on straight lines as they do there, with 0,
     which is the default, they jump and hold, as importers expect. Model exchange hands the same
     stage to the importer's solver.
@@ -54,8 +49,7 @@ def fmu_files(
     to turn at its end.
 
     The archive is NAME.fmu, of FMI 2.0 or 3.0. `binary` says whether to compile a library; where
-    not given, one is compiled where a C compiler is found. The stage is for its outline on the
-    icon.
+    not given, one is compiled where a C compiler is found.
 
     Examples
     --------
@@ -86,13 +80,8 @@ def fmu_files(
     compiled = any(name.startswith("binaries/") for name in made)
     made["documentation/index.html"] = documentation(model, layout, version, compiled).encode()
     made["documentation/licenses/license.txt"] = LICENSE.encode()
-    icon = icon_png(stage)
-    if version == "2.0":
-        made["model.png"] = icon
-    else:
+    if version == "3.0":
         made["sources/buildDescription.xml"] = _build_description(layout)
-        made["terminalsAndIcons/icon.png"] = icon
-        made["terminalsAndIcons/terminalsAndIcons.xml"] = _icon_description()
     return {f"{layout.identifier}.fmu": _archive(made)}
 
 
@@ -117,15 +106,6 @@ def _build_description(layout: FmuLayout) -> bytes:
     return _xml(root)
 
 
-def _icon_description() -> bytes:
-    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    picture = ET.SubElement(root, "GraphicalRepresentation")
-    corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
-    ET.SubElement(picture, "CoordinateSystem", corners, suggestedScalingFactorTo_mm="0.1")
-    ET.SubElement(picture, "Icon", corners)
-    return _xml(root)
-
-
 def _xml(root: ET.Element) -> bytes:
     ET.indent(root, "  ")
     text = ET.tostring(root, encoding="unicode")
@@ -142,60 +122,6 @@ def _archive(content: dict[str, bytes]) -> bytes:
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             archive.writestr(entry, content[name])
     return out.getvalue()
-
-
-def icon_png(stage: Stage | None) -> bytes:
-    """Return a small square PNG: the plate, or a block between two leaf springs, on no ground."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.56, 2.56), dpi=_PIXELS / 2.56, facecolor="none")
-    axes = figure.add_axes((0.02, 0.02, 0.96, 0.96))
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    if stage is None:
-        _sketch(axes)
-    else:
-        _plate(axes, stage)
-    axes.autoscale_view()
-    out = io.BytesIO()
-    # nothing of the computer or the time in the file: the same stage gives the same bytes
-    FigureCanvasAgg(figure).print_png(out, metadata={"Software": None})
-    return out.getvalue()
-
-
-def _plate(axes: "Axes", stage: Stage) -> None:
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    for body in stage.bodies:
-        outline, holes = body_contour(stage, body)
-        loops = (outline, *holes, *body.mounting_holes)
-        rings = [(x.loop() if isinstance(x, Circle) else x).polyline(1e-4) for x in loops]
-        # a ring that turns the other way round is a hole
-        rings = [rings[0], *(ring[::-1] if _turns_left(ring) else ring for ring in rings[1:])]
-        if not _turns_left(rings[0]):
-            rings[0] = rings[0][::-1]
-        paths = [Path(np.vstack((ring, ring[:1])), closed=True) for ring in rings]
-        colour = _HELD if body.fixed else _MOVED
-        axes.add_patch(
-            PathPatch(Path.make_compound_path(*paths), facecolor=colour, edgecolor=_EDGE, lw=0.4)
-        )
-
-
-def _turns_left(ring: Array) -> bool:
-    x, y = ring.T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) > 0.0
-
-
-def _sketch(axes: "Axes") -> None:
-    from matplotlib.patches import Rectangle
-
-    for x in (0.0, 8.6):
-        axes.add_patch(Rectangle((x, 0.0), 1.4, 10.0, facecolor=_HELD, edgecolor=_EDGE, lw=1.0))
-    for y in (2.2, 7.4):
-        axes.add_patch(Rectangle((1.4, y), 7.2, 0.4, facecolor=_EDGE, edgecolor="none"))
-    axes.add_patch(Rectangle((3.2, 1.4), 3.6, 7.2, facecolor=_MOVED, edgecolor=_EDGE, lw=1.0))
 
 
 def fmu_data(model: DynamicModel, layout: FmuLayout, token: str) -> str:
@@ -226,6 +152,7 @@ def fmu_data(model: DynamicModel, layout: FmuLayout, token: str) -> str:
     nominal = np.array([v.nominal for v in layout.of("state")], dtype=np.float64)
     gains = np.array([d.modal_gain for d in model.drives])
     drives, probes = "FS_DRIVES", "FS_PROBES"
+    reals = partial(c_array, kind="double")
     return "\n".join(
         [
             f"/* Variables of the FMU of {c_comment(model.title or model.name)}: value references",
@@ -239,18 +166,16 @@ def fmu_data(model: DynamicModel, layout: FmuLayout, token: str) -> str:
             *(f"#define {name} {value}" for name, value in numbers.items()),
             "",
             "/* Where states of the solver are; -1: none. */",
-            _ints("fmu_voltage_at", drives, at.voltage_at, "voltage of each amplifier"),
-            _ints("fmu_lag_at", drives, at.lag_at, "first lag of each creep"),
-            _ints("fmu_seen_at", probes, at.seen_at, "lag of each sensor"),
-            _ints("fmu_amplified", drives, amplified or [0], "drives with an amplifier"),
-            _reals("fmu_usual_voltage", f"[{drives}]", np.array(layout.usual_voltage), "[V]"),
-            _reals("fmu_nominal", "[FMU_STATES]", nominal, "usual size of each state"),
+            c_flags("fmu_voltage_at", drives, at.voltage_at, "voltage of each amplifier"),
+            c_flags("fmu_lag_at", drives, at.lag_at, "first lag of each creep"),
+            c_flags("fmu_seen_at", probes, at.seen_at, "lag of each sensor"),
+            c_flags("fmu_amplified", drives, amplified or [0], "drives with an amplifier"),
+            # a solver's numbers are double even where the core is single
+            reals("fmu_usual_voltage", [drives], layout.usual_voltage, "[V]"),
+            reals("fmu_nominal", ["FMU_STATES"], nominal, "usual size of each state"),
             "/* Modes are scaled to a modal mass of 1 kg. */",
-            _reals(
-                "fmu_gain", f"[{drives}][FS_MODES]", gains, "of each mode for a unit of a drive"
-            ),
-            _reals("fmu_shape", f"[{probes}][FS_MODES]", model.probe_shapes, "of each probe"),
-            "",
+            reals("fmu_gain", [drives, "FS_MODES"], gains, "of each mode for a unit of a drive"),
+            reals("fmu_shape", [probes, "FS_MODES"], model.probe_shapes, "of each probe"),
             "/* Where a parameter is; every reference that is asked for is one. */",
             "static fs_real *fmu_parameter(fs_stage *s, unsigned reference)",
             "{",
@@ -278,19 +203,6 @@ def _case(reference: int, what: str) -> str:
     return f"    case {reference}: return {what};"
 
 
-def _ints(name: str, size: str, values: tuple[int, ...] | list[int], comment: str) -> str:
-    listed = ", ".join(str(v) for v in values)
-    return f"/* {comment} */\nstatic const int {name}[{size}] = {{{listed}}};"
-
-
-def _reals(name: str, sizes: str, values: np.ndarray, comment: str) -> str:
-    # flat rows in inner braces; a solver's numbers are double even where the core is single
-    rows = np.atleast_2d(values)
-    lines = ["{" + ",\n     ".join(c_number(v) for v in row.tolist()) + "}" for row in rows]
-    body = lines[0] if values.ndim == 1 else "{\n    " + ",\n    ".join(lines) + "}"
-    return f"/* {comment} */\nstatic const double {name}{sizes} = {body};"
-
-
 def export(request: ExportRequest) -> dict[str, bytes]:
     """Write the format."""
     if not request.source_only and compiler() is None:
@@ -304,7 +216,6 @@ def export(request: ExportRequest) -> dict[str, bytes]:
             request.dynamic,
             version=version,
             binary=False if request.source_only else None,
-            stage=request.stage,
         )
         for name, content in made.items():
             # both versions may be asked for at once

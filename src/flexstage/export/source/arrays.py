@@ -39,11 +39,13 @@ def c_comment(text: str) -> str:
     return plain.encode("ascii", "replace").decode()
 
 
-def c_array(name: str, dimensions: Sequence[str], values: ArrayLike, comment: str) -> str:
-    """Return the definition of a constant array of `fs_real`, its sizes as C writes them."""
+def c_array(
+    name: str, dimensions: Sequence[str], values: ArrayLike, comment: str, kind: str = "fs_real"
+) -> str:
+    """Return the definition of a constant array of numbers of a kind, with its sizes in C."""
     sizes = "".join(f"[{d}]" for d in dimensions)
     body = _braces(np.asarray(values, dtype=np.float64), "    ")
-    return f"{_wrapped(comment)}\nstatic const fs_real {name}{sizes} = {body};\n"
+    return f"{_wrapped(comment)}\nstatic const {kind} {name}{sizes} = {body};\n"
 
 
 def c_flags(name: str, dimension: str, values: Sequence[int | str], comment: str) -> str:
