@@ -30,6 +30,14 @@ class AttachedMass:
     """Mass or moment of inertia for each motion [kg or kg m^2], shape (k,)."""
 
 
+def inverse_of(form: ng.BilinearForm, kept: Any) -> ng.BaseMatrix:
+    """Factorise a condensed form in the unknowns that are kept; interiors of elements come back."""
+    inverse = form.mat.Inverse(kept, "sparsecholesky")
+    one = ng.IdentityMatrix(form.space.ndof)
+    outwards, inwards = one + form.harmonic_extension, one + form.harmonic_extension_trans
+    return outwards @ inverse @ inwards + form.inner_solve
+
+
 class Continuum:
     r"""A linear-elastic part on a mesh.
 
@@ -180,13 +188,7 @@ class Continuum:
             form = self._matrices["stiffness"]
             kept = self.space.FreeDofs(True)
             progress.update("factorisation", 0.5)
-            inverse = form.mat.Inverse(kept, "sparsecholesky")
-            one = ng.IdentityMatrix(self.size)
-            outwards, inwards = (
-                one + form.harmonic_extension,
-                one + form.harmonic_extension_trans,
-            )
-            self._solver = outwards @ inverse @ inwards + form.inner_solve
+            self._solver = inverse_of(form, kept)
             self._right = form.mat.CreateColVector()
             self._left = form.mat.CreateColVector()
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.elasticity.continuum import Continuum
+from flexstage.elasticity.continuum import Continuum, inverse_of
 from flexstage.elasticity.loaded import green_strain, volume_unit
 from flexstage.elasticity.resources import parallel
 from flexstage.errors import ConvergenceError, ModelError
@@ -81,12 +81,8 @@ class _Path:
 
     def _tangent(self) -> ng.BaseMatrix:
         """Inverse of the tangent stiffness at the state, interiors of elements put back."""
-        form = self.form
-        form.AssembleLinearization(self.state)
-        inverse = form.mat.Inverse(self.space.FreeDofs(True), "sparsecholesky")
-        one = ng.IdentityMatrix(self.space.ndof)
-        ends = (one + form.harmonic_extension, one + form.harmonic_extension_trans)
-        return ends[0] @ inverse @ ends[1] + form.inner_solve
+        self.form.AssembleLinearization(self.state)
+        return inverse_of(self.form, self.space.FreeDofs(True))
 
     def _solve(self, tangent: ng.BaseMatrix, load: Array) -> Array:
         self.right.FV().NumPy()[:] = load

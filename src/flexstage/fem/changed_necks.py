@@ -57,30 +57,32 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
     if replace(after, necks=same) != before:
         return []
     try:
-        return [
+        found = [
             _changed_neck(before, new.profile, i)
             for i, (old, new) in enumerate(zip(before.necks, after.necks, strict=True))
             if old != new
         ]
     except (HingeError, StageError):
         return []
+    return [neck for neck in found if neck is not None] if None not in found else []
 
 
-def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck:
+def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck | None:
+    """Return how a neck changes; nothing where another notch than that is followed."""
     old, thick = before.necks[number].profile, new.neck_thickness
     thicker = thick / old.neck_thickness
     if not 1.0 / _FARTHEST < thicker < _FARTHEST:
-        raise HingeError(f"a neck {thicker:.3g} times as thick is not followed")
+        return None
     # the contour moves outward with the neck, or the cut is less deep from a mouth that stays
     made = _outward if _outward(old, thick) == new else with_neck_thickness
     if made(old, thick) != new:
-        raise HingeError("another dimension than the thickness of the neck is not followed")
+        return None
     hinge, root = _root(before, number)
     ends = root_line(replace(hinge, profile=new), before.necks[number].which)
     for end, corner, side in zip(ends, root.edge, (-1.0, 1.0), strict=True):
         (x, y), (edge, most) = hinge.from_plane(end), hinge.from_plane(corner)
         if abs(x - edge) > TOLERANCE or side * (y - most) > TOLERANCE:
-            raise StageError("the notch does not end within the edge of its body")
+            return None  # it does not end within the edge of its body
     return ChangedNeck(
         number=number,
         thicker=thicker,

@@ -1,17 +1,14 @@
 """All bodies of a stage condensed, each once, or found in the cache."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexstage import progress
 from flexstage.cache.cache import Cache, open_cache
+from flexstage.cache.packing import pack, unpack
 from flexstage.fem.changed_necks import (
     ChangedNeck,
     changed_necks,
@@ -77,7 +74,7 @@ def _condense_missing(
         if entry is None:
             missing[part] = key
         else:
-            ready[part] = _from_arrays(entry)
+            ready[part] = unpack(entry)
     # the largest first, so that no thread waits long for another at the end
     largest_first = sorted(missing, key=lambda part: -len(part.necks))
     with ThreadPoolExecutor(_threads()) as workers:
@@ -86,7 +83,7 @@ def _condense_missing(
             progress.update("bodies", i / len(missing))
             ready[part] = found
             if store is not None:
-                store.store(missing[part], _to_arrays(found))
+                store.store(missing[part], pack(found)[0])
     if store is not None and missing:
         store.trim()
     return list(missing)
@@ -100,25 +97,3 @@ def _threads() -> int:
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1
-
-
-def _to_arrays(condensed: Condensed) -> dict[str, NDArray]:
-    arrays = {}
-    for f in fields(Condensed):
-        value = getattr(condensed, f.name)
-        if isinstance(value, str):
-            value = np.frombuffer(value.encode(), dtype=np.uint8)
-        arrays[f.name] = np.asarray(value)
-    return arrays
-
-
-def _from_arrays(arrays: Mapping[str, NDArray]) -> Condensed:
-    plain = {
-        "interfaces": int(arrays["interfaces"]),
-        "elements": int(arrays["elements"]),
-        "unknowns": int(arrays["unknowns"]),
-        "inertia": tuple(arrays["inertia"].tolist()),
-        "held": arrays["held"].tobytes().decode(),
-    }
-    rest = {f.name: arrays[f.name] for f in fields(Condensed) if f.name not in plain}
-    return Condensed(**rest, **plain)

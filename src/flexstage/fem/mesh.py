@@ -56,15 +56,21 @@ class MeshSettings:
     """Layers of prisms through half the thickness; of a plane mesh it says nothing."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("order", 1, 8),
-            ("neck_size", 0.05, 20.0),
-            ("grading", 0.1, 1.0),
-            ("size", 0.01, 100.0),
-            ("layers", 1, 16),
-        ):
-            if not low <= (value := getattr(self, name)) <= high:
-                raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
+        require_within(
+            self,
+            order=(1, 8),
+            neck_size=(0.05, 20.0),
+            grading=(0.1, 1.0),
+            size=(0.01, 100.0),
+            layers=(1, 16),
+        )
+
+
+def require_within(settings: object, **ranges: tuple[float, float]) -> None:
+    """Refuse figures of a mesh that are out of their ranges."""
+    for name, (low, high) in ranges.items():
+        if not low <= (value := getattr(settings, name)) <= high:
+            raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
 
 
 #: Sizes that are tried, over the one that is asked for, until the plate is filled with prisms.

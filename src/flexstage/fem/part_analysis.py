@@ -159,7 +159,6 @@ class _Wanted:
     ratio: tuple[str, str, str] | None
     at: tuple[float, ...]
     modes: int
-    force: bool
 
 
 def analyse_part(
@@ -190,7 +189,7 @@ def analyse_part(
     -----
     Validity: small displacements, isotropic materials; bodies that share a face are joined there.
     """
-    wanted = _wanted(part, hold, move, ratio, at=at, modes=modes, force=force)
+    wanted = _wanted(part, hold, move, ratio, at=at, modes=modes)
     if not interfaces or set(interfaces) - set(INTERFACES):
         raise StageError(f"interfaces are rigid or mean, got {', '.join(interfaces) or 'none'}")
     part.require_joined()
@@ -208,18 +207,22 @@ def analyse_part(
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
     results: dict[str, InterfaceResult] = {}
+
+    def held(*more: str) -> Bodies:
+        names = "|".join((*wanted.held, *more))
+        return _ready(Bodies(made, of, order=chosen.order, held=names), force)
+
     for k, kind in enumerate(kinds):
         with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
-            floating = None
-            if kind != "rigid":
-                floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
-            if kind == "free":
-                assert floating is not None
-                results[kind] = InterfaceResult(frequency_hz=_free(floating, modes))
-            elif floating is not None:
-                results[kind] = _with_mean_interfaces(floating, wanted)
-            else:
-                results[kind] = _with_rigid_interfaces(made, of, chosen.order, wanted)
+            if kind == "rigid":
+                results[kind] = _with_interfaces(wanted, held, rigid=True)
+                continue
+            floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
+            results[kind] = (
+                InterfaceResult(frequency_hz=_free(floating, modes))
+                if kind == "free"
+                else _with_interfaces(wanted, lambda *_, own=floating: own, rigid=False)
+            )
     return PartAnalysis(
         part=part,
         materials=of,
@@ -248,7 +251,6 @@ def _wanted(
     *,
     at: Sequence[float] | None,
     modes: int,
-    force: bool,
 ) -> _Wanted:
     if (move or ratio) and not hold:
         raise StageError("stiffness and ratio of faces are against held ones: name some to hold")
@@ -275,7 +277,6 @@ def _wanted(
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
         at=point,
         modes=modes,
-        force=force,
     )
 
 
@@ -302,45 +303,42 @@ def _free(body: Bodies, modes: int) -> Array:
     return _hertz(omega[_RIGID_MOTIONS:])
 
 
-def _with_rigid_interfaces(
-    mesh: ng.Mesh, materials: Mapping[str, Material], order: int, wanted: _Wanted
+def _with_interfaces(
+    wanted: _Wanted, part: Callable[..., Bodies], *, rigid: bool
 ) -> InterfaceResult:
-    """Solve with one factorisation for each set of faces that is held."""
+    """Solve with rigid interfaces, one factorisation for each set of faces held, or with mean ones.
 
-    def held(*more: str) -> Bodies:
-        names = "|".join((*wanted.held, *more))
-        return _ready(Bodies(mesh, materials, order=order, held=names), wanted.force)
+    `part` gives the part with more faces held, or the one that floats.
+    """
+
+    def done(body: Bodies) -> None:
+        if rigid:  # what floats serves again
+            body.release()
 
     frequency, stiffness, ratio = np.zeros(0), None, None
     if wanted.modes:
         with progress.subtask(0.0, 0.5):
-            body = held()
-            frequency = _hertz(body.modes(wanted.modes)[0])
-            body.release()
+            body = part()
+            omega, _ = (
+                body.modes(wanted.modes)
+                if rigid
+                else interface_modes(body, wanted.held, wanted.modes)
+            )
+            frequency = _hertz(omega)
+            done(body)
     if wanted.moved:
         with progress.subtask(0.5, 0.75):
             progress.update("stiffness")
-            body = held(*wanted.moved)
-            stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at)
-            body.release()
+            body = part(*wanted.moved)
+            stiffness = interface_stiffness(
+                body, wanted.moved, wanted.held, at=wanted.at, rigid=rigid
+            )
+            done(body)
     if wanted.ratio:
         with progress.subtask(0.75, 1.0):
             progress.update("ratio")
-            body = held(*wanted.ratio)
-            ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held)
-    return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
-
-
-def _with_mean_interfaces(body: Bodies, wanted: _Wanted) -> InterfaceResult:
-    """Solve with the one factorisation of the floating part."""
-    frequency, stiffness, ratio = np.zeros(0), None, None
-    if wanted.modes:
-        with progress.subtask(0.0, 0.5):
-            frequency = _hertz(interface_modes(body, wanted.held, wanted.modes)[0])
-    if wanted.moved:
-        progress.update("stiffness", 0.5)
-        stiffness = interface_stiffness(body, wanted.moved, wanted.held, at=wanted.at, rigid=False)
-    if wanted.ratio:
-        progress.update("ratio", 0.75)
-        ratio = interface_ratio(body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=False)
+            body = part(*wanted.ratio)
+            ratio = interface_ratio(
+                body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=rigid
+            )
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)

@@ -14,6 +14,7 @@ from flexstage.arrays import Array
 from flexstage.elasticity.own_process import BrokenDownError, in_own_process
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
+from flexstage.fem.mesh import require_within
 
 #: Smallest element that thinness asks for, in sizes of the part.
 SMALLEST = 2e-3
@@ -262,14 +263,9 @@ class PartMesh:
     """Largest element at faces, by their names [m]."""
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("order", 1, 8),
-            ("thin", 0.0, 100.0),
-            ("grading", 0.1, 1.0),
-            ("curvature", 0.2, 20.0),
-        ):
-            if not low <= (value := getattr(self, name)) <= high:
-                raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
+        require_within(
+            self, order=(1, 8), thin=(0.0, 100.0), grading=(0.1, 1.0), curvature=(0.2, 20.0)
+        )
         for value in (self.size, *self.sizes.values()):
             if value is not None and not value > 0.0:
                 raise ModelError(f"a mesh size must be positive [m], got {value!r}")

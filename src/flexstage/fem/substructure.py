@@ -4,7 +4,9 @@ import hashlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import metadata, resources
+from pathlib import Path
 
+from flexstage.cache.memory import source_hash
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
@@ -174,10 +176,6 @@ class Substructure:
 @lru_cache(maxsize=1)
 def _software() -> str:
     """Name the software that condenses: versions, and a hash of the sources that take part."""
-    digest = hashlib.sha256()
-    for room in ("elasticity", "fem", "hinges", "stage"):
-        folder = resources.files("flexstage") / room
-        for file in sorted(folder.iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
-                digest.update(file.name.encode() + file.read_bytes())
-    return f"{_ALGORITHM} {metadata.version('ngsolve')} {digest.hexdigest()}"
+    package = Path(str(resources.files("flexstage")))
+    sources = [source_hash(package / room) for room in ("elasticity", "fem", "hinges", "stage")]
+    return " ".join((str(_ALGORITHM), metadata.version("ngsolve"), *sources))

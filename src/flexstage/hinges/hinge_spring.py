@@ -93,12 +93,11 @@ def strip_compliance(
     start, end = ends
     # integrals of 1, x and x^2
     i0, i1, i2 = end - start, (end**2 - start**2) / 2.0, (end**3 - start**3) / 3.0
-    bend = 12.0 / width**3
     c = np.empty((3, 3))
-    c[0, 0] = i0 / width + bend * middle**2 * i0
-    c[1, 1] = bend * i2 + 2.4 * (1.0 + poisson) * i0 / width
-    c[2, 2] = bend * i0
-    c[0, 2] = c[2, 0] = bend * middle * i0
-    c[1, 2] = c[2, 1] = -side * bend * i1
-    c[0, 1] = c[1, 0] = -side * bend * middle * i1
+    c[0, 0] = i0 / width + 12.0 * middle**2 * i0 / width**3
+    c[1, 1] = 12.0 * i2 / width**3 + 2.4 * (1.0 + poisson) * i0 / width
+    c[2, 2] = 12.0 * i0 / width**3
+    c[0, 2] = c[2, 0] = 12.0 * middle * i0 / width**3
+    c[1, 2] = c[2, 1] = -side * 12.0 * i1 / width**3
+    c[0, 1] = c[1, 0] = -side * 12.0 * middle * i1 / width**3
     return c
