@@ -61,6 +61,27 @@ class Segments:
     state: Array
     """State after the last sample."""
 
+    @classmethod
+    def straight(
+        cls, start: Array, constant: Array, slope: Array, samples: int, state: Array
+    ) -> "Segments":
+        """Return segments without an exponential part."""
+        none = np.zeros(start.size)
+        return cls(
+            start=start,
+            constant=constant,
+            slope=slope,
+            amplitude=none,
+            rate=none,
+            samples=samples,
+            state=state,
+        )
+
+    @property
+    def numbers(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Start, constant, slope, amplitude and rate, as compiled loops take them."""
+        return self.start, self.constant, self.slope, self.amplitude, self.rate
+
 
 class HysteresisModel(ABC):
     """A rate-independent relation with memory from an input u to an output y.

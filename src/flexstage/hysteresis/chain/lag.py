@@ -85,19 +85,7 @@ def lags_through_segments(
     The ratio is step over time constant of each. Readings after the first sample are added to y,
     shape (p, n), with one row of weights each in the reader, shape (p, m).
     """
-    _lags_through(
-        force.start,
-        force.constant,
-        force.slope,
-        force.amplitude,
-        force.rate,
-        ratio,
-        np.exp(-ratio),
-        lag_moments(ratio),
-        lag,
-        reader,
-        y,
-    )
+    _lags_through(*force.numbers, ratio, np.exp(-ratio), lag_moments(ratio), lag, reader, y)
 
 
 @compiled

@@ -200,7 +200,7 @@ def value_at(force: Segments, sample: int) -> float:
 def values_at_samples(force: Segments) -> Array:
     """Return the values of a sequence that is known between the samples."""
     value = np.empty(force.samples)
-    _values(force.start, force.constant, force.slope, force.amplitude, force.rate, value)
+    _values(*force.numbers, value)
     return value
 
 

@@ -158,15 +158,7 @@ def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> S
         after = state.copy()
         play_sum.pieces(values, backward, *terms, after, room)
     start, constant, slope = np.ascontiguousarray(room[:count].T)
-    return Segments(
-        start=start,
-        constant=constant,
-        slope=slope,
-        amplitude=np.zeros(count),
-        rate=np.zeros(count),
-        samples=values.size,
-        state=after,
-    )
+    return Segments.straight(start, constant, slope, values.size, after)
 
 
 def sum_numbers(total: Sum) -> Array:
