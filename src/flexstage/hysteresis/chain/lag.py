@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -184,8 +183,6 @@ class Lag(ChainElement):
     >>> round(float(ramp[-1] - lag.simulate(ramp, 0.001).values[-1]), 9)
     2.31
     """
-
-    validity: ClassVar[str] = "one real pole and a delay; nothing that rings"
 
     time_constant: float = 0.0
     """Time constant T [s]; 0 for none."""

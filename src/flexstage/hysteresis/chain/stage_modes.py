@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,8 +49,6 @@ class StageModes(ChainElement):
     >>> round(float(y.max()), 3)
     1.962
     """
-
-    validity: ClassVar[str] = "linear modes of small motion; what is not listed follows at once"
 
     frequency_hz: Sequence[float]
     """Natural frequencies [Hz], shape (k,)."""
