@@ -507,7 +507,7 @@ def test_asymmetric_inverse_stays_in_its_range() -> None:
     assert "1.208 and" in model.properties()[2].detail
     top = model.simulate([130.0]).values[0]
     assert model.inverse([top]).values[0] == pytest.approx(130.0, abs=1e-11)
-    with pytest.raises(ModelError, match="not reached"):
+    with pytest.raises(ModelError, match="no input from the lowest_input"):
         model.inverse([top * (1 + 1e-9)])
     with pytest.raises(ModelError, match="only from an input"):
         model.inverse([1.0], [131.0, 0.0])

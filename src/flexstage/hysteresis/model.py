@@ -34,6 +34,8 @@ class Response:
     """Output of a simulation, or input found by an inverse, shape (n,)."""
     state: Array
     """State after the last sample."""
+    missed: int = -1
+    """First sample that no input reaches, of the nearest inputs; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +62,27 @@ class Segments:
     """Number of samples n of the input."""
     state: Array
     """State after the last sample."""
+
+    @classmethod
+    def straight(
+        cls, start: Array, constant: Array, slope: Array, samples: int, state: Array
+    ) -> "Segments":
+        """Return segments without an exponential part."""
+        none = np.zeros(start.size)
+        return cls(
+            start=start,
+            constant=constant,
+            slope=slope,
+            amplitude=none,
+            rate=none,
+            samples=samples,
+            state=state,
+        )
+
+    @property
+    def numbers(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Start, constant, slope, amplitude and rate, as compiled loops take them."""
+        return self.start, self.constant, self.slope, self.amplitude, self.rate
 
 
 class HysteresisModel(ABC):
@@ -220,6 +243,16 @@ class HysteresisModel(ABC):
             Every field of the model.
         """
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def _reaching(self, y: ArrayLike, state: ArrayLike | None, where: str, hint: str) -> Response:
+        """Return the nearest inputs after checking that they give the outputs."""
+        found = self.nearest(y, state)
+        if found.missed >= 0:
+            raise ModelError(
+                f"no input {where} gives {samples(y, 'output')[found.missed]:g}, wanted at sample "
+                f"{found.missed}: {hint}"
+            )
+        return found
 
     def _state(self, state: ArrayLike | None) -> Array:
         """Return a private copy of a state after checking that it is one of this model."""

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,8 +47,6 @@ class Amplifier(ChainElement):
     >>> round(float(u[9]), 4), round(float(u[59]), 4)
     (22.5806, 99.9994)
     """
-
-    validity: ClassVar[str] = "one dominant pole, and a capacitance that does not change"
 
     bandwidth_hz: float
     """Frequency at which a small sine has fallen by 3 dB [Hz]."""

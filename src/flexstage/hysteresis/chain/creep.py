@@ -3,7 +3,6 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -176,10 +175,6 @@ class LogCreep(Creep):
     0.0199
     """
 
-    validity: ClassVar[str] = (
-        "linear creep, the same for rise and fall, between the shortest and the longest time"
-    )
-
     rate_per_decade: float
     """Rise after a step in each decade of time, over the step [1]; not negative."""
     shortest: float = 0.01
@@ -250,10 +245,6 @@ class CreepSpectrum(Creep):
     >>> creep.step_response([0.0, 0.1, 100.0]).round(4)
     array([1.    , 1.0324, 1.08  ])
     """
-
-    validity: ClassVar[str] = (
-        "linear creep, the same for rise and fall, at the rates that it was found from"
-    )
 
     times: tuple[float, ...]
     """Time constants [s], rising."""

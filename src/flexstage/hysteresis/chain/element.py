@@ -1,7 +1,6 @@
 """What the elements of a linear chain share: step, state, frequency response, terms of a series."""
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,9 +33,6 @@ class ChainElement(ABC):
     """
 
     __slots__ = ()
-
-    #: What the element cannot represent.
-    validity: ClassVar[str]
 
     @abstractmethod
     def settled(self, x: float, dt: float) -> Array:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,19 +84,7 @@ def lags_through_segments(
     The ratio is step over time constant of each. Readings after the first sample are added to y,
     shape (p, n), with one row of weights each in the reader, shape (p, m).
     """
-    _lags_through(
-        force.start,
-        force.constant,
-        force.slope,
-        force.amplitude,
-        force.rate,
-        ratio,
-        np.exp(-ratio),
-        lag_moments(ratio),
-        lag,
-        reader,
-        y,
-    )
+    _lags_through(*force.numbers, ratio, np.exp(-ratio), lag_moments(ratio), lag, reader, y)
 
 
 @compiled
@@ -196,8 +183,6 @@ class Lag(ChainElement):
     >>> round(float(ramp[-1] - lag.simulate(ramp, 0.001).values[-1]), 9)
     2.31
     """
-
-    validity: ClassVar[str] = "one real pole and a delay; nothing that rings"
 
     time_constant: float = 0.0
     """Time constant T [s]; 0 for none."""

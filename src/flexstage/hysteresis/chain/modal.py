@@ -129,11 +129,7 @@ def modes_through_segments(
     """
     if z.size == 1 and y.shape[0] == 1 and reader[0, 1] == 0.0:
         z[0], v[0] = _one_through(
-            force.start,
-            force.constant,
-            force.slope,
-            force.amplitude,
-            force.rate,
+            *force.numbers,
             float(step.angle[0]),
             float(step.damping_ratio[0]),
             np.ascontiguousarray(step.transition[:, 0]),
@@ -145,11 +141,7 @@ def modes_through_segments(
         )
         return
     _through(
-        force.start,
-        force.constant,
-        force.slope,
-        force.amplitude,
-        force.rate,
+        *force.numbers,
         step.angle,
         step.damping_ratio,
         step.transition,

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,8 +41,6 @@ class Sensor(ChainElement):
     >>> round(float(y.mean()) * 1e9, 1), round(float(y.std()) * 1e9, 1)
     (3129.3, 5.0)
     """
-
-    validity: ClassVar[str] = "white, normal noise after one pole"
 
     gain: float = 1.0
     """Reading over input g [unit of y / unit of x]."""

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,8 +49,6 @@ class StageModes(ChainElement):
     >>> round(float(y.max()), 3)
     1.962
     """
-
-    validity: ClassVar[str] = "linear modes of small motion; what is not listed follows at once"
 
     frequency_hz: Sequence[float]
     """Natural frequencies [Hz], shape (k,)."""
@@ -200,7 +197,7 @@ def value_at(force: Segments, sample: int) -> float:
 def values_at_samples(force: Segments) -> Array:
     """Return the values of a sequence that is known between the samples."""
     value = np.empty(force.samples)
-    _values(force.start, force.constant, force.slope, force.amplitude, force.rate, value)
+    _values(*force.numbers, value)
     return value
 
 

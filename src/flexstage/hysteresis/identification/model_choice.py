@@ -42,8 +42,6 @@ class Candidate:
     """The same on cycles that it was not fitted to [%]."""
     heldout_free_rms_percent: float | None = None
     """The same, where the constant is fitted again to what was held out [%]."""
-    heldout_error_percent: float = 0.0
-    """How much the held-out figure differs from the best one by chance [%]."""
     failed: str = ""
     """Why it cannot serve; empty where it can."""
 
@@ -180,7 +178,6 @@ def choose(tried: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple[
             rms_percent=rows[n].rms,
             heldout_rms_percent=rows[n].held,
             heldout_free_rms_percent=rows[n].held_free,
-            heldout_error_percent=spread[n] / max(2.0 * score[n], 1e-300),
             failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order

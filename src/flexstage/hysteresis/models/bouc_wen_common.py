@@ -92,8 +92,8 @@ class BoucWenModel(HysteresisModel):
 
     def _inputs(
         self, y: Array, state: Array, limits: tuple[float, float, float], steepest: str
-    ) -> tuple[Response, int]:
-        """Return the nearest inputs, and the first sample that none reaches, or -1.
+    ) -> Response:
+        """Return the nearest inputs.
 
         Limits are the lowest and the highest input, and the least slope of the polynomial, which
         `steepest` names.
@@ -108,7 +108,7 @@ class BoucWenModel(HysteresisModel):
                 f"reach the {steepest}, so that more than one input gives an output; stay within a "
                 f"smaller range, or give a smaller hysteresis_gain"
             )
-        return Response(values=values, state=self._state_after(values[-1], h)), missed
+        return Response(values=values, state=self._state_after(values[-1], h), missed=missed)
 
     def _state_after(self, u: float, h: float) -> Array:
         """Return the state after the last sample.

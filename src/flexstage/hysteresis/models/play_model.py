@@ -56,20 +56,10 @@ class PlayModel(HysteresisModel):
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
         # where the output stands still over a range of inputs, the input stops at its near end
-        found, missed = self._inverted(y, state)
-        if missed >= 0:
-            wanted = samples(y, "output")[missed]
-            raise ModelError(
-                f"no input of this {self.kind} model gives {wanted:g}, wanted at sample "
-                f"{missed}: its outermost slopes are zero; stay within its outputs"
-            )
-        return found
+        hint = "its outermost slopes are zero; stay within its outputs"
+        return self._reaching(y, state, f"of this {self.kind} model", hint)
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        return self._inverted(y, state)[0]
-
-    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
-        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         after = self._state(state)
         wanted = samples(y, "output")
         if self._least_slope() < 0.0:
@@ -78,7 +68,7 @@ class PlayModel(HysteresisModel):
                 f"{self._least_slope():g}: identify it with weights that are not negative"
             )
         u, missed = play_sum.invert(wanted, *self.play_terms(), after)
-        return Response(values=u, state=after), missed
+        return Response(values=u, state=after, missed=missed)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments:
         given = sampled(u)
@@ -158,15 +148,7 @@ def segments_of(values: Array, terms: Sum, state: Array, *, backward: bool) -> S
         after = state.copy()
         play_sum.pieces(values, backward, *terms, after, room)
     start, constant, slope = np.ascontiguousarray(room[:count].T)
-    return Segments(
-        start=start,
-        constant=constant,
-        slope=slope,
-        amplitude=np.zeros(count),
-        rate=np.zeros(count),
-        samples=values.size,
-        state=after,
-    )
+    return Segments.straight(start, constant, slope, values.size, after)
 
 
 def sum_numbers(total: Sum) -> Array:

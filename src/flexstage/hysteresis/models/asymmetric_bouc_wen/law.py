@@ -94,20 +94,13 @@ class AsymmetricBoucWen(BoucWenModel):
     segments = HysteresisModel.segments
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        found, missed = self._inverted(y, state)
-        if missed >= 0:
-            raise ModelError(
-                f"the output {samples(y, 'output')[missed]:.6g} at sample {missed} is not reached "
-                f"between the lowest_input {self.lowest_input:.6g} and the highest_input "
-                f"{self.highest_input:.6g}: stay within"
-            )
-        return found
+        where = (
+            f"from the lowest_input {self.lowest_input:.6g} to the highest_input "
+            f"{self.highest_input:.6g}"
+        )
+        return self._reaching(y, state, where, "stay within")
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        return self._inverted(y, state)[0]
-
-    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
-        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         outputs = samples(y, "output")
         start = self._state(state)
         low, high = self.lowest_input, self.highest_input

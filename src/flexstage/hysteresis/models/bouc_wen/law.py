@@ -78,7 +78,7 @@ class BoucWen(BoucWenModel):
                 f"{self.beta + self.gamma:.6g}: its output falls in the end while the input rises"
             )
         limits = (-math.inf, math.inf, self.gain)
-        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")[0]
+        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
 
     def properties(self) -> tuple[ModelProperty, ...]:
         bounded, dissipative, steepest = classical_properties(

@@ -119,20 +119,11 @@ class Duhem(HysteresisModel):
         return Response(values=y, state=np.array([given[-1], y[-1]]))
 
     def inverse(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        found, missed = self._inverted(y, state)
-        if missed >= 0:
-            low, high = self.input_range
-            raise ModelError(
-                f"no input from {low:g} to {high:g} gives {samples(y, 'output')[missed]:g}, wanted "
-                f"at sample {missed}: stay within the range, or widen it"
-            )
-        return found
+        low, high = self.input_range
+        hint = "stay within the range, or widen it"
+        return self._reaching(y, state, f"from {low:g} to {high:g}", hint)
 
     def nearest(self, y: ArrayLike, state: ArrayLike | None = None) -> Response:
-        return self._inverted(y, state)[0]
-
-    def _inverted(self, y: ArrayLike, state: ArrayLike | None) -> tuple[Response, int]:
-        """Return the nearest inputs, and the first sample that none reaches, or -1."""
         wanted, before = samples(y, "output"), self._state(state)
         least = self._extremes()[0]
         if least <= 0.0:
@@ -145,7 +136,7 @@ class Duhem(HysteresisModel):
         edge = ROUNDING * (high - low)
         ends = (low - edge, high + edge)
         u, missed = _invert(wanted, self.rate, *self.padded(), *ends, before)
-        return Response(values=u, state=before), missed
+        return Response(values=u, state=before, missed=missed)
 
     def segments(self, u: ArrayLike, state: ArrayLike | None = None) -> Segments | None:
         f, g = self.padded()

@@ -103,7 +103,7 @@ class GeneralisedBoucWen(BoucWenModel):
                 f"rises"
             )
         limits = (-math.inf, math.inf, self.gain)
-        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")[0]
+        return self._inputs(outputs, start, limits, f"gain {self.gain:.6g}")
 
     def properties(self) -> tuple[ModelProperty, ...]:
         # Bounded: psi above zero where h is loaded, and h never beyond where unloading would drive

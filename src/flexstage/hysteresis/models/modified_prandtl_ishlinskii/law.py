@@ -174,15 +174,7 @@ def _through(line: PiecewiseLinear, pieces: Segments) -> Segments:
     # The slope is that in the middle of a piece, since its ends lie on the knots.
     middle = constant + 0.5 * slope * (np.append(start[1:], pieces.samples - 1.0) - start)
     inner = line.slopes[np.searchsorted(line.knots, middle)]
-    return Segments(
-        start=start,
-        constant=line.at(constant),
-        slope=slope * inner,
-        amplitude=np.zeros(start.size),
-        rate=np.zeros(start.size),
-        samples=pieces.samples,
-        state=pieces.state,
-    )
+    return Segments.straight(start, line.at(constant), slope * inner, pieces.samples, pieces.state)
 
 
 def c_code(model: ModifiedPrandtlIshlinskii) -> HysteresisCode:
