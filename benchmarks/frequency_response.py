@@ -32,7 +32,6 @@ RATE_HZ = 20_000.0
 #: Frequency [Hz], damping ratio and size of the modes, and the band that is fitted [Hz].
 MODES = ((339.0, 0.013, 3e-9), (612.0, 0.011, 2e-9))
 BAND = (170.0, 900.0)
-#: Orders that suffice for two modes.
 #: Segments that have 14 and 22 lines to the half-power width of the modes.
 RESOLVING = 32_768
 #: Samples that the bare transforms take at a time; best of several on a cache of 1 MB.
