@@ -13,7 +13,7 @@ from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
 from flexstage.experiments.file import PLAN_FILE
 from flexstage.experiments.plan import Plan
 from flexstage.files.schema import file_schema
-from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, BudgetContent
+from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, Budget
 from flexstage.stage.format import SCHEMA_PATH, stage_schema
 
 PACKAGE = Path(flexstage.__file__).parent
@@ -28,7 +28,7 @@ def schemas() -> dict[Path, dict[str, Any]]:
             CAMPAIGN_FILE, Campaign
         ),
         PACKAGE / "measure" / "uncertainty" / "budget.schema.json": file_schema(
-            BUDGET_FILE, BudgetContent
+            BUDGET_FILE, Budget
         ),
     }
 
