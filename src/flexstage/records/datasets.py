@@ -192,9 +192,8 @@ def _at(tree: Tree, path: str) -> list[StoredArray]:
         inside = [leaf for leaf in tree.leaves if f"{leaf.parent}/".startswith(f"{wanted}/")]
         if inside:
             return _only(inside)
-    if not tree.leaves:
-        raise RecordError(f"there is no dataset '{path}': the file contains no arrays")
-    raise RecordError(f"there is no dataset '{path}': the file contains {_some(tree.leaves)}")
+    held = _some(tree.leaves) or "no arrays"
+    raise RecordError(f"there is no dataset '{path}': the file contains {held}")
 
 
 def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:
