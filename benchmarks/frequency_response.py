@@ -32,8 +32,6 @@ RATE_HZ = 20_000.0
 #: Frequency [Hz], damping ratio and size of the modes, and the band that is fitted [Hz].
 MODES = ((339.0, 0.013, 3e-9), (612.0, 0.011, 2e-9))
 BAND = (170.0, 900.0)
-#: Orders that suffice for two modes.
-LOW = range(2, 21)
 #: Segments that have 14 and 22 lines to the half-power width of the modes.
 RESOLVING = 32_768
 #: Samples that the bare transforms take at a time; best of several on a cache of 1 MB.
@@ -92,9 +90,9 @@ def estimated(given: Record, segment: int | None) -> ResponseEstimate:
     return estimate_response(given, "voltage", "displacement", excitation="random", segment=segment)
 
 
-def fitted(found: ResponseEstimate, orders: range | None = None) -> ModalFit:
+def fitted(found: ResponseEstimate) -> ModalFit:
     """Return the modes in the band."""
-    return fit_modes(found.response, band=BAND, orders=orders)
+    return fit_modes(found.response, band=BAND)
 
 
 def _rows(case: str, given: Record, segment: int | None, runs: int, fit: bool) -> Iterator[Row]:
@@ -128,11 +126,6 @@ def _rows(case: str, given: Record, segment: int | None, runs: int, fit: bool) -
                 f"flexstage, of that the modes, {lines} lines",
                 lambda: fitted(start),
                 "eigenvalues of the stabilisation diagram, of orders up to 40",
-            ),
-            (
-                "flexstage, record to modes, orders up to 20",
-                lambda: fitted(estimated(given, segment), LOW),
-                _words(fitted(start, LOW)),
             ),
         ]
     times = in_turns([work for _, work, _ in routes], runs=runs)

@@ -12,7 +12,7 @@ import flexstage
 from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
 from flexstage.experiments.plan import PLAN_FILE, Plan
 from flexstage.files.schema import file_schema
-from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, BudgetContent
+from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, Budget
 from flexstage.stage.format import SCHEMA_PATH, stage_schema
 
 PACKAGE = Path(flexstage.__file__).parent
@@ -27,7 +27,7 @@ def schemas() -> dict[Path, dict[str, Any]]:
             CAMPAIGN_FILE, Campaign
         ),
         PACKAGE / "measure" / "uncertainty" / "budget.schema.json": file_schema(
-            BUDGET_FILE, BudgetContent
+            BUDGET_FILE, Budget
         ),
     }
 

@@ -195,7 +195,7 @@ def test_options_that_do_not_go_together(capsys, tmp_path, columns):
         (("--output", "y", "--curve", "y"), "must be three columns"),
         (("--output", "y", "--curve", "time"), "does not number curves"),
         (("--output", "y", "--curve", "files", "--test", file), "leave --test-record out"),
-        (("--branches", "y,time"), "in no unit and in s"),
+        (("--branches", "y,time"), "y in no unit, time in s"),
     ):
         assert said in refused(capsys, file, "--input", "u", *words)
     table = write(tmp_path / "t.csv", "u,up,down", *np.cumsum(np.ones((3, 9)), axis=1))

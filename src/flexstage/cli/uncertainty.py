@@ -112,7 +112,8 @@ def _result(
             for line in propagated.lines
         ],
         "correlations": [
-            {"between": list(pair), "coefficient": r} for pair, r in budget.correlations.items()
+            {"between": [first, second], "coefficient": r}
+            for first, second, r in budget.correlations
         ],
         "gum": {
             "value": scale * propagated.value,

@@ -81,38 +81,42 @@ def read_text(path: Path, kind: str, error: type[FlexstageError]) -> str:
     `kind` is what it should be, for messages. A file that is no regular one, too large or not UTF-8
     is refused.
     """
+
+    def refuse(sentence: str) -> NoReturn:
+        raise error(sentence) from None
+
     try:
         # asked before it is opened: opening a named pipe would wait for ever
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise error(f"{path} is a directory, expected a {kind}")
+            refuse(f"{path} is a directory, expected a {kind}")
         if not stat.S_ISREG(status.st_mode):
-            raise error(f"{path} is not a regular file, expected a {kind}")
+            refuse(f"{path} is not a regular file, expected a {kind}")
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise error(f"there is no file {path}: give the path of a {kind}") from None
+        refuse(f"there is no file {path}: give the path of a {kind}")
     except FlexstageError:
         raise
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
-        raise error(f"the file {path} cannot be read: {reason}") from None
+        refuse(f"the file {path} cannot be read: {reason}")
     if len(data) > MAX_BYTES:
-        raise error(
-            f"{path} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
-        )
+        refuse(_too_large(path, kind))
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         line = data.count(b"\n", 0, fault.start) + 1
         if b"\0" in data and data[:2] not in (b"\xff\xfe", b"\xfe\xff"):
-            raise error(
+            refuse(
                 f"{path} is a picture or another binary file, expected a {kind}: give the text "
                 "file that it belongs to"
-            ) from None
-        raise error(
-            f"{path}, line {line}: the file is not UTF-8 text; save it in that encoding"
-        ) from None
+            )
+        refuse(f"{path}, line {line}: the file is not UTF-8 text; save it in that encoding")
+
+
+def _too_large(source: object, kind: str) -> str:
+    return f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
 
 
 def parse_yaml(
@@ -131,13 +135,14 @@ def parse_yaml(
     """
     import yaml
 
+    def refuse(sentence: str) -> NoReturn:
+        raise error(sentence) from None
+
     if len(text) > MAX_BYTES:
-        raise error(
-            f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
-        )
+        refuse(_too_large(source, kind))
     for pattern, what in _OTHERS.items():
         if re.match(pattern, text):
-            raise error(f"{source} is {what}, where a text in YAML is expected")
+            refuse(f"{source} is {what}, where a text in YAML is expected")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         return _Builder(source, kind, error, finite).document(yaml.parse(text, Loader=loader))
@@ -147,12 +152,12 @@ def parse_yaml(
         rest = text.split("\n")[mark.line :] if mark else []
         tab = mark and rest and rest[0][mark.column :].startswith("\t")
         said = "a tab stands where spaces must: use spaces" if tab else fault.problem
-        raise error(f"{source}{line}: this is not YAML: {said}") from None
+        refuse(f"{source}{line}: this is not YAML: {said}")
     except yaml.YAMLError as fault:
         reason = getattr(fault, "reason", None) or "it cannot be parsed"
-        raise error(f"{source}: this is not YAML: {reason}") from None
+        refuse(f"{source}: this is not YAML: {reason}")
     except UnicodeEncodeError:
-        raise error(f"{source}: this is not YAML: it holds half a character") from None
+        refuse(f"{source}: this is not YAML: it holds half a character")
 
 
 def parse_json(text: str | bytes, source: str, format: Format) -> Node:

@@ -46,7 +46,7 @@ class StoredArray:
     @property
     def path(self) -> str:
         """Where it is in the file."""
-        return f"{self.parent}/{self.name}" if self.parent else self.name
+        return _path(self.parent, self.name)
 
     @property
     def core(self) -> tuple[int, ...]:
@@ -74,18 +74,41 @@ class StoredArray:
         return f"{self.path} ({size}{why})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(slots=True, kw_only=True, eq=False)
 class Tree:
     """All that a file holds."""
 
-    leaves: tuple[StoredArray, ...]
-    """Its arrays, in the order of the file."""
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    """Its single numbers, by path."""
-    texts: Mapping[str, str] = field(default_factory=dict)
-    """Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
     file_size: int
     """Size of the file [bytes]."""
+    leaves: list[StoredArray] = field(default_factory=list)
+    """Its arrays, in the order of the file."""
+    numbers: dict[str, float] = field(default_factory=dict)
+    """Its single numbers, by path."""
+    texts: dict[str, str] = field(default_factory=dict)
+    """Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
+
+    def add(self, parent: str, name: str, array: NDArray) -> None:
+        """Take in an array: a single number or text as such, fields of a structure one by one."""
+        path, kind = _path(parent, name), array.dtype.kind
+        if array.dtype.names is not None:
+            for field_name in array.dtype.names:
+                self.leaves.append(_in_memory(path, field_name, array[field_name]))
+        elif array.size == 1 and kind in "US":
+            self.texts[path] = str(array.reshape(-1)[0])
+        elif array.size == 1 and kind in "biuf":
+            self.numbers[path] = float(array.reshape(-1)[0])
+        else:
+            self.leaves.append(_in_memory(parent, name, array))
+
+
+def _path(parent: str, name: str) -> str:
+    return f"{parent}/{name}" if parent else name
+
+
+def _in_memory(parent: str, name: str, array: NDArray) -> StoredArray:
+    return StoredArray(
+        parent=parent, name=name, shape=array.shape, kind=array.dtype.kind, load=lambda: array
+    )
 
 
 @contextmanager
@@ -169,9 +192,8 @@ def _at(tree: Tree, path: str) -> list[StoredArray]:
         inside = [leaf for leaf in tree.leaves if f"{leaf.parent}/".startswith(f"{wanted}/")]
         if inside:
             return _only(inside)
-    if not tree.leaves:
-        raise RecordError(f"there is no dataset '{path}': the file contains no arrays")
-    raise RecordError(f"there is no dataset '{path}': the file contains {_some(tree.leaves)}")
+    held = _some(tree.leaves) or "no arrays"
+    raise RecordError(f"there is no dataset '{path}': the file contains {held}")
 
 
 def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:

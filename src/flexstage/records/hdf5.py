@@ -23,14 +23,8 @@ def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
     import h5py
 
     with reading(path, "an HDF5", ": is it whole?"), h5py.File(str(path), "r") as file:
-        walk = _Walk(matlab="MATLAB_class" in _attribute_names(file))
-        walk.group("", file, 0)
-        tree = Tree(
-            leaves=tuple(walk.leaves),
-            numbers=walk.numbers,
-            texts=walk.texts,
-            file_size=path.stat().st_size,
-        )
+        tree = Tree(file_size=path.stat().st_size)
+        _Walk(tree, matlab="MATLAB_class" in _attribute_names(file)).group("", file, 0)
         return chosen_columns(tree, dataset)
 
 
@@ -45,11 +39,9 @@ def _attributes(thing: Any) -> dict[str, Any]:
 class _Walk:
     """Gathers the datasets of a file, without their numbers."""
 
-    def __init__(self, *, matlab: bool) -> None:
+    def __init__(self, tree: Tree, *, matlab: bool) -> None:
+        self.tree = tree
         self.matlab = matlab
-        self.leaves: list[StoredArray] = []
-        self.numbers: dict[str, float] = {}
-        self.texts: dict[str, str] = {}
 
     def group(self, path: str, group: Any, depth: int) -> None:
         import h5py
@@ -63,7 +55,7 @@ class _Walk:
             if isinstance(thing, h5py.Group):
                 if depth < _DEEPEST and not name.startswith("#"):
                     self.group(f"{path}/{name}" if path else name, thing, depth + 1)
-            elif isinstance(thing, h5py.Dataset) and len(self.leaves) < _MOST:
+            elif isinstance(thing, h5py.Dataset) and len(self.tree.leaves) < _MOST:
                 self._dataset(path, name, thing)
 
     def _describe(self, path: str, thing: Any) -> None:
@@ -72,9 +64,9 @@ class _Walk:
             where = f"{path}/{key}" if path else key
             text = _text(value)
             if text is not None:
-                self.texts[where] = text
+                self.tree.texts[where] = text
             elif np.size(value) == 1 and np.asarray(value).dtype.kind in "biuf":
-                self.numbers[where] = float(np.asarray(value).reshape(-1)[0])
+                self.tree.numbers[where] = float(np.asarray(value).reshape(-1)[0])
 
     def _dataset(self, parent: str, name: str, dataset: Any) -> None:
         path = f"{parent}/{name}" if parent else name
@@ -82,7 +74,7 @@ class _Walk:
         if dataset.shape is None or "MATLAB_empty" in attributes or dataset.size == 0:
             return
         if _text(attributes.get("MATLAB_class")) == "char" and dataset.size < 10_000:
-            self.texts[path] = "".join(chr(code) for code in np.asarray(dataset).reshape(-1))
+            self.tree.texts[path] = "".join(chr(code) for code in np.asarray(dataset).reshape(-1))
             return
         if dataset.dtype.names is not None and set(dataset.dtype.names) != {"real", "imag"}:
             for field in dataset.dtype.names:
@@ -93,9 +85,9 @@ class _Walk:
             value = dataset[()]
             text = _text(value)
             if text is not None:
-                self.texts[path] = text
+                self.tree.texts[path] = text
             elif kind in "biuf":
-                self.numbers[path] = float(np.asarray(value).reshape(-1)[0])
+                self.tree.numbers[path] = float(np.asarray(value).reshape(-1)[0])
             return
         self._leaf(parent, name, dataset, kind, _whole(dataset, turned=self.matlab))
 
@@ -107,7 +99,7 @@ class _Walk:
         label = _text(attributes.get("name", attributes.get("long_name"))) or ""
         is_field = dataset.dtype.names is not None and kind != "c"
         shape = tuple(dataset.shape)
-        self.leaves.append(
+        self.tree.leaves.append(
             StoredArray(
                 parent=parent,
                 name=name,

@@ -17,7 +17,6 @@ import numpy as np
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import (
-    StoredArray,
     Tree,
     chosen_columns,
     most_unpacked,
@@ -56,68 +55,42 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
         # it warns of a variable that it cannot read, which is missing then and said to be
         warnings.simplefilter("ignore")
         variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
-    walk = _Walk()
+    unread: list[str] = []
+    tree = Tree(file_size=path.stat().st_size)
     for name, value in variables.items():
         if not name.startswith("__"):
-            walk.visit("", name, value, 0)
-    tree = Tree(
-        leaves=tuple(walk.leaves),
-        numbers=walk.numbers,
-        texts=walk.texts,
-        file_size=path.stat().st_size,
-    )
-    if walk.unread and not any(leaf.usable for leaf in tree.leaves):
+            _gather(tree, unread, "", name, value)
+    if unread and not any(leaf.usable for leaf in tree.leaves):
         raise RecordError(
-            f"'{path}' holds objects that only MATLAB reads ({', '.join(walk.unread)}): save their "
+            f"'{path}' holds objects that only MATLAB reads ({', '.join(unread)}): save their "
             "columns as plain arrays"
         )
     return chosen_columns(tree, dataset)
 
 
-class _Walk:
-    """Gathers the arrays, numbers and texts of nested structures and cells."""
+def _gather(
+    tree: Tree, unread: list[str], parent: str, name: str, value: Any, depth: int = 0
+) -> None:
+    """Gather the arrays, numbers and texts of nested structures and cells."""
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
-    def __init__(self) -> None:
-        self.leaves: list[StoredArray] = []
-        self.numbers: dict[str, float] = {}
-        self.texts: dict[str, str] = {}
-        self.unread: list[str] = []
-
-    def visit(self, parent: str, name: str, value: Any, depth: int) -> None:
-        from scipy.io.matlab import MatlabFunction, MatlabOpaque
-
-        path = f"{parent}/{name}" if parent else name
-        if not isinstance(value, np.ndarray) or depth > _DEEPEST:
-            return
-        if isinstance(value, MatlabOpaque | MatlabFunction):
-            self.unread.append(path)
-        elif value.dtype.names is not None or value.dtype.kind == "O":
-            self._inside(parent, name, value, depth)
-        elif value.dtype.kind in "US":
-            if value.size == 1:
-                self.texts[path] = str(value.reshape(-1)[0])
-        elif value.size == 1 and value.dtype.kind in "biuf":
-            self.numbers[path] = float(value.reshape(-1)[0])
-        elif value.size:
-            leaf = StoredArray(
-                parent=parent,
-                name=name,
-                shape=value.shape,
-                kind=value.dtype.kind,
-                load=lambda: value,
-            )
-            self.leaves.append(leaf)
-
-    def _inside(self, parent: str, name: str, value: np.ndarray, depth: int) -> None:
-        marks = "()" if value.dtype.names is not None else "{}"
+    if not isinstance(value, np.ndarray) or depth > _DEEPEST:
+        return
+    fields = value.dtype.names
+    if isinstance(value, MatlabOpaque | MatlabFunction):
+        unread.append(f"{parent}/{name}" if parent else name)
+    elif fields is not None or value.dtype.kind == "O":
+        marks = "()" if fields is not None else "{}"
         for i, item in enumerate(value.reshape(-1)[:_MOST_ITEMS]):
             label = name if value.size == 1 else f"{name}{marks[0]}{i + 1}{marks[1]}"
-            path = f"{parent}/{label}" if parent else label
-            if value.dtype.names is None:
-                self.visit(parent, label, item, depth + 1)
+            if fields is None:
+                _gather(tree, unread, parent, label, item, depth + 1)
             else:
-                for field in value.dtype.names:
-                    self.visit(path, field, item[field], depth + 1)
+                path = f"{parent}/{label}" if parent else label
+                for field in fields:
+                    _gather(tree, unread, path, field, item[field], depth + 1)
+    elif value.size == 1 or (value.size and value.dtype.kind not in "US"):
+        tree.add(parent, name, value)
 
 
 # numbers of the types of elements, and of the classes of matrices

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import (
-    StoredArray,
     Tree,
     chosen_columns,
     reading,
@@ -59,23 +58,9 @@ def _arrays(path: Path) -> dict[str, NDArray]:
 
 
 def _tree(arrays: dict[str, NDArray], file_size: int) -> Tree:
-    leaves: list[StoredArray] = []
-    numbers: dict[str, float] = {}
-    texts: dict[str, str] = {}
+    tree = Tree(file_size=file_size)
     for path, array in arrays.items():
         parent, _, name = path.rpartition("/")
-        if array.dtype.names is not None:
-            leaves += (_leaf(path, field, array[field]) for field in array.dtype.names)
-        elif array.size == 1 and array.dtype.kind in "US":
-            texts[path] = str(array.reshape(-1)[0])
-        elif array.size == 1 and array.dtype.kind in "biuf":
-            numbers[path] = float(array.reshape(-1)[0])
-        else:
-            leaves.append(_leaf(parent, name or "column", array))
-    return Tree(leaves=tuple(leaves), numbers=numbers, texts=texts, file_size=file_size)
-
-
-def _leaf(parent: str, name: str, array: NDArray) -> StoredArray:
-    return StoredArray(
-        parent=parent, name=name, shape=array.shape, kind=array.dtype.kind, load=lambda: array
-    )
+        # the fields of a lone array are columns by their own names
+        tree.add(parent, name or ("" if array.dtype.names is not None else "column"), array)
+    return tree

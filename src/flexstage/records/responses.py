@@ -193,14 +193,19 @@ def _is_frequency(channel: Channel) -> bool:
 def _hertz(part: _Part) -> Array:
     channel = part.channel
     require_complete(channel.values, channel.name)
-    if part.unit and channel.unit:
-        raise RecordError(f"column '{channel.name}' says its unit: leave '{part.unit}' out")
     if part.unit:
+        _require_unsaid(part)
         return channel.values * _SCALES.get(part.unit, 1.0)
     if channel.unit == "rad/s" or channel.name.strip() == "omega":
         return channel.values * _SCALES["rad/s"]
     words = re.split(r"[^A-Za-z]+", channel.name)
     return channel.values * next((_SCALES[w] for w in words if w in _SCALES), 1.0)
+
+
+def _require_unsaid(part: _Part) -> None:
+    """Refuse a unit that is given to a column that says its own."""
+    if part.unit and part.channel.unit:
+        raise RecordError(f"column '{part.channel.name}' says its unit: leave '{part.unit}' out")
 
 
 def _pairs(record: Record, parts: Sequence[_Part]) -> dict[str, tuple[_Part, _Part]]:
@@ -292,8 +297,7 @@ def _signed(part: _Part) -> Array:
 def _radians(record: Record, part: _Part) -> Array:
     values, words = _signed(part), _words(part)
     if part.channel.unit == "rad":
-        if part.unit:
-            raise RecordError(f"column '{part.channel.name}' says its unit: leave it out")
+        _require_unsaid(part)
         return values
     if words & {"deg", "degree", "degrees", "°"}:
         return np.radians(values)

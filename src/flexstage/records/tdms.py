@@ -54,14 +54,12 @@ def _quiet() -> Iterator[None]:
 
 
 def _tree(file: Any, file_size: int) -> Tree:
-    leaves = []
-    texts = {str(k): str(v) for k, v in file.properties.items()}
+    tree = Tree(file_size=file_size)
+    tree.texts = {str(k): str(v) for k, v in file.properties.items()}
     for group in file.groups():
-        texts |= {f"{group.name}/{k}": str(v) for k, v in group.properties.items()}
-        for channel in group.channels():
-            if len(channel):
-                leaves.append(_leaf(group.name, channel))
-    return Tree(leaves=tuple(leaves), texts=texts, file_size=file_size)
+        tree.texts |= {f"{group.name}/{k}": str(v) for k, v in group.properties.items()}
+        tree.leaves += [_leaf(group.name, channel) for channel in group.channels() if len(channel)]
+    return tree
 
 
 def _leaf(group: str, channel: Any) -> StoredArray:

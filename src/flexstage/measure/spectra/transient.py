@@ -53,13 +53,13 @@ def find_pulses(values: Array, trigger: float) -> list[Pulse]:
     return found
 
 
-def grouped(
+def starting_pulses(
     pulses: list[Pulse], size: int, pre: int, segment: int | None
-) -> tuple[list[list[Pulse]], int]:
-    """Return which pulses start a segment, with those that fall into it, and its length.
+) -> tuple[list[Pulse], int]:
+    """Return which pulses start a segment, and its length.
 
-    The one that starts a segment is first in its group; `pre` samples of a segment are before it.
-    The length is found from the gaps between pulses where not given.
+    `pre` samples of a segment are before its pulse. The length is found from the gaps between
+    pulses where not given.
     """
     if not pulses:
         raise RecordError("no hit was found in the record: is the input the right column?")
@@ -68,23 +68,21 @@ def grouped(
     # without a length of segment, pulses nearer than this share of the longest gap belong together
     together = 0.1
     least = together * float(gaps.max()) if segment is None else float(segment - pre)
-    groups = [[pulses[0]]]
+    first = [pulses[0]]
     for pulse in pulses[1:]:
-        if pulse.start - groups[-1][0].start < least:
-            groups[-1].append(pulse)
-        else:
-            groups.append([pulse])
+        if pulse.start - first[-1].start >= least:
+            first.append(pulse)
     if segment is None:
         from scipy.fft import prev_fast_len
 
-        heads = [g[0].start for g in groups]
-        room = int(np.diff(heads).min()) if len(heads) > 1 else size - heads[0] + pre
+        starts = [pulse.start for pulse in first]
+        room = int(np.diff(starts).min()) if len(starts) > 1 else size - starts[0] + pre
         if room < 8:
             raise RecordError(
                 f"there are {room} samples from one hit to the next: give the samples of a segment"
             )
         segment = int(prev_fast_len(room, real=True) or room)
-    return groups, segment
+    return first, segment
 
 
 def second_contact(force: Array, pulse: Pulse, share: float, noise: float) -> tuple[int, float]:
@@ -110,12 +108,11 @@ def second_contact(force: Array, pulse: Pulse, share: float, noise: float) -> tu
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Found:
-    """A transient of a record: where it starts, its main pulse, and whether more are in it."""
+    """A transient of a record: where it starts, and its main pulse."""
 
     record: int
     start: int
     pulse: Pulse
-    more: tuple[Pulse, ...]
 
 
 def _upright(force: Array) -> Array:
@@ -138,19 +135,19 @@ def _find(
         pre = min(2 * max(widths) + 4, *(row[0].start for row in pulses))
     rows = []
     for force, row in zip(forces, pulses, strict=True):
-        groups, length = grouped(row, force.size, pre, segment)
-        rows.append(groups)
+        first, length = starting_pulses(row, force.size, pre, segment)
+        rows.append(first)
         lengths.append(length)
     length = min(lengths)
-    for number, groups in enumerate(rows):
+    for number, first in enumerate(rows):
         size = forces[number].size
-        for group in groups:
-            start = group[0].start - pre
+        for pulse in first:
+            start = pulse.start - pre
             if start < 0 or start + length > size:
                 where = "begins before" if start < 0 else "ends after"
-                left_out.append(f"{_place(signals, number, group[0].start)}: {where} the record")
+                left_out.append(f"{_place(signals, number, pulse.start)}: {where} the record")
                 continue
-            found.append(_Found(record=number, start=start, pulse=group[0], more=tuple(group[1:])))
+            found.append(_Found(record=number, start=start, pulse=pulse))
     return found, length, left_out
 
 

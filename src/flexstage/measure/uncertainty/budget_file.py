@@ -28,32 +28,44 @@ _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})(?:\s*([^\d\s.,+-].{{0,40}}?)|\s+(1/.{{1,40}}?))?\s*")
 
 
+class _Correlation(NamedTuple):
+    """A correlation coefficient with the names of two influences."""
+
+    first: str
+    second: str
+    coefficient: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """An uncertainty budget, in SI."""
+    """An uncertainty budget."""
 
-    quantity: str
+    quantity: str = "result"
     """What the result is called."""
-    unit: str
+    unit: str = "1"
     """Unit that the result is shown in."""
-    factor: float
-    """How many SI units one of it is."""
-    si: str
-    """SI unit of the result."""
     equation: QuantityExpression
-    """The result from its influences."""
+    """The result from its influences, in SI."""
     influences: tuple[Influence, ...]
     """The influences, values in SI."""
-    correlations: dict[tuple[str, str], float]
-    """Correlation coefficients by the names of two influences."""
-    source: str = ""
-    """Where it comes from."""
+    correlations: tuple[_Correlation, ...] = ()
+    """Correlation coefficients, each after the names of two influences."""
     notes: str = ""
     """Remarks of its author."""
 
+    @property
+    def factor(self) -> float:
+        """How many SI units one unit of the result is."""
+        return measured_unit(self.unit)[0]
+
+    @property
+    def si(self) -> str:
+        """SI unit of the result."""
+        return measured_unit(self.unit)[1]
+
     def propagate(self) -> Propagated:
         """Propagate to first order; the result is in SI."""
-        return propagate(self._result, self.influences, self.correlations, unit=self.si)
+        return propagate(self._result, self.influences, self._coefficients(), unit=self.si)
 
     def monte_carlo(
         self,
@@ -70,7 +82,7 @@ class Budget:
         return monte_carlo(
             self._result,
             self.influences,
-            self.correlations,
+            self._coefficients(),
             trials=trials,
             seed=seed,
             confidence=confidence,
@@ -80,6 +92,9 @@ class Budget:
     def _result(self, *values: Any) -> Any:
         names = (one.name for one in self.influences)
         return compute(self.equation, dict(zip(names, values, strict=True)))
+
+    def _coefficients(self) -> dict[tuple[str, str], float]:
+        return {(one.first, one.second): one.coefficient for one in self.correlations}
 
 
 def read_budget(path: Path) -> Budget:
@@ -125,32 +140,6 @@ def budget_from_text(text: str, source: str = "budget") -> Budget:
     return _budget(*read(text, source, BUDGET_FILE))
 
 
-class _Correlation(NamedTuple):
-    """A correlation coefficient with the names of two influences."""
-
-    first: str
-    second: str
-    coefficient: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BudgetContent:
-    """What the file of an uncertainty budget holds."""
-
-    quantity: str = "result"
-    """What the result is called."""
-    unit: str = "1"
-    """Unit that the result is shown in."""
-    equation: QuantityExpression
-    """The result from its influences."""
-    influences: tuple[Influence, ...]
-    """The influences."""
-    correlations: tuple[_Correlation, ...] = ()
-    """Correlation coefficients, each after the names of two influences."""
-    notes: str = ""
-    """Remarks of its author."""
-
-
 class _Quantity(NamedTuple):
     """A value in SI with its unit."""
 
@@ -183,41 +172,28 @@ class _Entry:
 
 
 def _budget(decoder: Decoder, root: Mapping) -> Budget:
-    content: BudgetContent = decoder.build(BudgetContent, root, "")
-    places = root.items
-    if not content.influences:
+    budget: Budget = decoder.build(Budget, root, "")
+    places, influences = root.items, budget.influences
+    if not influences:
         decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")
-    unit = content.unit.strip()
     try:
-        factor, si = measured_unit(unit)
+        unit = budget.si
     except UnitError as error:
         decoder.refuse_again(places["unit"], "unit", error)
-    equation, influences = content.equation, content.influences
-    if fault := _unmatched(equation, [one.name for one in influences]):
+    if fault := _unmatched(budget.equation, [one.name for one in influences]):
         decoder.refuse(places["equation"], "equation", fault)
     try:
-        require_unit(equation, {one.name: one.unit for one in influences}, si)
+        require_unit(budget.equation, {one.name: one.unit for one in influences}, unit)
     except (ModelError, UnitError) as error:
         decoder.refuse_again(places["equation"], "equation", error)
-    correlations: dict[tuple[str, str], float] = {}
-    for k, (a, b, r) in enumerate(content.correlations):
+    pairs = [((one.first, one.second), one.coefficient) for one in budget.correlations]
+    for k in range(len(pairs)):
         try:
-            correlation_matrix(influences, [*correlations.items(), ((a, b), r)])
+            correlation_matrix(influences, pairs[: k + 1])
         except ModelError as error:
             place = decoder.items(places["correlations"], "correlations", None, "entries")[k]
             decoder.refuse(place, f"correlations[{k}]", str(error))
-        correlations[a, b] = r
-    return Budget(
-        quantity=content.quantity.strip(),
-        unit=unit,
-        factor=factor,
-        si=si,
-        equation=equation,
-        influences=influences,
-        correlations=correlations,
-        source=decoder.source,
-        notes=content.notes.strip(),
-    )
+    return budget
 
 
 def _unmatched(equation: QuantityExpression, have: list[str]) -> str:
