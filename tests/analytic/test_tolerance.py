@@ -345,8 +345,8 @@ def test_shares_are_those_of_one_deviation_at_a_time():
         ends.append(lot_figures(study.lot.process, numbers, columns, [FREQUENCY])[0][:, 0])
     slopes = ends[1] - ends[0]
     variance = dict.fromkeys(kinds, 0.0)
-    for part, slope in zip(parts(stage, kinds), slopes, strict=True):
-        variance[part.kind] += slope**2
+    for (kind, _), slope in zip(parts(stage, kinds), slopes, strict=True):
+        variance[kind] += slope**2
     total = sum(variance.values())
     shares = study.shares[0]
     assert shares.explained > 0.998

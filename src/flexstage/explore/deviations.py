@@ -62,25 +62,19 @@ def scatter_dimensions() -> dict[str, Dimension | None]:
     }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviationPart:
-    """One number of the deviations of a sample."""
+def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Return kind, and hinge or drive, of each column of `draw`, in the order of `KINDS`.
 
-    kind: str
-    """The field of `Scatter` that it is multiplied by."""
-    name: str
-    """Hinge or drive that it is of; empty for the whole stage."""
-
-
-def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[DeviationPart, ...]:
-    """Return what each column of `draw` is, in the order of `KINDS`."""
+    The kind is the field of `Scatter` that it is multiplied by; the name is empty for what is of
+    the whole stage.
+    """
     owners = {
         "stage": ("",),
         "hinge": tuple(h.name for h in stage.hinges),
         "drive": tuple(d.name for d in stage.drives),
     }
     return tuple(
-        DeviationPart(kind=kind.name, name=owner)
+        (kind.name, owner)
         for kind in KINDS
         if kind.name in kinds
         for owner in owners[kind.of]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.deviations import DeviationPart
 from flexstage.explore.figures import ROUNDING, Figure, Requirement
 
 #: Percentiles that are given of every figure [%].
@@ -217,7 +216,7 @@ class Shares:
 
 
 def shares_of(
-    figures: Sequence[Figure], parts: Sequence[DeviationPart], numbers: Array, values: Array
+    figures: Sequence[Figure], parts: Sequence[tuple[str, str]], numbers: Array, values: Array
 ) -> tuple[Shares, ...]:
     r"""Return the first-order shares of the variance of each figure.
 
@@ -230,8 +229,8 @@ def shares_of(
     ----------
     figures : sequence of Figure
         The figures.
-    parts : sequence of DeviationPart
-        What each column of the numbers is.
+    parts : sequence of tuple
+        Kind, and hinge or drive, of each column of the numbers.
     numbers : numpy.ndarray
         Deviations in standard deviations, shape (samples, parts).
     values : numpy.ndarray
@@ -272,15 +271,15 @@ def shares_of(
 
 
 def _by_kind(
-    parts: Sequence[DeviationPart], slopes: Array, share: Array
+    parts: Sequence[tuple[str, str]], slopes: Array, share: Array
 ) -> tuple[Contribution, ...]:
     sums: dict[str, dict[str, float]] = {}
     steepest: dict[str, float] = {}
-    for part, slope, each in zip(parts, slopes.tolist(), share.tolist(), strict=True):
-        of = sums.setdefault(part.kind, {})
-        of[part.name] = of.get(part.name, 0.0) + each
-        if abs(slope) > abs(steepest.get(part.kind, 0.0)):
-            steepest[part.kind] = slope
+    for (kind, name), slope, each in zip(parts, slopes.tolist(), share.tolist(), strict=True):
+        of = sums.setdefault(kind, {})
+        of[name] = of.get(name, 0.0) + each
+        if abs(slope) > abs(steepest.get(kind, 0.0)):
+            steepest[kind] = slope
     found = [
         Contribution(
             kind=kind,

@@ -19,7 +19,7 @@ those of the undamped stage with :math:`s^2` replaced.
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -234,9 +234,19 @@ def _determinant(matrix: sp.Matrix) -> sp.Expr:
     domain = DomainMatrix.from_Matrix(exact_matrix.xreplace(angles))
     if domain.domain.is_EX:
         return sp.expand(exact_matrix.det(method="berkowitz"))
-    # division-free: the entries are polynomials
-    coefficients = domain.charpoly()
-    found = domain.domain.to_sympy(coefficients[-1]) * (-1) ** matrix.rows
+    # expansion by minors, row by row, each set of columns once: no division, no larger polynomials
+    ring, minors = domain.domain, {0: domain.domain.one}
+    for row in domain.to_list():
+        wider: dict[int, Any] = {}
+        for used, minor in minors.items():
+            for column, entry in enumerate(row):
+                if entry and not used >> column & 1:
+                    # as many exchanges as columns that are used lie behind this one
+                    term = -entry * minor if (used >> column).bit_count() % 2 else entry * minor
+                    key = used | 1 << column
+                    wider[key] = wider.get(key, ring.zero) + term
+        minors = wider
+    found = ring.to_sympy(minors.get((1 << matrix.rows) - 1, ring.zero))
     return found.xreplace({dummy: f for f, dummy in angles.items()})
 
 

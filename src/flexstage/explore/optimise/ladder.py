@@ -36,6 +36,7 @@ from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
 from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
 from flexstage.stage import check
+from flexstage.studies.models import known_model
 
 Start = Literal["described", "middle"]
 
@@ -110,6 +111,8 @@ class SearchOptions:
                 f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
                 f"{self.evaluations} and {self.starts}"
             )
+        for model in filter(None, (self.model, self.confirm)):
+            known_model(model)
 
     def budget(self, variables: int) -> int:
         """Return how many evaluations of the lumped model there may be."""
