@@ -10,7 +10,6 @@ from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.move import (
     MoveErrors,
-    MoveModel,
     Positioner,
     length_prediction,
     move_errors,
@@ -404,6 +403,4 @@ def test_stages_and_benches_that_cannot_be() -> None:
         VirtualBench(VirtualTable(radius=0.05), VirtualPositioner(SCREW), method="heads alone")
     with pytest.raises(ModelError, match="trial move"):
         planned_move(unknown_moves((1e-5, 0.0), TINY), VirtualPositioner(SCREW))
-    with pytest.raises(ModelError, match="6 numbers"):
-        MoveModel(state=np.zeros(5), covariance=np.eye(6))
     assert nearest_in_box(np.eye(2), np.zeros(2), -np.ones(2), np.ones(2)) == pytest.approx([0, 0])

@@ -14,13 +14,12 @@ from flexstage.report.traditional import claim_table, drift_table, error_table, 
 from flexstage.section import Section
 from flexstage.stage.checks import check
 from flexstage.stage.drive import StackActuator, VoiceCoil
-from flexstage.studies.traditional import compare_traditional
+from flexstage.studies.traditional import compare_traditional, drift_verdict, verdict
 from flexstage.studies.traditional_stages import (
     direct_actuator,
     guides_on_one_side,
     single_axis_guides,
 )
-from flexstage.studies.traditional_verdict import drift_verdict, verdict
 from tests.compared_stages import comparison
 
 TRAVEL = {"x": 64.5e-6, "y": 62.7e-6}

@@ -441,14 +441,14 @@ def cross_calibration(
     second: Complex = np.where(seen, (mean.conj()[np.newaxis] - np.conj(turned)) / power, 0.0)
     G = np.sum(first * spectrum.coefficients, axis=0)
     H = np.sum(second * spectrum.coefficients, axis=0)
-    sigma, freedom = float(_checked_noise(noise)), math.inf
+    found = float(_checked_noise(noise)), math.inf
     if noise is None:
         inside = (spectrum.coefficients - (G - H * turned))[:, seen]
-        sigma, freedom = _noise_of(spectrum, spectrum.residuals, inside, phi.size, 2)
+        found = _noise_of(spectrum, spectrum.residuals, inside, phi.size, 2)
     first_table, second_table = (
         _table(
-            spectrum, of_scale, sigma * gains, seen, points, 0.0, blind_allowance, freedom,
-            sigma, "comparison of two scales",
+            spectrum, of_scale, found[0] * gains, seen, points, 0.0, blind_allowance, found,
+            "comparison of two scales",
         )
         for of_scale, gains in ((G, first), (H, second))
     )  # fmt: skip
@@ -599,8 +599,8 @@ def _separated_table(
         scale, freedom = _noise_scale(spectrum, sum_of_heads, sigma)
     gains = sum_of_heads.gains * (scale * sigma)[:, np.newaxis]
     turned = _angle_variance(sum_of_heads, G, head_uncertainty, points)
-    noise = float(scale * np.sqrt(np.mean(sigma**2)))
-    return _table(spectrum, G, gains, seen, points, turned, blind_allowance, freedom, noise, method)
+    noise = float(scale * np.sqrt(np.mean(sigma**2))), freedom
+    return _table(spectrum, G, gains, seen, points, turned, blind_allowance, noise, method)
 
 
 def _table(
@@ -611,13 +611,13 @@ def _table(
     points: int,
     head_variance: Array | float,
     blind_allowance: float,
-    freedom: float,
-    noise: float,
+    noise: tuple[float, float],
     method: str,
 ) -> CalibrationTable:
     """Return the table of complex amplitudes of all orders, of which some were seen.
 
-    `gains` are the factors of each curve in them, times its noise.
+    `gains` are the factors of each curve in them, times its noise; `noise` is that of one reading
+    [rad], and its degrees of freedom.
     """
     n, found, s = spectrum.orders[seen], amplitudes[seen], _points(points)
     rows, order_variance = point_variance(spectrum, gains, seen, s)
@@ -627,13 +627,13 @@ def _table(
         angle=s,
         error=np.fft.irfft(curve, points),
         uncertainty=np.sqrt(rows + head_variance + blind_allowance**2),
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=noise[1],
         orders=tuple(int(k) for k in n),
         blind=tuple(int(k) for k in spectrum.orders[~seen]),
         cosine=found.real,
         sine=-found.imag,
         order_uncertainty=np.sqrt(order_variance),
-        noise=noise,
+        noise=noise[0],
         method=method,
     )
 

@@ -22,11 +22,6 @@ class CalibrationTable:
     read: with the table turned by theta and a head at alpha, s = theta + alpha, as in
     `flexstage.centring.geometry`.
 
-    Raises
-    ------
-    RecordError
-        The arrays do not belong together.
-
     Examples
     --------
     >>> s = 2.0 * np.pi * np.arange(72) / 72
@@ -62,20 +57,6 @@ class CalibrationTable:
     """Standard deviation of one reading [rad]."""
     method: str
     """How it was found."""
-
-    def __post_init__(self) -> None:
-        if not self.angle.ndim == 1 or not (
-            self.angle.shape == self.error.shape == self.uncertainty.shape
-        ):
-            raise RecordError(
-                "angle, error and uncertainty of a calibration table must be of one length, got "
-                f"shapes {self.angle.shape}, {self.error.shape} and {self.uncertainty.shape}"
-            )
-        if not self.cosine.shape == self.sine.shape == (len(self.orders),):
-            raise RecordError(
-                f"a calibration table needs a cosine and a sine for each of its "
-                f"{len(self.orders)} orders, got {self.cosine.size} and {self.sine.size}"
-            )
 
     def error_at(self, angle: ArrayLike) -> Array:
         """Return the error of the scale at any angle.

@@ -10,6 +10,7 @@ from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, described
 from flexstage.centring.normal_equations import HarmonicProblem, NormalEquations, of_column, solved
 from flexstage.centring.outliers import FEW, stands_out, without_outliers
+from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.centring.turns import Turns, find_turns
 from flexstage.errors import RecordError
 
@@ -180,10 +181,7 @@ def _orders(orders: int | Sequence[int] | None, angle: Array) -> tuple[int, ...]
         return tuple(range(1, max(1, min(_USUAL, (places - 2) // 2)) + 1))
     if isinstance(orders, (int, np.integer)):
         orders = range(1, int(orders) + 1)
-    chosen = tuple(sorted({int(n) for n in orders}))
-    if not chosen or chosen[0] < 1 or any(int(n) != n for n in orders):
-        raise RecordError(f"the orders must be whole numbers, 1 or more, got {orders!r}")
-    return chosen
+    return whole_orders(orders)
 
 
 def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:

@@ -108,13 +108,6 @@ class MoveErrors:
     resolution: tuple[float, float] = (0.0, 0.0)
     """Standard uncertainty of where each axis settles [m]."""
 
-    def __post_init__(self) -> None:
-        for name in ("hysteresis", "curvature", "resolution"):
-            if not all(0.0 <= v < math.inf for v in getattr(self, name)):
-                raise ModelError(
-                    f"{name} of the axes must be 0 or more and finite, got {getattr(self, name)!r}"
-                )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MoveModel:
@@ -134,13 +127,6 @@ class MoveModel:
     """Number of moves that it has learned from."""
     last: Array = field(default_factory=lambda: np.zeros(2))
     """The last of them, in commands [m], shape (2,)."""
-
-    def __post_init__(self) -> None:
-        if self.state.shape != (6,) or self.covariance.shape != (6, 6):
-            raise ModelError(
-                "a model of moves has 6 numbers and their covariance, got shapes "
-                f"{self.state.shape} and {self.covariance.shape}"
-            )
 
     @property
     def eccentricity(self) -> Array:

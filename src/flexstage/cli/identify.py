@@ -165,7 +165,7 @@ def identify(
         )
     tested = predict_each(found.model, others, driven, follows)
     if stage is not None:
-        from flexstage.studies.described_drive import against_description
+        from flexstage.studies.measurement import against_description
 
         said = against_description(found, taken.stage(stage), axis)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))

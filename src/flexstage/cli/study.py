@@ -122,7 +122,7 @@ def study(
             print_shown(screen, replace(shown, rows=rows, notes=()))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
-        from flexstage.studies.traditional_verdict import claim_verdict
+        from flexstage.studies.traditional import claim_verdict
 
         print_shown(screen, claim_table(result.traditional))
         screen.print(claim_verdict(result.traditional), markup=False)

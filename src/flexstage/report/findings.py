@@ -94,7 +94,7 @@ def measured(study: "Study") -> str:
 
 def traditional(study: "Study") -> str:
     """Say what becomes of the claim of smaller motion errors."""
-    from flexstage.studies.traditional_verdict import claim_verdict
+    from flexstage.studies.traditional import claim_verdict
 
     return "" if study.traditional is None else claim_verdict(study.traditional)
 

@@ -14,8 +14,9 @@ from flexstage.studies.traditional import (
     ComparedStage,
     Reduction,
     TraditionalComparison,
+    drift_verdict,
+    verdict,
 )
-from flexstage.studies.traditional_verdict import drift_verdict, verdict
 from flexstage.table import Cell, Column, Table, table
 
 if TYPE_CHECKING:

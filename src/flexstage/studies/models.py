@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Literal
 
 from flexstage import progress
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from flexstage.fem.superelement import SuperelementModel
 
 Plane = Literal["auto", "stress", "strain"]
-
-#: Largest ratio of two masses that floats can be trusted with.
-_FARTHEST_MASSES = 1e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,26 +65,10 @@ class ModelOptions:
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
-    _no_accuracy("lumped", options)
-    _no_estimate("lumped", options)
-    _no_stroke("lumped", options)
-    if options.supports != "rigid":
-        raise ModelError("the bodies of the lumped model are rigid, and so are its supports")
     return ModelRun(analysis=analyse(stage, lumped_system(stage, plane=options.plane)))
 
 
-def _superelement(stage: Stage, options: ModelOptions) -> ModelRun:
-    return _condensed(stage, "superelement", options)
-
-
-def _superelement_in_space(stage: Stage, options: ModelOptions) -> ModelRun:
-    _no_plane("superelement-3d", options)
-    return _condensed(stage, "superelement-3d", options)
-
-
-def _condensed(stage: Stage, model: str, options: ModelOptions) -> ModelRun:
-    _no_accuracy(model, options)
-    _no_stroke(model, options)
+def _condensed(stage: Stage, options: ModelOptions, model: str) -> ModelRun:
     with progress.subtask(0.0, 0.5 if options.estimate else 1.0):
         if options.near is None:
             found = _superelements(stage, model, options)
@@ -149,8 +130,6 @@ def _plane(stage: Stage, options: ModelOptions) -> ModelRun:
 def _solid(stage: Stage, options: ModelOptions) -> ModelRun:
     from flexstage.fem import solid_model
 
-    _no_stroke("solid", options)
-    _no_plane("solid", options)
     return _meshed(
         stage, options, "solid", lambda mesh: solid_model(stage, mesh, supports=options.supports)
     )
@@ -164,7 +143,6 @@ def _meshed(
 ) -> ModelRun:
     from flexstage.fem import LADDERS, refine
 
-    _no_estimate(name, options)
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
@@ -172,40 +150,12 @@ def _meshed(
     return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
 
 
-def _no_accuracy(model: str, options: ModelOptions) -> None:
-    if options.accuracy is not None:
-        raise ModelError(f"--accuracy works with --model plane or solid only, got {model}")
-
-
-def _no_estimate(model: str, options: ModelOptions) -> None:
-    if options.estimate:
-        raise ModelError(
-            f"--estimate works with --model superelement or superelement-3d only, got {model}: "
-            + ("leave it out" if model == "lumped" else "take --accuracy")
-        )
-
-
-def _no_plane(model: str, options: ModelOptions) -> None:
-    if options.plane != "auto":
-        raise ModelError(
-            f"the {model} model has no plane state, got '{options.plane}': leave the option out"
-        )
-
-
-def _no_stroke(model: str, options: ModelOptions) -> None:
-    if options.stroke:
-        raise ModelError(
-            f"only the plane model is followed over the stroke, not the {model} one: choose plane, "
-            "or leave the stroke out"
-        )
-
-
 #: Models by name: each makes an analysis from a stage and what is asked for.
 MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "lumped": _lumped,
-    "superelement": _superelement,
+    "superelement": partial(_condensed, model="superelement"),
     "plane": _plane,
-    "superelement-3d": _superelement_in_space,
+    "superelement-3d": partial(_condensed, model="superelement-3d"),
     "solid": _solid,
 }
 
@@ -216,6 +166,17 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
     "plane": ("plane", "supports", "accuracy", "quantity", "stroke"),
     "superelement-3d": ("supports", "estimate"),
     "solid": ("supports", "accuracy", "quantity"),
+}
+
+#: What is said where something else is asked of a model.
+_REFUSALS: Mapping[str, str] = {
+    "accuracy": "--accuracy works with --model plane or solid only, got {model}",
+    "estimate": "--estimate works with --model superelement or superelement-3d only, got {model}: "
+    "{instead}",
+    "stroke": "only the plane model is followed over the stroke, not the {model} one: choose "
+    "plane, or leave the stroke out",
+    "plane": "the {model} model has no plane state, got '{given}': leave the option out",
+    "supports": "the bodies of the {model} model are rigid, and so are its supports",
 }
 
 
@@ -238,19 +199,27 @@ def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> 
     """Analyse a stage with one of `MODELS`."""
     options = options or ModelOptions()
     known_model(model, options)
+    usual = ModelOptions()
+    instead = "take --accuracy" if "accuracy" in _CHOICES[model] else "leave it out"
+    for name, said in _REFUSALS.items():
+        given = getattr(options, name)
+        if name not in _CHOICES[model] and given != getattr(usual, name):
+            raise ModelError(said.format(model=model, given=given, instead=instead))
     _require_computable(stage)
     return MODELS[model](stage, options)
 
 
 def _require_computable(stage: Stage) -> None:
     """Refuse, before any time is spent, what no model can compute, by the names that it has."""
+    # largest ratio of two masses that floats can be trusted with
+    farthest_masses = 1e12
     for hinge in stage.hinges:
         require_sizes(hinge.profile, f" of hinge '{hinge.name}'")
         root_widths(stage, hinge)
     masses = {name: found.mass for name, found in mass_properties(stage).items()}
     fixed = {body.name for body in stage.bodies if body.fixed}
     by_mass = sorted((mass, name) for name, mass in masses.items() if name not in fixed)
-    if by_mass and by_mass[-1][0] > _FARTHEST_MASSES * by_mass[0][0]:
+    if by_mass and by_mass[-1][0] > farthest_masses * by_mass[0][0]:
         (light, lightest), (heavy, heaviest) = by_mass[0], by_mass[-1]
         raise ModelError(
             f"body '{heaviest}' has {heavy:.3g} kg and '{lightest}' {light:.3g} kg, too far apart "
@@ -269,8 +238,6 @@ def known_model(model: str, options: ModelOptions | None = None) -> None:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
 
 
-def analyse_model(
-    stage: Stage, model: str, *, plane: Plane = "auto", near: Stage | None = None
-) -> Analysis:
+def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:
     """Analyse a stage with one of `MODELS`, without its mesh; `near` as of `ModelOptions`."""
-    return run_model(stage, model, ModelOptions(plane=plane, near=near)).analysis
+    return run_model(stage, model, ModelOptions(near=near)).analysis

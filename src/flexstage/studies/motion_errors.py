@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 #: Samples whose median and 95 % quantile are given.
 SAMPLES = 300
-_STEPS = 11  # states along a stroke
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,11 +181,12 @@ def axis_errors(
     ones leave out: the path of finite elements goes up to half as far across again. Motion along
     the normal comes from leaning hinges and drives alone, not from gravity or an uneven base.
     """
+    steps = 11  # states along a stroke
     stage, process = guided.stage, scatter or Scatter()
     axis = stage.axis(guided.axis)
     drive, rigid = drive_of(axis), lumped_system(stage)
     ratio = static_displacements(rigid, {drive: 1e-6}).readings[axis.probe] / 1e-6
-    rigid_path = stroke_path(stage, drive, axis.probe, np.linspace(0.0, travel / ratio, _STEPS))
+    rigid_path = stroke_path(stage, drive, axis.probe, np.linspace(0.0, travel / ratio, steps))
     elastic, stiff = (plane_rates(m, stage, axis.name) for m in (bodies, rigid))
     mean = {"across": elastic[0] - stiff[0], "yaw": elastic[1] - stiff[1]}
     drawn_path: StrokePath | FiniteStroke = rigid_path

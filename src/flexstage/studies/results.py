@@ -212,8 +212,7 @@ def traditional_results(found: "TraditionalComparison | None") -> dict[str, Any]
     """
     if found is None:
         return {}
-    from flexstage.studies.traditional import MEASURES
-    from flexstage.studies.traditional_verdict import drift_verdict, verdict
+    from flexstage.studies.traditional import MEASURES, drift_verdict, verdict
 
     stages = (found.own, *found.others, found.asymmetric)
     return {

@@ -68,8 +68,6 @@ _EXPERIMENT = 0.1
 #: Responses and modes are drawn of the first of these that was run.
 _DRAWN = ("superelement", "plane", "lumped", "superelement-3d", "solid")
 
-_STEPS = 21  # states along a stroke
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Study:
@@ -321,6 +319,7 @@ def _over_the_stroke(
     stage: Stage, analysis: Analysis, plane: Plane
 ) -> tuple[dict[str, StrokePath], Analysis]:
     """Follow each axis with finite rotations, and add its straightness to the characteristics."""
+    states = 21  # along a stroke
     model = mechanism(stage, plane=plane)
     paths: dict[str, StrokePath] = {}
     rows = list(analysis.characteristics)
@@ -329,7 +328,7 @@ def _over_the_stroke(
         if len(axis.drives) > 1 or stage.probe(axis.probe).direction is None:
             # the line of one drive is followed, and what a point does
             continue
-        steps = np.linspace(0.0, axis.input_displacement, _STEPS)
+        steps = np.linspace(0.0, axis.input_displacement, states)
         try:
             path = stroke_path(model, axis.drive, axis.probe, steps)
         except (ConvergenceError, ModelError) as error:

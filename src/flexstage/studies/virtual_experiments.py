@@ -25,10 +25,6 @@ SCALE_RADIUS, ECCENTRICITY = 50e-3, 50e-6
 HEADS = (0.0, 1.6, 3.1, 4.8)
 #: Noise of a head, and errors of the lines of the scale [arcsec].
 HEAD_NOISE, LINE_ERRORS = 1.0, 2.0
-#: Direction that the scale is off in, in the axes of the stage: one that both can push [rad].
-_DIRECTION = 0.8
-#: Angle of the stage on the table, which trial moves find out [rad].
-_MOUNTING_ANGLE = 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,6 +112,10 @@ def _characterise(
 
 
 def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> CentringTrial:
+    # angle of the stage on the table, which trial moves find out [rad]
+    mounting_angle = 0.7
+    # direction that the scale is off in, in the axes of the stage: one that both can push [rad]
+    direction = 0.8
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
     from flexstage.experiments.verbs.centre import Centre
@@ -124,15 +124,15 @@ def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> Cen
 
     del system, axis
     positioner = VirtualPositioner(
-        stage, start=(-1.0, -1.0), mounting_angle=_MOUNTING_ANGLE, mirrored=True, seed=seed
+        stage, start=(-1.0, -1.0), mounting_angle=mounting_angle, mirrored=True, seed=seed
     )
-    towards = positioner.matrix @ np.array((np.cos(_DIRECTION), np.sin(_DIRECTION)))
+    towards = positioner.matrix @ np.array((np.cos(direction), np.sin(direction)))
     mount = -ECCENTRICITY * towards / np.hypot(*towards) - positioner.true_position
     action = Centre(
         radius=SCALE_RADIUS,
         eccentricity=(float(mount[0]), float(mount[1])),
         heads=HEADS,
-        mounting_angle=_MOUNTING_ANGLE,
+        mounting_angle=mounting_angle,
         noise=HEAD_NOISE * ARCSEC,
         closed_loop=False,
         seed=seed,

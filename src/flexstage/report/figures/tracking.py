@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.hysteresis import DriveModel, Feedforward
 from flexstage.report.figures.responses import shown_lines
 from flexstage.report.figures.style import (
     CYCLE,
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
     from flexstage.experiments.verbs.identify import IdentifiedStep
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
+    from flexstage.hysteresis import DriveModel, Feedforward
     from flexstage.studies.compensation import AxisExperiment
 
 
@@ -242,7 +242,7 @@ def _length(value: float) -> str:
 
 
 def draw_feedforward(
-    made: Feedforward, model: DriveModel, band_percent: float | None = None
+    made: "Feedforward", model: "DriveModel", band_percent: float | None = None
 ) -> "Figure":
     """Draw the command over time and over the reference, and what its prediction leaves.
 
@@ -258,7 +258,7 @@ def draw_feedforward(
     return figure
 
 
-def _command(axes: "Axes", made: Feedforward, model: DriveModel) -> None:
+def _command(axes: "Axes", made: "Feedforward", model: "DriveModel") -> None:
     dress(axes)
     at = shown_lines(made.command)
     axes.plot(made.time[at], made.command[at], color=CYCLE[0], linewidth=1.0, label="command")
@@ -273,7 +273,7 @@ def _command(axes: "Axes", made: Feedforward, model: DriveModel) -> None:
 
 
 def _command_error(
-    axes: "Axes", made: Feedforward, model: DriveModel, band_percent: float | None
+    axes: "Axes", made: "Feedforward", model: "DriveModel", band_percent: float | None
 ) -> None:
     dress(axes)
     error = made.predicted - made.wanted
@@ -298,7 +298,7 @@ def _command_error(
     axes.set_xlim(made.time[0], made.time[-1])
 
 
-def _command_loop(axes: "Axes", made: Feedforward, model: DriveModel) -> None:
+def _command_loop(axes: "Axes", made: "Feedforward", model: "DriveModel") -> None:
     dress(axes)
     unit, factor = scale(model.output_unit)
     at = np.unique(np.concatenate((shown_lines(made.command), shown_lines(made.wanted))))
