@@ -72,8 +72,8 @@ def _titled(text: str) -> dict[str, Any]:
     return {"title": {"text": text}}
 
 
-def _thin(values: Array, most: int = 4000) -> Array:
-    return values[:: max(1, -(-values.size // most))]
+def _thin(values: Array) -> Array:
+    return values[:: max(1, -(-values.size // 4000))]  # more points are not seen
 
 
 def _loop_words(record: Record, loop: tuple[str, str]) -> str:

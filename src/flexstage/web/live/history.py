@@ -106,7 +106,7 @@ class LiveHistory:
     Parameters
     ----------
     channels
-        What is read.
+        What is read, by different names.
     rate_hz
         How often, about [Hz].
     hours
@@ -123,13 +123,6 @@ class LiveHistory:
     """
 
     def __init__(self, channels: Sequence[LiveChannel], rate_hz: float, hours: float = 2.0) -> None:
-        names = [channel.name for channel in channels]
-        if not names or len(set(names)) < len(names):
-            raise ModelError(f"a history has channels of different names, got {names}")
-        if not (0.0 < rate_hz < math.inf and 0.0 < hours < math.inf):
-            raise ModelError(
-                f"rate and length of a history are positive, got {rate_hz:g} Hz and {hours:g} h"
-            )
         self.channels = tuple(channels)
         self.rate_hz = rate_hz
         self.seconds = 3600.0 * hours
