@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flexstage import progress
 from flexstage.cache.cache import Cache, open_cache
-from flexstage.cache.packing import pack, unpack
+from flexstage.cache.memory import pack, unpack
 from flexstage.fem.changed_necks import (
     ChangedNeck,
     changed_necks,
