@@ -119,6 +119,13 @@ class CommandWaveform:
                 found.append(Signal(kind="voltage", source=axis, name=name, unit="V"))
         return found
 
+    def at(self, axis: str, time: Array) -> Array:
+        """Return the command of an axis at times from its first sample [V, or m].
+
+        Before its beginning it is that of the first sample, after its end that of the last.
+        """
+        return self._at(self.values[axis], time)
+
     def corner_at(self, time: Array) -> Array:
         """Return the number of the corner at some times, -1 on the way."""
         if self.corner is None:
@@ -152,7 +159,7 @@ class CommandWaveform:
 
         def more(number: Array) -> dict[str, Array]:
             time = number / rate
-            made = {_named("command", a, self): self._at(v, time) for a, v in self.values.items()}
+            made = {_named("command", a, self): self.at(a, time) for a in self.axes}
             for a, positions in self.reference.items():
                 made[_named("reference", a, self)] = self._at(positions, time)
             if self.corner is not None:
@@ -177,7 +184,6 @@ class CommandWaveform:
         return stream.with_suffix(".h5")
 
     def _at(self, values: Array, time: Array) -> Array:
-        """Return samples at times from the first of them; before and after as at the ends."""
         k = np.asarray(time) * self.waveform.sample_rate_hz
         # a time on a sample is that sample, whatever rounding says
         k = np.where(np.abs(k - np.round(k)) < 1e-6, np.round(k), k)
