@@ -181,7 +181,7 @@ class _Page:
                 self.labels.append(PlacedLabel(text=signal, x=last.right + 3.0, y=axis - 5.0))
             room = _AT.branch if self.branches(source) else _AT.gap
             last = self.put(
-                target, last.right + max(room, text_width(plain(signal), SMALL) + 6.0), axis
+                target, last.right + max(room, text_width(plain(signal), SMALL) + 10.0), axis
             )
             self.lead(source, target)
         return last
