@@ -54,7 +54,6 @@ from flexstage.hinges.hinge_spring import (
     strip_compliance,
 )
 from flexstage.hinges.profile import Array, Profile
-from flexstage.hinges.stress import rows_of_factors
 from flexstage.material import Material
 
 _Points = list[tuple[float, float]]
@@ -431,30 +430,6 @@ def surface_stress(
         largest_bending=factors("M", 1),
         largest_shear=factors("V", 1),
     )
-
-
-def condensed_stress_rows(
-    profile: Profile,
-    width: float,
-    poisson: float,
-    plane: PlaneState,
-    root_width: float | None = None,
-) -> Array:
-    """Return what `flexstage.hinges.stress_rows` does, with factors by plane finite elements.
-
-    Shape (2, 3), or (4, 3) for a notch with a flat part [1/m^2, 1/m^2, 1/m^3]. `root_width` and
-    refusals are those of `surface_stress`.
-
-    Examples
-    --------
-    >>> from flexstage.hinges import RightCircular
-    >>> notch = RightCircular(neck_thickness=0.4e-3, radius=1e-3)
-    >>> rows = condensed_stress_rows(notch, 10e-3, 0.33, "stress")
-    >>> [round(float(s) / 1e6) for s in rows @ [0.0, 0.0, 0.1]]
-    [-404, 404]
-    """
-    factors = surface_stress(profile, poisson, plane, root_width)
-    return rows_of_factors(profile, width, poisson, plane, (factors.axial, factors.bending))
 
 
 # --------------------------------------------------------------------------- one half

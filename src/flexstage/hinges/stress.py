@@ -220,23 +220,12 @@ def stress_rows(
     if not width > 0.0:
         raise HingeError(f"the width of a hinge must be positive, got {width!r}")
     factors = concentration(profile)
-    state = plane_state(width, profile.neck_thickness, plane)
-    return rows_of_factors(profile, width, poisson, state, (factors.axial, factors.bending))
-
-
-def rows_of_factors(
-    profile: Profile,
-    width: float,
-    poisson: float,
-    plane: PlaneState,
-    factors: tuple[tuple[float, float], tuple[float, float]],
-) -> Array:
-    """Return the rows of `stress_rows` by factors on nominal stress: axial, then bending."""
     t, half = profile.neck_thickness, 0.5 * profile.flat_length
-    equivalent = 1.0 if plane == "stress" else float(np.sqrt(1.0 - poisson + poisson**2))
+    in_stress = plane_state(width, t, plane) == "stress"
+    equivalent = 1.0 if in_stress else float(np.sqrt(1.0 - poisson + poisson**2))
     rows = []
     for x in (-half, half) if half > 0.0 else (0.0,):
-        for sign, axial, bending in zip((-1.0, 1.0), *factors, strict=True):
+        for sign, axial, bending in zip((-1.0, 1.0), factors.axial, factors.bending, strict=True):
             per_moment = sign * 6.0 * bending / (width * t**2)
             rows.append((axial / (width * t), -x * per_moment, per_moment))
     return equivalent * np.array(rows)
