@@ -318,9 +318,14 @@ class FormulaDevice:
     def wave(self, table):
         return self.waves.get(table, np.empty(0))
 
+    def wave_room(self, table):
+        return self.wave_capacity - sum(w.size for k, w in self.waves.items() if k != table)
+
     def set_wave(self, table, samples):
-        if sum(w.size for k, w in self.waves.items() if k != table) + samples.size > 5000:
+        if samples.size > self.wave_room(table):
             refuse(Refusal.TABLE_FULL)
+        if any(axis.wave is not None and table in axis.choice for axis in self.state.values()):
+            refuse(Refusal.WAVE_RUNNING)
         self.waves[table] = np.array(samples)
 
     def wave_rate_divider(self):
@@ -347,10 +352,12 @@ class FormulaDevice:
     def largest_speed(self, axis):
         return self.axes[axis].limits.speed
 
-    def start_waves(self, axes, onward=()):
+    def start_waves(self, axes, onward, scales):
+        tables = {}
         for name in axes:
             state, limits = self.state[name], self.axes[name].limits
-            table = self.wave(state.choice[0])
+            unit, offset = scales[name]
+            table = tables[name] = (self.wave(state.choice[0]) + offset) * unit
             if not table.size:
                 refuse(Refusal.NO_WAVE)
             low, high = limits.position if state.servo else limits.voltage
@@ -360,7 +367,7 @@ class FormulaDevice:
         self.trigger("wave")
         for name in axes:
             state = self.state[name]
-            state.wave, state.since = self.wave(state.choice[0]), self.now
+            state.wave, state.since = tables[name], self.now
 
     def stop_waves(self, axes):
         self.stop([name for name in axes if self.state[name].wave is not None])

@@ -145,7 +145,7 @@ def test_tables_are_as_they_were_written_to_a_picometre(twin):
     controller.axes["x"].move_to(values[0])
     controller.waves.load(Waveform(values={"x": values}, sample_rate_hz=10e3, quantity="position"))
     controller.waves.start()
-    np.testing.assert_allclose(device.wave(1), values, rtol=0.0, atol=0.51e-12)
+    np.testing.assert_allclose(1e-6 * device.wave(1), values, rtol=0.0, atol=0.51e-12)
     assert device.wave_rate_divider() == 1
 
 

@@ -47,33 +47,33 @@ def _define(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
     table, how = _table(state, words[0]), words[1].upper()
     require(how in ("X", "&"), Refusal.SYNTAX)
-    held = state.waves.size(table) if how == "&" else 0
-    room = state.waves.room(table) - held
-    samples = segment(words[2].upper(), words[3:], held=held, room=room)
-    if how == "&":
-        state.waves.append(table, samples)
-    else:
-        state.waves.replace(table, samples)
+    before = state.device.wave(table) if how == "&" else np.empty(0)
+    room = state.device.wave_room(table) - before.size
+    samples = segment(words[2].upper(), words[3:], held=before.size, room=room)
+    state.device.set_wave(table, np.concatenate((before, samples)))
     return None
 
 
 def _clear(state: ControllerState, words: Sequence[str]) -> Reply:
     tables = [_table(state, word) for (word,) in groups(words, 1)]
-    require(not any(state.waves.in_use(table) for table in tables), Refusal.WAVE_RUNNING)
+    device = state.device
+    used = [t for a in device.axes if device.wave_running(a) for t in device.wave_choice(a)]
+    require(not set(tables) & set(used), Refusal.WAVE_RUNNING)
     for table in tables:
-        state.waves.replace(table, np.empty(0))
+        device.set_wave(table, np.empty(0))
     return None
 
 
 def _samples(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) != 1, Refusal.NUMBER_OF_PARAMETERS)
-    tables = [_table(state, word) for word in words[2:]] or state.waves.filled()
-    least = min((state.waves.size(table) for table in tables), default=0)
+    held = {t: state.device.wave(t) for t in range(1, state.device.wave_tables + 1)}
+    tables = [_table(state, word) for word in words[2:]] or [t for t in held if held[t].size]
+    least = min((held[table].size for table in tables), default=0)
     require(least, Refusal.WAVE_NOT_DEFINED)
     first, count = (unsigned(words[0]), unsigned(words[1])) if words else (1, least)
     there = first >= 1 and count >= 1 and first - 1 + count <= least
     require(there, Refusal.WAVE_OUT_OF_RANGE)
-    columns = [state.waves.samples(table)[first - 1 : first - 1 + count] for table in tables]
+    columns = [held[table][first - 1 : first - 1 + count] for table in tables]
     names = [f"Wave Table {table}" for table in tables]
     step = state.device.wave_rate_divider() / state.device.sample_rate_hz
     return array_text(columns, names, step, identity_line(state))
@@ -114,21 +114,21 @@ def _start(state: ControllerState, modes: Mapping[str, int]) -> None:
     _require_at_rest(state, [g for g, mode in modes.items() if mode])
     if starting:
         state.require_ready(dict.fromkeys(starting, math.nan))
-        state.waves.give(starting)
-        for axis in starting:
-            _require_soft(state, axis)
-        state.recorder.run(lambda: state.device.start_waves(starting, onward))
+        scales = state.wave_scales(starting)
+        for axis, (unit, offset) in scales.items():
+            _require_soft(state, axis, unit, offset)
+        state.recorder.run(lambda: state.device.start_waves(starting, onward, scales))
     if stopping:
         state.device.stop_waves(stopping)
     state.start_modes.update(modes)
 
 
-def _require_soft(state: ControllerState, axis: str) -> None:
+def _require_soft(state: ControllerState, axis: str, unit: float, offset: float) -> None:
     """Refuse a waveform beyond limits that clients have set."""
     samples = state.device.wave(state.device.wave_choice(axis)[0])
     voltages = not state.device.servo_on(axis)
     for end in (samples.min(), samples.max()):
-        state.require_ready({axis: float(end)}, voltages=voltages)
+        state.require_ready({axis: float(end + offset) * unit}, voltages=voltages)
 
 
 def _started(state: ControllerState, generator: str) -> int:
@@ -138,7 +138,7 @@ def _started(state: ControllerState, generator: str) -> int:
 
 def _set_offsets(state: ControllerState, given: Mapping[str, float]) -> None:
     _require_at_rest(state, list(given))
-    state.waves.offsets.update({state.generators[g]: offset for g, offset in given.items()})
+    state.offsets.update({state.generators[g]: offset for g, offset in given.items()})
 
 
 #: Commands of the wave generator.

@@ -1,6 +1,7 @@
 """A simulated controller with its stage, in simulated time: how its axes are moved."""
 
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -252,6 +253,10 @@ class VirtualController(ControllerCore):
         """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
         return self._tables.samples(table)
 
+    def wave_room(self, table: int) -> int:
+        """Return how many samples a table can have beside the others."""
+        return self._tables.room(table)
+
     def set_wave(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; an empty sequence clears it."""
         self._tables.known(table)
@@ -305,15 +310,21 @@ class VirtualController(ControllerCore):
         )
         self._cycles[axis] = int(cycles)
 
-    def start_waves(self, axes: Sequence[str], onward: Collection[str] = ()) -> None:
+    def start_waves(
+        self,
+        axes: Sequence[str],
+        onward: Collection[str] = (),
+        scales: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+    ) -> None:
         """Check every sample of the chosen tables against the limits, then start all in step.
 
-        The cycles of axes that go `onward` each begin where the one before has ended. Where
-        anything is refused, nothing has started.
+        The cycles of axes that go `onward` each begin where the one before has ended. An axis with
+        a unit [m or V] and an offset in `scales` takes the numbers of its table plus the offset in
+        that unit. Where anything is refused, nothing has started.
         """
         self._need_drives()
         runs = [
-            (state, self._prepared(axis, state, axis in onward))
+            (state, self._prepared(axis, state, axis in onward, scales.get(axis, (1.0, 0.0))))
             for axis, state in self._named(axes)
         ]
         for state, run in runs:
@@ -334,10 +345,13 @@ class VirtualController(ControllerCore):
     def _named(self, axes: Sequence[str]) -> list[tuple[str, AxisState]]:
         return [(axis, self._axis(axis)) for axis in dict.fromkeys(axes)]
 
-    def _prepared(self, axis: str, state: AxisState, onward: bool) -> WaveRun:
+    def _prepared(
+        self, axis: str, state: AxisState, onward: bool, scale: tuple[float, float]
+    ) -> WaveRun:
         self._need_no_wave(state)
         table, beside = self._choice[axis]
-        samples = self._filled(axis, table)
+        unit, offset = scale
+        samples = (self._filled(axis, table) + offset) * unit
         cycles = self._cycles[axis]
         divider = self._divider
         shift = float(samples[-1] - samples[0]) if onward and cycles != 1 else 0.0

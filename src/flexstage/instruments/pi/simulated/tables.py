@@ -200,6 +200,11 @@ class WaveTables:
         """Return the samples of a table, not to be written to; none of an empty one."""
         return self._samples.get(self.known(table), _EMPTY)
 
+    def room(self, table: int) -> int:
+        """Return how many samples a table can have beside the others."""
+        others = sum(held.size for number, held in self._samples.items() if number != table)
+        return self.capacity - others
+
     def replace(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; none clear it."""
         self.known(table)
@@ -210,12 +215,11 @@ class WaveTables:
                 Refusal.BAD_VALUE,
                 f"sample {bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be finite",
             )
-        others = sum(held.size for number, held in self._samples.items() if number != table)
         require(
-            others + new.size <= self.capacity,
+            new.size <= self.room(table),
             Refusal.TABLE_FULL,
-            f"{new.size} samples do not fit into wave table {table}: {self.capacity - others} "
-            f"of {self.capacity} are free",
+            f"{new.size} samples do not fit into wave table {table}: {self.room(table)} of "
+            f"{self.capacity} are free",
         )
         new.flags.writeable = False
         self._samples[table] = new
