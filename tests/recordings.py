@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.instruments.catalogue.folder import run_files
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
@@ -87,10 +86,16 @@ class RunFolder:
         return self.path / "records" / f"{name}.stream"
 
     def records(self):
-        return [p for p in run_files(self.path) if p.suffix == ".h5"]
+        return self._files(".h5")
 
     def streams(self):
-        return [p for p in run_files(self.path) if p.suffix == ".stream"]
+        return self._files(".stream")
+
+    def _files(self, suffix):
+        # not above: writers that are killed import this module in processes of their own
+        from flexstage.instruments.catalogue.folder import run_files
+
+        return [p for p in run_files(self.path) if p.suffix == suffix]
 
 
 class FullDisk(io.FileIO):

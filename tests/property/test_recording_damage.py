@@ -34,6 +34,8 @@ def stream(tmp_path):
 
 def spoilt(path, data):
     other = path.with_name("spoilt.stream")
+    # some file systems wait for the disk where a file is written over, and not for a new one
+    other.unlink(missing_ok=True)
     other.write_bytes(data)
     return other
 
