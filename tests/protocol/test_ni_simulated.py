@@ -538,11 +538,11 @@ def test_an_address_wires_each_sensor_and_drive_by_itself() -> None:
         ("ni://?simulated=1", "has an address such as"),
         ("ni://Dev1/x?simulated=1", "has an address such as"),
         ("ni://Dev1?simulated=1", "names no axis"),
-        ("ni://Dev1?simulated=maybe", "'simulated' is 0 or 1"),
+        ("ni://Dev1?simulated=maybe", "'simulated' of .* must be 1 or 0"),
         ("ni://Dev1?x=ao0&simulated=1", "an output and an input for 'x'"),
         ("ni://Dev1?x=ai0,ao0&simulated=1", "an output and an input for 'x'"),
         ("ni://Dev1?x=ao0,ai0&x=ao1,ai1", "an option twice"),
-        ("ni://Dev1?x=ao0,ai0&simulated=1&seed=-1", "'seed' is a whole number"),
+        ("ni://Dev1?x=ao0,ai0&simulated=1&seed=-1", "'seed' of .* must be a whole number"),
         (
             "ni://Dev1?x=ao0,ai0&simulated=1&sensitivity=10um",
             "'sensitivity' in the address .* 'um'",

@@ -99,11 +99,16 @@ def _forms() -> str:
 _YES_OR_NO = {"1": True, "yes": True, "true": True, "0": False, "no": False, "false": False}
 
 
-def options_of(address: str, parts: SplitResult, known: tuple[str, ...]) -> dict[str, str]:
-    """Return the options of an address; refuse those that its kind has not, and doubled ones."""
+def options_of(
+    address: str, parts: SplitResult, known: tuple[str, ...] | None = None
+) -> dict[str, str]:
+    """Return the options of an address; refuse those that its kind has not, and doubled ones.
+
+    Of a kind whose options have names of the user's own none are `known`, and all are taken.
+    """
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     for key, _ in pairs:
-        if key not in known:
+        if known is not None and key not in known:
             there = f"are {', '.join(known)}" if known else "is none for this kind of address"
             raise ModelError(f"'{address}' has the option '{key}', and there {there}")
     if len(dict(pairs)) < len(pairs):

@@ -87,11 +87,16 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
 
 
 def wait_for_rest(
-    instrument: Instrument, moving: Callable[[], bool], timeout: float, what: str
+    instrument: Instrument,
+    moving: Callable[[], bool],
+    timeout: float,
+    what: str,
+    *,
+    step: float = _STEP_TIME,
 ) -> None:
     """Wait until nothing moves; stop the instrument on time-out [s], a lost link, or Ctrl-C.
 
-    `what` happened, for the message: ``axis 'x' still moved``.
+    `what` happened, for the message: ``axis 'x' still moved``. It looks after each `step` [s].
     """
     waited = 0.0
     try:
@@ -99,8 +104,8 @@ def wait_for_rest(
             if waited > timeout:
                 instrument.stop()
                 raise ControllerError(f"{what} after {timeout:g} s: it was stopped")
-            instrument.pause(_STEP_TIME)
-            waited += _STEP_TIME
+            instrument.pause(step)
+            waited += step
     except (KeyboardInterrupt, NotConnectedError):
         instrument.stop()
         raise
@@ -195,16 +200,13 @@ def _run_smooth(
     values = {n: begins[n] + (end - begins[n]) * shape for n, end in ends.items()}
     waves.load(Waveform(values=values, sample_rate_hz=rate, quantity=quantity))
     waves.start(1)
-    waited, step = 0.0, min(max(duration / 20.0, 0.005), 0.05)
-    while waves.running():
-        if waited > duration + timeout:
-            instrument.stop()
-            raise ControllerError(
-                f"the ramp to the start should have taken {duration:g} s and still ran after "
-                f"{waited:g} s: it was stopped"
-            )
-        instrument.pause(step)
-        waited += step
+    wait_for_rest(
+        instrument,
+        waves.running,
+        duration + timeout,
+        f"the ramp to the start should have taken {duration:g} s and still ran",
+        step=min(max(duration / 20.0, 0.005), 0.05),
+    )
 
 
 def _climb(

@@ -18,6 +18,7 @@ from flexstage.centring.turn_spectrum import whole_orders
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
 from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
+from flexstage.virtual.imperfections import require_size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,8 +81,7 @@ def scale_errors(orders: Iterable[int], rms: float, *, seed: int = 0) -> ScaleEr
     >>> print(f"{1e6 * np.std(errors.at(s)):.3f} urad")
     5.000 urad
     """
-    if not 0.0 <= rms < math.inf:
-        raise ModelError(f"the errors of a scale must be 0 or more and finite, got {rms!r} rad")
+    require_size("the errors of a scale", rms)
     asked = whole_orders(orders)
     random = np.random.default_rng(seed)
     parts = random.standard_normal((2, len(asked))) / np.asarray(asked, dtype=np.float64)
@@ -160,8 +160,7 @@ class VirtualTable:
                     f"{name} must be one for each of {len(self.heads)} heads, got {len(given)}"
                 )
         for name in ("noise", "asynchronous", "reference_noise"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ModelError(f"{name} must be 0 or more and finite")
+            require_size(name, getattr(self, name))
         if self.axis_motion.shape != (len(self.axis_orders), 4):
             raise ModelError(
                 f"the motion of the axis needs four amplitudes for each of {len(self.axis_orders)} "

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar, get_args
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 
 from flexstage.errors import ModelError, UnitError
+from flexstage.instruments.connect import flag, number, options_of
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
 from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, SensorInput, Terminal
@@ -58,7 +59,7 @@ def open_address(
     (True, (-150.0, 150.0))
     """
     options = _parts(address)[1]
-    asked = _is_yes(options.get("simulated", "0"), address)
+    asked = flag(options, "simulated", False, address)
     reason = "" if asked else driver_found()
     simulated = asked or bool(reason)
     if setup is None:
@@ -237,10 +238,7 @@ def _parts(address: str) -> tuple[str, dict[str, str]]:
         raise ModelError(
             f"an NI card has an address such as 'ni://Dev1?x=ao0,ai0', got {address!r}"
         )
-    pairs = parse_qsl(split.query, keep_blank_values=True)
-    if len({k for k, _ in pairs}) != len(pairs):
-        raise ModelError(f"the address {address!r} has an option twice: leave one out")
-    return split.netloc, dict(pairs)
+    return split.netloc, options_of(address, split)
 
 
 def _wires(
@@ -271,19 +269,11 @@ def _wires(
     return found | alone
 
 
-def _is_yes(text: str, address: str) -> bool:
-    if text.lower() not in ("0", "1", "no", "yes", "false", "true"):
-        raise ModelError(f"'simulated' is 0 or 1 in the address {address!r}, got {text!r}")
-    return text.lower() in ("1", "yes", "true")
-
-
 def _simulated(
     setup: NiSetup, stage: Stage | None, options: Mapping[str, str], address: str, note: str
 ) -> NiBackend:
     """A card whose sensors go over 80 % of their ranges while the drives go over theirs."""
-    seed = options.get("seed", "0")
-    if not seed.isdecimal():
-        raise ModelError(f"'seed' is a whole number in the address {address!r}, got {seed!r}")
+    seed = int(number(options, "seed", 0, address, whole=True))
     wiring: dict[str, dict[str, float]] = {}
     for drive in setup.outputs:
         low, high = drive.drive_range
@@ -296,7 +286,7 @@ def _simulated(
     return SimulatedBackend(
         wiring,
         noise=_NOISE,
-        seed=int(seed),
+        seed=seed,
         note=note,
         standing={d.channel: float(d.output(np.array(d.begins_at))) for d in setup.outputs},
     )
