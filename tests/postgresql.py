@@ -36,7 +36,7 @@ def postgresql_server() -> Iterator[str]:
 def database(server: str) -> Iterator[str]:
     """Give the address of a schema that is new and empty: to its user, a database of its own.
 
-    A database proper takes the server ten times as long to make and to remove.
+    To make and remove a database proper took the server 170 ms, a schema at most 7 ms.
     """
     import psycopg
     from psycopg import sql

@@ -221,7 +221,7 @@ def played(capsys, tmp_path, t, u, *words):
 def test_a_record_that_is_played_is_what_the_twin_does(capsys, monkeypatch, tmp_path, rate):
     t = np.arange(round(0.8 * rate)) / rate
     u = 70.0 - 45.0 * np.cos(2.0 * np.pi * 2.5 * t)
-    monkeypatch.setattr("flexstage.virtual.stage._BLOCK", 97)
+    monkeypatch.setattr("flexstage.virtual.stage.VirtualStage.samples_at_once", 97)
     status, said = played(capsys, tmp_path, t, u, "--axis", "y", "--seed", "3", "--json", "-q")
     assert (status, json.loads(said.out)["files"]) == (0, [str(tmp_path / "measured.csv")])
     record = read_record(tmp_path / "measured.csv")

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +61,8 @@ class VirtualStage(ABC):
     """Rate of its loop [Hz]."""
     notes: tuple[str, ...]
     """What was drawn, set and left out, as sentences."""
+    samples_at_once: ClassVar[int] = 50_000
+    """Samples of a record that are simulated at once."""
 
     def __init__(
         self,
@@ -112,7 +114,7 @@ class VirtualStage(ABC):
         lead = max(round(0.5 * rate_hz), 1)
         whole = np.concatenate((voltage[0] * np.arange(lead) / lead, voltage))
         found = np.empty((2, whole.size))
-        block = 50_000  # samples of the record that are simulated at once
+        block = self.samples_at_once
         for first in range(0, whole.size, block):
             at = np.arange(first, min(first + block, whole.size), 1.0 / many)
             command = np.zeros((len(self.axes), at.size))
