@@ -109,7 +109,6 @@ BAD = {
     "  ": 0,
     "XYZ": 2,
     "WAV? 1": 2,
-    "MAC BEG A": 2,
     "SAI 1 X": 2,
     "POS": 2,
     "MOV1 2": 2,
@@ -124,6 +123,14 @@ BAD = {
     "HDR? 1": 24,
     "ERR? 1": 24,
     "IDN? 1": 24,
+    "MAC": 24,
+    "MAC BEG": 24,
+    "MAC BEG A-B": 18,
+    "MAC DEL A": 20,
+    "MAC START A": 20,
+    "MAC END": 1002,
+    "MAC END A": 24,
+    "MAC XYZ A": 1003,
     "SSN? 1": 24,
     "TWC 1": 24,
     **{f"{name}? 3": 15 for name in ("AOS", "ATZ", "DCO", "EAX", "LIM", "OVF", "RON", "TRS")},
@@ -355,7 +362,7 @@ def test_bad_arguments(line):
 def test_every_command_has_a_good_and_a_bad_example():
     names = set(controller().commands)
     elsewhere = {"VER?", "HLP?", "HPA?", "HDR?", "SPA?", "DRR?", "GWD?", "WGO", "IMP", "MOV"}
-    elsewhere |= {"FNL", "FPL", "FRF", "SRG?"}
+    elsewhere |= {"FNL", "FPL", "FRF", "MAC", "SRG?"}
     good = {line.split(" ")[0] for lines in GOOD for line in lines.strip().upper().split("\n")}
     bad = {line.split(" ")[0] for line in BAD if line.strip()}
     assert names - elsewhere - good == set()

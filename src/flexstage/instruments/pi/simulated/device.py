@@ -25,6 +25,8 @@ class Refusal(IntEnum):
     UNKNOWN_CHANNEL = 14
     UNKNOWN = 15  # no such axis, table or signal
     BAD_VALUE = 17  # a parameter outside its range
+    BAD_MACRO_NAME = 18
+    UNKNOWN_MACRO = 20
     AXIS_TWICE = 22
     NUMBER_OF_PARAMETERS = 24
     BAD_NUMBER = 25
@@ -44,6 +46,7 @@ class Refusal(IntEnum):
     SWITCHED_OFF = 84
     VOLTAGE_OUT_OF_LIMITS = 302
     SERVO_ON = 303  # a voltage is asked for under position control
+    NO_ROOM_FOR_MACRO = 309
     HARDWARE = 333
     UNKNOWN_WAVE_TABLE = 400
     WAVE_NOT_DEFINED = 401
@@ -52,6 +55,10 @@ class Refusal(IntEnum):
     NUMBER_OF_WAVE_PARAMETERS = 404
     WAVE_OUT_OF_RANGE = 405
     UNKNOWN_START_MODE = 406
+    MACROS_TOO_DEEP = 1000
+    MACRO_IS_WRITTEN = 1001
+    NO_MACRO_IS_WRITTEN = 1002
+    UNKNOWN_MACRO_FUNCTION = 1003
     #: Another client holds control. 51 would be closer, but clients read a joystick into it.
     BUSY = 1005
 

@@ -73,6 +73,7 @@ class Interpreter:
         self._commanding: list[Client] = []
         #: Who gives the command that is carried out; the lock is held.
         self._client: Client
+        self._macros = Macros(self.line)
         commands = (*self._of_sessions(), *IDENTITY, *MOTION, *RECORDER, *WAVES)
         # a controller of motors does not know the commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
@@ -115,6 +116,7 @@ class Interpreter:
         """Let a client go; if it was in control, another one may be."""
         with self.pace.lock:
             self._clients = [other for other in self._clients if other is not client]
+            self._macros.leave(client)
             self._commanding = [other for other in self._commanding if other is not client]
 
     def stop(self, client: Client) -> None:
@@ -144,6 +146,8 @@ class Interpreter:
         if "" in words:
             words = [word for word in words if word]
         if not words:
+            return None
+        if self._macros.takes(client, words):
             return None
         command = self._commands.get(words[0].upper())
         if command is None:
@@ -211,6 +215,15 @@ class Interpreter:
             question("CCL?", "", "Get Command Level", lambda *_: self._client.level),
             question("ERR?", "", "Get Error Number", self._read_error),
             GcsCommand("HLP?", "", "Get List Of Available Commands", self._help),
+            GcsCommand(
+                "MAC",
+                "<Keyword> [<MacroName> [<Value> ...]]",
+                "Call Macro Function: BEG, END, DEL, START",
+                lambda _, words: self._macros.call(self._client, words),
+                changes=True,
+                moves=True,
+                free=True,
+            ),
         )
 
     def _read_error(self, _: ControllerState, __: None) -> int:
@@ -228,3 +241,88 @@ class Interpreter:
         commands = self._commands.values()
         listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
         return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
+
+
+#: Most characters of all macros, and longest name.
+_ROOM, _NAME = 1 << 16, 8
+#: How deep macros may start each other.
+_DEPTH = 5
+
+
+class Macros:
+    """Keeps macros, and carries them out line by line, at once."""
+
+    def __init__(self, carry_out: Callable[[Client, str], object]) -> None:
+        self._carry_out = carry_out
+        self._kept: dict[str, list[str]] = {}
+        self._depth = 0
+        self._recording: tuple[Client, str, list[str]] | None = None
+
+    def takes(self, client: Client, words: Sequence[str]) -> bool:
+        """Keep a line that belongs to a macro which a client writes."""
+        if self._recording is None or self._recording[0] is not client:
+            return False
+        if [word.upper() for word in words] == ["MAC", "END"]:
+            return False
+        line = " ".join(words)
+        if self._size() + len(line) > _ROOM:
+            client.error = Refusal.NO_ROOM_FOR_MACRO
+        else:
+            self._recording[2].append(line)
+        return True
+
+    def leave(self, client: Client) -> None:
+        """Forget what a client was writing."""
+        if self._recording is not None and self._recording[0] is client:
+            self._recording = None
+
+    def _size(self) -> int:
+        writing = [] if self._recording is None else self._recording[2]
+        return sum(len(line) + 1 for lines in (*self._kept.values(), writing) for line in lines)
+
+    def call(self, client: Client, words: Sequence[str]) -> Reply:
+        """Begin a macro, end it, delete or start one."""
+        require(words, Refusal.NUMBER_OF_PARAMETERS)
+        keyword, names = words[0].upper(), words[1:]
+        require(keyword in ("BEG", "DEL", "END", "START"), Refusal.UNKNOWN_MACRO_FUNCTION)
+        if keyword == "END":
+            require(not names, Refusal.NUMBER_OF_PARAMETERS)
+            self._end(client)
+            return None
+        several = keyword == "START"
+        require(len(names) == 1 or (several and names), Refusal.NUMBER_OF_PARAMETERS)
+        name = names[0].upper()
+        if keyword == "BEG":
+            require(name.isalnum() and len(name) <= _NAME, Refusal.BAD_MACRO_NAME)
+            free = self._recording is None and not self._depth
+            require(free, Refusal.MACRO_IS_WRITTEN)
+            self._recording = client, name, []
+            return None
+        require(name in self._kept, Refusal.UNKNOWN_MACRO)
+        if several:
+            self._start(client, name, names[1:])
+        else:
+            del self._kept[name]
+        return None
+
+    def _end(self, client: Client) -> None:
+        if self._recording is None or self._recording[0] is not client:
+            raise RefusedError(Refusal.NO_MACRO_IS_WRITTEN)
+        self._kept[self._recording[1]] = self._recording[2]
+        self._recording = None
+
+    def _start(self, client: Client, name: str, values: Sequence[str]) -> None:
+        require(self._depth < _DEPTH, Refusal.MACROS_TOO_DEEP)
+        self._depth += 1
+        try:
+            for line in tuple(self._kept[name]):
+                self._carry_out(client, _filled(line, values))
+        finally:
+            self._depth -= 1
+
+
+def _filled(line: str, values: Sequence[str]) -> str:
+    """Return a line with ``$1``, ``$2``, ... replaced by values."""
+    for number in range(len(values), 0, -1):
+        line = line.replace(f"${number}", values[number - 1])
+    return line
