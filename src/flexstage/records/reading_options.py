@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexstage.errors import RecordError
-from flexstage.records.sampling import row_range
 from flexstage.units import parse
 
 
@@ -19,6 +18,9 @@ def understood(
     **how: Any,
 ) -> dict[str, Any]:
     """Return what options on some files say, as `flexstage.records.files.read_files` takes it."""
+    # NumPy comes with it, and commands name columns before they need any
+    from flexstage.records.sampling import row_range
+
     rates = file_rates(sample_rate, "--sample-rate", files)
     new_rates = file_rates(resample, "--resample", files)
     return {
