@@ -331,7 +331,6 @@ def test_what_bodies_in_space_give_is_not_kept_beside_them(
     assert not list(tmp_path.rglob("*.arrays"))
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = run_study(design("parallelogram"))
     memo = memory(tmp_path)
