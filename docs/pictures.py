@@ -216,13 +216,12 @@ def card_twin() -> "Figure":
 
 
 def card_control() -> "Figure":
-    """A spiral of both axes."""
-    turns = np.linspace(0.0, 5.0, 2000)
-    radius, angle = 5.0 * turns, 2.0 * np.pi * turns
+    """A raster of both axes."""
+    from flexstage.control.trajectories import raster
+
+    path = raster(("x", "y"), (10e-6, 60e-6), (7e-6, 57e-6), 1.0, 8, sample_rate_hz=1e3)
     figure, axes = card()
-    axes.plot(
-        35.0 + radius * np.cos(angle), 32.0 + radius * np.sin(angle), color=CYCLE[0], linewidth=1.2
-    )
+    axes.plot(1e6 * path.positions["x"], 1e6 * path.positions["y"], color=CYCLE[0], linewidth=1.2)
     axes.set_aspect("equal")
     return figure
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,7 +17,6 @@ from flexstage.hysteresis import (
     assembled_model,
 )
 from flexstage.hysteresis.chain.creep import LogCreep
-from flexstage.hysteresis.compiled import compiled
 from flexstage.lumped import lumped_system
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
@@ -120,7 +120,8 @@ def free_displacements(arrays: StackArrays, voltage: ArrayLike) -> Array:
     return _all_steps(arrays, relaxed_stacks(arrays), u, np.empty_like(u))
 
 
-@compiled
+# not kept: what is kept beside a test would outlive the functions that it calls
+@numba.njit(error_model="numpy")
 def _all_steps(arrays: StackArrays, state: StackState, u: Array, out: Array) -> Array:
     for a in range(u.shape[0]):
         for k in range(u.shape[1]):

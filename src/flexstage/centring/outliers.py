@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.centring.turns import Turns
 from flexstage.errors import RecordError
+from flexstage.records.quality import RMS_OVER_MEDIAN
 
 # constants of Huber's and Tukey's weights, at which 95 % of the efficiency for normal noise is kept
 _HUBER, _TUKEY = 1.345, 4.685
@@ -165,10 +166,8 @@ def _repeated(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.boo
 def _spread(size: Array) -> float:
     # samples that a median is taken of, at most
     sampled = 50_000
-    # a normal distribution's rms over the median of its absolute values
-    rms_over_median = 1.4826022185056018
     step = max(1, size.size // sampled)
-    return rms_over_median * float(np.median(size[::step]))
+    return RMS_OVER_MEDIAN * float(np.median(size[::step]))
 
 
 def _threshold(count: int) -> float:

@@ -80,6 +80,11 @@ class Grammar:
     functions: tuple[str, ...]
     """Names of the functions."""
 
+    @property
+    def a_noun(self) -> str:
+        """The noun with its article."""
+        return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
+
 
 #: What the parameters of a file may be made of.
 PARAMETERS = Grammar(
@@ -160,9 +165,8 @@ def is_expression(value: object) -> bool:
 def check_name(name: str, grammar: Grammar = PARAMETERS) -> None:
     """Refuse a name that could not stand in an expression."""
     if not _NAME.fullmatch(name) or len(name) > 80:
-        article = "an" if grammar.noun[0] in "aeiou" else "a"
         raise UnitError(
-            f"{article} {grammar.noun} is called by letters, digits and underscores, from a letter "
+            f"{grammar.a_noun} is called by letters, digits and underscores, from a letter "
             f"on, such as leg_spacing, got {name[:80]!r}"
         )
     if name in grammar.functions or name == "pi":
@@ -226,21 +230,21 @@ def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
         depth += {"(": 1, ")": -1}.get(word, 0)
         if depth > DEEPEST:
             raise UnitError(
-                f"an expression is nested at most {DEEPEST} deep: {_shown(text)} is "
+                f"an expression is nested at most {DEEPEST} deep: {shown(text)} is "
                 f"deeper; divide it among {grammar.noun}s"
             )
         words.append(word)
     if bad := next((n for n in names if not _NAME.fullmatch(n)), None):
-        raise UnitError(f"'{bad[:60]}' is no name of a parameter, which begins with a letter")
+        raise UnitError(f"'{bad[:60]}' is no name of {grammar.a_noun}, which begins with a letter")
     if not words:
-        raise UnitError("nothing stands behind the equals sign: write an expression such as = 2*R")
+        raise UnitError("an expression is empty: write one such as 2*R")
     # names that mean something to the parser become some that do not
     spelled = " ".join(f"p_{word}" if word in names else word for word in words)
     try:
         tree = ast.parse(spelled, mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise UnitError(
-            f"{_shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
+            f"{shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
             f"numbers, units and names of {grammar.noun}s"
         ) from None
     _require_arithmetic(tree, grammar, 0)
@@ -317,7 +321,7 @@ def require_names(expression: QuantityExpression, names: Collection[str]) -> Non
         raise UnitError(f"there is no parameter '{name[:60]}' (there are: {listed[:300]}){hint}")
     for unit in sorted(expression.units & set(names)):
         raise UnitError(
-            f"'{unit}' behind a number in {_shown(expression.text)} is a unit, and a parameter has "
+            f"'{unit}' behind a number in {shown(expression.text)} is a unit, and a parameter has "
             f"that name: write a product with *, or call the parameter otherwise"
         )
 
@@ -357,7 +361,7 @@ def _constant(number: str, unit: str | None) -> Amount:
 
 
 def _too_large(text: str) -> UnitError:
-    return UnitError(f"{_shown(text)} is too large to be a number")
+    return UnitError(f"{shown(text)} is too large to be a number")
 
 
 def _same(what: str, *amounts: Amount) -> Powers:
@@ -499,7 +503,7 @@ def _refuse_sign(sign: str, text: str, grammar: Grammar) -> NoReturn:
         "×": ": write * for a product",
         "·": ": write * for a product",
     }.get(sign, f": it is arithmetic of numbers, quantities and {grammar.noun}s")
-    raise UnitError(f"{sign!r} has no meaning in {_shown(text)}{instead}")
+    raise UnitError(f"{sign!r} has no meaning in {shown(text)}{instead}")
 
 
 def _refuse_function(name: str, grammar: Grammar) -> NoReturn:
@@ -509,6 +513,7 @@ def _refuse_function(name: str, grammar: Grammar) -> NoReturn:
     )
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
+    """Return a text for a message, cut where it is long."""
     plain = " ".join(text.split())
     return repr(plain if len(plain) <= 60 else plain[:57] + "...")

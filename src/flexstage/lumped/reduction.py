@@ -108,7 +108,7 @@ class ReducedModel(Equations):
     how: str
     """How it was reduced."""
     basis: Array
-    """Displacements for unit z, shape (q, n)."""
+    """Displacements for unit z, shape (number of q, number of z)."""
 
 
 def reduce_by_symmetry(

@@ -116,8 +116,10 @@ def reading(path: Path, kind: str, hint: str = "") -> Iterator[None]:
     """Refuse a file on which its library fails, with the first line of why."""
     try:
         yield
-    except RecordError:
-        raise
+    except RecordError as error:
+        if str(path) in str(error):
+            raise
+        raise RecordError(f"'{path}': {error}") from error
     except Exception as error:  # a damaged file makes nearly any error there
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
         raise RecordError(f"'{path}' cannot be read as {kind} file ({reason}){hint}") from error

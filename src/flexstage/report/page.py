@@ -128,7 +128,6 @@ def _svg(context: Mapping[str, Any], picture: Picture, key: str) -> "Markup":
 def drawn_inline(picture: Picture, key: str) -> str:
     """Draw a picture as it stands in a page, in which the key is unique."""
     from flexstage.report.figures.style import inline_svg
-    from flexstage.report.page import drawn
 
     return inline_svg(drawn(picture), key, picture.title)
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation, TestResult
     from flexstage.experiments.results import PlanResult
     from flexstage.hysteresis import Identification
-    from flexstage.stage import Stage
 
 
 #: Quantities whose measured value has no sign.

@@ -26,6 +26,8 @@ def array_namespace(*arrays: Array) -> Any:
     ModelError
         The library has none of itself (CuPy, PyTorch), and array-api-compat is not installed.
     """
+    if isinstance(arrays[0], np.ndarray | np.generic | float):
+        return np
     if hasattr(arrays[0], "__array_namespace__"):
         return arrays[0].__array_namespace__()
     require_extra("gpu", "array_api_compat", "stages in arrays of this library", ModelError)

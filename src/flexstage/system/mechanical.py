@@ -63,9 +63,8 @@ DEFAULT_DAMPING = ModalDamping(ratio=DAMPING_RATIO)
 class RayleighDamping(_Ratios):
     """Viscous damping C = alpha M + beta K (Lord Rayleigh, The Theory of Sound, 1877, art. 97).
 
-    The ratio of a mode is (alpha/omega + beta omega)/2.
-
-    K is that of the stage with the springs of the drives that are in place.
+    K is that of the stage with the springs of the drives that are in place. The ratio of a mode is
+    (alpha/omega + beta omega)/2.
     """
 
     alpha: float

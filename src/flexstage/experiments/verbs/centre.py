@@ -119,7 +119,6 @@ class Centre(Verb):
     def run(self, context: "RunContext", name: str) -> list[Path]:
         from flexstage.centring.procedure import centre
         from flexstage.experiments.command import park
-        from flexstage.experiments.verbs.centre import InstrumentPositioner
         from flexstage.virtual.table import VirtualBench
 
         park(context.instrument, self.axes)

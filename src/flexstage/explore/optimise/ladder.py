@@ -111,8 +111,12 @@ class SearchOptions:
                 f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
                 f"{self.evaluations} and {self.starts}"
             )
-        for model in filter(None, (self.model, self.confirm)):
-            known_model(model)
+        if self.model not in ("lumped", "superelement"):
+            raise ModelError(f"lumped or superelement corrects a search, got '{self.model}'")
+        if self.confirm is not None:
+            known_model(self.confirm)
+        if self.confirm == "lumped":
+            raise ModelError("a finer model than lumped confirms what a search finds")
 
     def budget(self, variables: int) -> int:
         """Return how many evaluations of the lumped model there may be."""

@@ -346,7 +346,8 @@ def fits() -> Mapping[str, ModelFit]:
 def automatic() -> tuple[str, ...]:
     """Return the models that are tried where none is named.
 
-    The others are tried when they are named: where these fitted, they were the best of no record.
+    The others are tried when they are named: beside these four they were
+    chosen for none of nine records that were measured, and take a third of the time.
     """
     return tuple(kind for kind, fit in fits().items() if fit.automatic)
 

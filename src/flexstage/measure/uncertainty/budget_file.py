@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast
@@ -173,6 +173,12 @@ class _Entry:
 
 def _budget(decoder: Decoder, root: Mapping) -> Budget:
     budget: Budget = decoder.build(Budget, root, "")
+    budget = replace(
+        budget,
+        quantity=budget.quantity.strip(),
+        unit=budget.unit.strip(),
+        notes=budget.notes.strip(),
+    )
     places, influences = root.items, budget.influences
     if not influences:
         decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")

@@ -25,6 +25,7 @@ from flexstage.files.expression import (
     power,
     powers_in,
     product,
+    shown,
 )
 
 _APPLIED = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")
@@ -112,7 +113,7 @@ def compute(equation: QuantityExpression, values: Mapping[str, Any]) -> Any:
     try:
         return fold(equation.tree, computing(named, _OPERATIONS, FUNCTIONS))
     except (ArithmeticError, ValueError) as error:
-        raise ModelError(f"the equation '{equation.text}' has no value: {error}") from error
+        raise ModelError(f"the equation {shown(equation.text)} has no value: {error}") from error
 
 
 def require_unit(equation: QuantityExpression, units: Mapping[str, str], unit: str) -> None:

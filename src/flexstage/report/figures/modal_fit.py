@@ -39,7 +39,7 @@ def draw_stabilisation(fit: ModalFit) -> "Figure":
     beside_a_pole = 0.02
     diagram = fit.stabilisation
     if diagram is None:
-        raise ModelError("the fit has no stabilisation diagram: its number of modes was given")
+        raise ModelError("the fit has no stabilisation diagram")
     measured = fit.fitted[0].measured
     figure = new_figure(9.6, 4.0)
     axes = figure.subplots()
