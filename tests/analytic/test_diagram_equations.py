@@ -182,13 +182,6 @@ def test_the_symbolic_model_has_the_same_damping() -> None:
     np.testing.assert_allclose(-space.A[np.ix_(at, at)], wanted, atol=1e-12 * abs(wanted).max())
 
 
-def test_bodies_drawn_together_change_nothing() -> None:
-    frequency = np.array([3.0, 640.0, 2222.0])
-    whole = response(diagram_state_space(stage_diagram(_PIEZO), nonlinear="cut"), frequency)
-    folded = response(diagram_state_space(stage_diagram(_PIEZO), nonlinear="cut"), frequency)
-    np.testing.assert_allclose(folded, whole, atol=1e-10 * np.abs(whole).max())
-
-
 def test_a_force_needs_no_spring() -> None:
     stage = design("parallelogram")
     screw = stage.drives[0]

@@ -16,6 +16,7 @@ from flexstage.measure.uncertainty.budget_file import budget_from_text
 from flexstage.measure.uncertainty.expression import FUNCTIONS, compute, equation_of, hypot
 from flexstage.measure.uncertainty.influence import (
     Influence,
+    _unit_quantile,
     correlation_matrix,
     groups,
     influence_from,
@@ -43,6 +44,11 @@ def influence(name, value, u, **more):
 
 
 # ------------------------------------------------------------------------------- distributions
+@given(st.sampled_from(sorted(SHAPES)), st.floats(0.001, 0.999))
+def test_quantiles_rise_and_are_symmetric(law, p):
+    low, high, above = _unit_quantile(law, np.array([p, 1.0 - p, min(1.0 - p + 1e-4, 1.0)]), 0.3)
+    assert low + high == pytest.approx(0.0, abs=1e-12)
+    assert above > high
 
 
 @pytest.mark.parametrize("law", SHAPES)
