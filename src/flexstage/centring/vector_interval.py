@@ -110,9 +110,10 @@ def _rice_interval(length: float, u: float, dof: float) -> tuple[float, float]:
 
 def _likely_variances(dof: float) -> Array:
     """Return variances, all equally likely, where their estimate is 1."""
+    from scipy.special import chdtri
+
     # parts of the distribution of a variance that a probability is averaged over.
     most_shares = 60
-    from scipy.special import chdtri
 
     if not math.isfinite(dof) or dof > 1e4:
         return np.ones(1)

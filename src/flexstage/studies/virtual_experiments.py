@@ -112,15 +112,16 @@ def _characterise(
 
 
 def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> CentringTrial:
-    # angle of the stage on the table, which trial moves find out [rad]
-    mounting_angle = 0.7
-    # direction that the scale is off in, in the axes of the stage: one that both can push [rad]
-    direction = 0.8
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
     from flexstage.experiments.verbs.centre import Centre
     from flexstage.virtual.positioner import VirtualPositioner
     from flexstage.virtual.table import VirtualBench, scale_errors
+
+    # angle of the stage on the table, which trial moves find out [rad]
+    mounting_angle = 0.7
+    # direction that the scale is off in, in the axes of the stage: one that both can push [rad]
+    direction = 0.8
 
     del system, axis
     positioner = VirtualPositioner(

@@ -343,8 +343,9 @@ def _draw_key(axes: "Axes", columns: list[list[_Entry]], height: float) -> None:
 
 
 def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
-    longest_name = 15
     from matplotlib.patches import Rectangle
+
+    longest_name = 15
 
     def write(x: float, text: str, **style: Any) -> None:
         usual = {"va": "center_baseline", "fontsize": 7, "color": INK, "parse_math": False}

@@ -120,9 +120,10 @@ def _area(axes: "Axes", mm: Array, loops: Loops) -> "Path | None":
 
 def _thinned(axes: "Axes", line: Array) -> Array:
     """Leave out what a picture cannot show of a line."""
+    from shapely import LineString
+
     # detail smaller than this part of a picture is left out of its lines
     resolution = 2000.0
-    from shapely import LineString
 
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     finest = max(x1 - x0, y1 - y0) / resolution
@@ -201,8 +202,9 @@ def draw_fe_modes(
     of the plane the displacement out of it, with its sign, on the middle plane, which such a mode
     leaves as it is. A thin line shows the stage at rest.
     """
-    margin = 0.05
     from flexstage.fem.sampling import Sampler
+
+    margin = 0.05
 
     found = analysis.modes["removed"]
     count = min(most, found.frequency_hz.size)

@@ -46,9 +46,10 @@ def draw_stress(analysis: Analysis) -> "Figure":
 
     Hinges carry the numbers of the drawing.
     """
+    from matplotlib.patches import Patch
+
     most = 48  # bars beyond this are too thin to read
     nothing = 0.01  # less than this part of the largest stress is not drawn
-    from matplotlib.patches import Patch
 
     stress = {axis: values for axis, values in analysis.hinge_stress.items() if values}
     if not stress:

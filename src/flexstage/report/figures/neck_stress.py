@@ -82,8 +82,9 @@ def neck_sampler(model: "StageModel") -> "Sampler":
 
     In the plane, or on the middle plane of a solid.
     """
-    divisions = 6
     from flexstage.fem.sampling import Sampler
+
+    divisions = 6
 
     return Sampler(model=model, divisions=divisions)
 

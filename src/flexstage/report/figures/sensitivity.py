@@ -48,9 +48,10 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
 
     Colour goes with the root of the change, so that small ones are seen beside large ones.
     """
+    from matplotlib.colors import LinearSegmentedColormap
+
     # parameters that are drawn at most; the others move less
     rows = 40
-    from matplotlib.colors import LinearSegmentedColormap
 
     shown = shown_changes(found, length)
     order, _ = moving(found, length)

@@ -169,10 +169,11 @@ class _Meshed:
     """The surface of a mesh."""
 
     def __init__(self, analysis: Analysis, mesh: "StageModel") -> None:
+        from flexstage.fem.sampling import Sampler
+
         finest = 4
         # a surface is divided while it has fewer triangles than this; a solid has two sides
         most_triangles = 40_000
-        from flexstage.fem.sampling import Sampler
 
         solid = mesh.problems[0].continuum.dimension == 3
         most = most_triangles // (2 if solid else 1)

@@ -53,8 +53,9 @@ def draw_sweep(sweep: Sweep) -> "Drawing":
 
 def draw_indices(sweep: Sweep) -> "Drawing":
     """Draw Sobol' indices: for each figure and variable a bar of either order, and its interval."""
-    most_bars = 16
     from matplotlib.patches import Patch
+
+    most_bars = 16
 
     found = sweep.indices
     if found is None:
@@ -178,9 +179,10 @@ def _maps(sweep: Sweep) -> "Drawing":
 
 def _matrix(sweep: Sweep) -> "Drawing":
     """Draw a diagram for each figure and variable: all points, and the middle of them by slices."""
+    from matplotlib.patches import Patch
+
     # columns of a matrix of diagrams, and rows of bars, that can still be read
     most_columns = 5
-    from matplotlib.patches import Patch
 
     shown, possible = sweep.moving, sweep.possible
     chosen = sweep.strongest(most_columns)
@@ -291,8 +293,9 @@ def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
 
 def _levels(values: "np.ma.MaskedArray") -> Array:
     """Return round values within what a map shows."""
-    levels = 9
     from matplotlib.ticker import MaxNLocator
+
+    levels = 9
 
     low, high = float(values.min()), float(values.max())
     found = np.array(MaxNLocator(levels, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
