@@ -217,7 +217,7 @@ def card_twin() -> "Figure":
 
 def card_control() -> "Figure":
     """A raster of both axes."""
-    from flexstage.control.trajectories import raster
+    from flexstage.control import raster
 
     path = raster(("x", "y"), (10e-6, 60e-6), (7e-6, 57e-6), 1.0, 8, sample_rate_hz=1e3)
     figure, axes = card()
