@@ -326,6 +326,9 @@ class FormulaDevice:
     def wave(self, table):
         return self.waves.get(table, np.empty(0))
 
+    def wave_size(self, table):
+        return self.wave(table).size
+
     def wave_room(self, table):
         return self.wave_capacity - sum(w.size for k, w in self.waves.items() if k != table)
 
@@ -335,6 +338,9 @@ class FormulaDevice:
         if any(axis.wave is not None and table in axis.choice for axis in self.state.values()):
             refuse(Refusal.WAVE_RUNNING)
         self.waves[table] = np.array(samples)
+
+    def append_wave(self, table, samples):
+        self.set_wave(table, np.concatenate((self.wave(table), samples)))
 
     def wave_rate_divider(self):
         return self.wave_divider

@@ -120,6 +120,8 @@ def test_limits_are_refused_in_words() -> None:
         made.check({"x": AxisLimits(position=(5e-6, 60e-6))})
     with pytest.raises(LimitError, match="lower its rate"):
         made.check({"x": AxisLimits(speed=1e-3)})
+    with pytest.raises(ModelError, match=r"the trajectory has no axis 'X': its axes are x"):
+        made.largest_speed("X")
 
 
 def test_a_path_from_a_record_is_resampled_and_closed() -> None:

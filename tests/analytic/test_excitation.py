@@ -410,7 +410,7 @@ def _fronts_of_plays(u, k):
         [np.linspace(a, b, 400, endpoint=False) for a, b in itertools.pairwise(u)] + [u[-1:]]
     )
     r = (np.arange(12 * k) + 0.5) / (12 * k) * 0.5 * span
-    p = play_columns(fine, r, np.concatenate(([fine[0]], np.full(r.size, fine[0]))))
+    p = fine[0] + play_columns(fine - fine[0], r)  # all at the first input
     moving = np.diff(p, axis=0) != 0.0
     begins = moving[1:] & ~moving[:-1]
     seen = np.zeros((k, 2 * k), dtype=int)

@@ -114,7 +114,7 @@ def test_decimal_numbers_are_rounded_once() -> None:
         ("= min(R, t)(2)", "an expression is of + - * / **"),
         ("= min(*R, t)", "an expression is of + - * / **"),
         ("= _0 + 1", "'_0' is no name of a parameter"),
-        ("=", "nothing stands behind the equals sign"),
+        ("=", "an expression is empty"),
         ("= " + "(" * 40 + "1" + ")" * 40, "nested at most 30 deep"),
         ("= " + "(" * 10_000, "at most 2000 characters"),
         ("= " + "-" * 400 + "1", "at most 250 operations in a row"),

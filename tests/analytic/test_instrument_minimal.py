@@ -59,6 +59,8 @@ class Minimal(Instrument):
 
     def stop(self) -> None:
         self.stops += 1
+        if self.gone:
+            raise NotConnectedError("nothing was sent")
 
     def close(self) -> None:
         pass
@@ -127,6 +129,20 @@ def test_waiting_ends_with_rest_or_with_a_stop() -> None:
         made.x.wait(0.5)
     assert made.stops == 1
     made.gone = True
-    with pytest.raises(NotConnectedError):
+    # what was first is said, and not that the stop did not arrive either
+    with pytest.raises(NotConnectedError, match="the link is gone"):
         made.x.wait()
     assert made.stops == 2
+
+
+def test_an_interruption_stays_one_where_the_stop_does_not_arrive() -> None:
+    class Interrupted(Minimal):
+        def pause(self, seconds: float) -> None:
+            self.gone = True
+            raise KeyboardInterrupt
+
+    made = Interrupted()
+    made.x.busy = 7
+    with pytest.raises(KeyboardInterrupt):
+        made.x.wait()
+    assert made.stops == 1

@@ -175,6 +175,9 @@ def test_limits_hold_at_every_sample(kind):
     assert np.abs(np.diff(free.command)).max() > slew * DT
     assert free.command.min() >= limits[0]
     assert free.command.max() <= limits[1]
+    endless = feedforward(drive, wanted, DT, limits=limits, largest_rate=math.inf)
+    assert np.array_equal(endless.command, free.command)
+    assert endless.notes == free.notes
     assert made.largest_error == np.abs(made.predicted - wanted).max()
     assert made.rms_error == pytest.approx(math.sqrt(np.mean((made.predicted - wanted) ** 2)))
 

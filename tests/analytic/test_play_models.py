@@ -87,13 +87,6 @@ def test_play_by_hand() -> None:
     assert plays == pytest.approx(np.array([[2.5, 1], [1.5, 1], [-3.5, -2], [-3.5, -2], [2, 0.5]]))
 
 
-def test_plays_go_on_from_a_state() -> None:
-    u, r = drive(1, 9), [0.0, 2.3, 7.1]
-    whole = play_columns(u, r)
-    state = np.append(u[10], whole[10])
-    assert np.array_equal(play_columns(u[11:], r, state), whole[11:])
-
-
 def test_prandtl_ishlinskii_loop_by_hand() -> None:
     """Up from rest, each play starts at its threshold; down from 50, at twice that."""
     model = PrandtlIshlinskii(

@@ -337,3 +337,24 @@ def test_tables_keep_what_they_were_given(device: VirtualController) -> None:
     assert device.wave_tables == 8
     assert device.wave(3).size == 0
     assert WaveTables(2, 5).samples(2).size == 0
+
+
+def test_what_is_appended_is_read_behind_what_was_there(device: VirtualController) -> None:
+    for k in range(5):
+        device.append_wave(4, TABLE + k)
+        given = np.concatenate([TABLE + i for i in range(k + 1)])
+        assert device.wave_size(4) == given.size
+        if k % 2:  # read in between, or not
+            assert_array_equal(device.wave(4), given)
+    assert_array_equal(device.wave(4), given)
+    with pytest.raises(ValueError, match="read-only"):
+        device.wave(4)[0] = 1.0
+    room = device.wave_room(4) - given.size
+    refused = refusal(device.append_wave, 4, np.array([1.0, np.inf]))
+    assert str(refused) == f"sample {given.size + 2} of wave table 4 is inf: it must be finite"
+    assert refusal(device.append_wave, 4, np.zeros(room + 1)).reason is Refusal.TABLE_FULL
+    assert refusal(device.append_wave, 9, TABLE).reason is Refusal.UNKNOWN
+    assert_array_equal(device.wave(4), given)
+    device.set_wave(4, TABLE)
+    assert_array_equal(device.wave(4), TABLE)
+    assert device.wave_room(3) == 2**18 - TABLE.size

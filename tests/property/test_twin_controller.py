@@ -40,7 +40,7 @@ commands = st.one_of(
     st.tuples(st.just("set_speed"), st.tuples(axes, st.floats(1e-5, 2e-2))),
     st.tuples(st.just("stop"), st.tuples()),
     st.tuples(st.just("stop"), st.tuples(axes.map(lambda a: [a]))),
-    st.tuples(st.just("set_wave"), st.tuples(tables, samples())),
+    st.tuples(st.sampled_from(["set_wave", "append_wave"]), st.tuples(tables, samples())),
     st.tuples(st.just("choose_wave"), st.tuples(axes, tables, st.sampled_from([0, 0, 3]))),
     st.tuples(st.just("set_wave_cycles"), st.tuples(axes, st.integers(0, 3))),
     st.tuples(st.just("set_wave_rate_divider"), st.tuples(st.integers(1, 5))),

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError, NotConnectedError, StageError
-from flexstage.instruments.connect import connect
+from flexstage.instruments.connect import connect, whole_number
 from flexstage.instruments.pi.controller import PiController
 from tests.gcs_script import ScriptedController, served
 
@@ -35,6 +35,11 @@ def test_a_controller_in_the_network():
         assert isinstance(controller, PiController)
         assert controller.axes["x"].limits.position == pytest.approx((2.5e-6, 88.25e-6))
         assert controller.settings()["link"] == f"127.0.0.1:{port}"
+
+
+def test_a_seed_keeps_all_its_digits():
+    seed = 2**53 + 1  # the least that no float holds
+    assert whole_number({"seed": str(seed)}, "seed", 0, f"twin://?seed={seed}") == seed
 
 
 def test_an_object_of_the_users_own():

@@ -37,7 +37,6 @@ def test_macros_do_not_grow_without_end():
     session = opened()
     session.feed(b"MAC BEG A\n" + (b"MOV 1 " + b"1" * 1000 + b"\n") * 100 + b"MAC END\n")
     assert session.feed(b"ERR?\n") == b"309\n"
-    assert session._interpreter._macros._size() < 70_000
 
 
 def test_a_macro_that_was_stopped_starts_no_motion():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.instruments.pi.simulated.commands_waves import segment
+from flexstage.instruments.pi.simulated.commands_tables import segment
 from tests.gcs_device import opened, talk
 
 

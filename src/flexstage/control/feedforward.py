@@ -66,7 +66,7 @@ def conditioning_waveform(
     (3.75, 377)
     """
     count, approach = round(sample_rate_hz), round(_APPROACH * sample_rate_hz)
-    if approach < 4:
+    if sample_rate_hz < 16.0:
         raise ModelError(f"conditioning takes 16 samples a second or more, got {sample_rate_hz!r}")
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * count) / count)
     way = smooth_step(np.arange(approach) / approach)

@@ -135,18 +135,13 @@ _UNSEEN = 6.0
 
 
 def mean_error(
-    record: Record,
-    column: str | int,
-    reference: Trajectory,
-    axis: str,
-    periods: int,
-    lag: float = 0.0,
+    record: Record, column: str | int, reference: Trajectory, axis: str, periods: int
 ) -> tuple[Array, Complex]:
     """Return the mean error of the last periods of a record, and its noise by harmonic.
 
     Reference less reading at the samples of the reference [m], shape (n,), and the standard
     deviation of each harmonic, as `numpy.fft.rfft` counts them [m], shape (n // 2 + 1). Time 0 of
-    the record is the first sample of a period; the reading is late by `lag` [s].
+    the record is the first sample of a period.
     """
     rate = record.sample_rate_hz
     size = samples_of_period(reference, rate)
@@ -159,8 +154,8 @@ def mean_error(
     first = values.size - periods * size
     spectra = np.fft.rfft(values[first:].reshape(periods, size), axis=1)
     f = np.arange(size // 2 + 1) / reference.period
-    # back to where a period begins, and to the instant of the motion
-    turn = np.exp(-2j * np.pi * f * (float(record.time[first]) - lag))
+    # back to where a period begins
+    turn = np.exp(-2j * np.pi * f * float(record.time[first]))
     spectra = spectra * turn / size
     mean = spectra.mean(axis=0)
     noise = np.sqrt(np.mean(np.abs(spectra - mean) ** 2, axis=0) / (periods - 1))

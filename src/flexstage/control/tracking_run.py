@@ -46,30 +46,28 @@ def evaluate_run(
     output: ArrayLike,
     *,
     sample_rate_hz: float | None = None,
-    lag: float = 0.0,
     skip: int = 0,
     free_offset: bool = False,
 ) -> RunTracking:
     """Compare whole periods of an output with a trajectory.
 
     The first sample of the output [m] is that of the trajectory; a last part of a period is left
-    out, and so are the first periods to `skip`. The output is known to be recorded late by `lag`
-    [s]. With a free offset a constant error is taken off: for open loop, whose offset is arbitrary.
+    out, and so are the first periods to `skip`. With a free offset a constant error is taken off:
+    for open loop, whose offset is arbitrary.
 
     Examples
     --------
     >>> from flexstage.control.trajectories.sine import sine
     >>> wanted = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
     >>> late = np.roll(np.tile(wanted.positions["x"], 3), 2)
-    >>> made = evaluate_run(wanted, "x", late, lag=2e-3)
-    >>> made.whole.rms < 1e-15, round(evaluate_run(wanted, "x", late).whole.rms * 1e9)
-    (True, 355)
+    >>> round(evaluate_run(wanted, "x", late).whole.rms * 1e9)
+    355
     """
     rate = trajectory.sample_rate_hz if sample_rate_hz is None else float(sample_rate_hz)
     size = samples_of_period(trajectory, rate)
     came = whole_periods(output, size, skip).ravel()
     periods = came.size // size
-    wanted_period = at_times(trajectory, axis, np.arange(size) / rate - lag)
+    wanted_period = at_times(trajectory, axis, np.arange(size) / rate)
     wanted = np.tile(wanted_period, periods)
     offset = float(np.mean(came - wanted)) if free_offset else 0.0
     error = (came - offset - wanted).reshape(periods, size)

@@ -77,6 +77,8 @@ class Grammar:
 
     noun: str
     """What a name stands for, in messages."""
+    made_of: str
+    """What an expression is made of beside operations, in messages."""
     functions: tuple[str, ...]
     """Names of the functions."""
 
@@ -89,6 +91,7 @@ class Grammar:
 #: What the parameters of a file may be made of.
 PARAMETERS = Grammar(
     "parameter",
+    "numbers, units and names of parameters",
     ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan2", "hypot", "min", "max", "abs"),
 )
 #: Fewest and most arguments of the functions that do not take one.
@@ -245,7 +248,7 @@ def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise UnitError(
             f"{shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
-            f"numbers, units and names of {grammar.noun}s"
+            f"{grammar.made_of}"
         ) from None
     _require_arithmetic(tree, grammar, 0)
     return QuantityExpression(text, tree, constants, frozenset(names), frozenset(units))
@@ -271,8 +274,7 @@ def _require_arithmetic(node: ast.expr, grammar: Grammar, depth: int) -> None:
         case _:
             listed = ", ".join((*grammar.functions, "pi"))
             raise UnitError(
-                "an expression is of + - * / **, parentheses, numbers with their units, names of "
-                f"{grammar.noun}s and {listed}"
+                f"an expression is of + - * / **, parentheses, {grammar.made_of}, and {listed}"
             )
     for part in _parts(node):
         _require_arithmetic(part, grammar, depth + 1)
@@ -502,7 +504,7 @@ def _refuse_sign(sign: str, text: str, grammar: Grammar) -> NoReturn:
         ";": ": a file holds no program",
         "×": ": write * for a product",
         "·": ": write * for a product",
-    }.get(sign, f": it is arithmetic of numbers, quantities and {grammar.noun}s")
+    }.get(sign, f": it is arithmetic of {grammar.made_of}")
     raise UnitError(f"{sign!r} has no meaning in {shown(text)}{instead}")
 
 

@@ -1,5 +1,6 @@
 """The command that makes a drive follow a reference: once, or over and over."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,7 +114,8 @@ def feedforward(
     limits : tuple of float, optional
         Lowest and highest command; the range that the model was identified on where not given.
     largest_rate : float, optional
-        Largest rate of the command [unit of the input per second].
+        Largest rate of the command [unit of the input per second]; none where not given or
+        infinite.
     state : array_like, optional
         State of the hysteresis before the first sample; that after conditioning cycles where not
         given. An endless repetition has its own.
@@ -139,6 +141,8 @@ def feedforward(
     """
     given = samples(reference, "reference")
     positive_step(dt)
+    if largest_rate == math.inf:  # of an amplifier without a limit
+        largest_rate = None
     if periods is not None and periods < 0:
         raise ModelError(f"a motion is repeated once or more, or 0 for without end, got {periods}")
     if start is None:

@@ -1,8 +1,10 @@
 """An instrument by its address: how an address is read, and who opens what it names."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib import import_module
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from flexstage.errors import ModelError
@@ -23,6 +25,7 @@ class Driver(NamedTuple):
     """Whether the address alone does not say which stage is there."""
 
 
+_Number = TypeVar("_Number", int, float)
 _HERE = "flexstage.instruments"
 #: Drivers by the scheme of their addresses: a new one is a line here.
 DRIVERS = {
@@ -116,23 +119,32 @@ def options_of(
     return dict(pairs)
 
 
-def number(
-    options: Mapping[str, str], key: str, usual: float, address: str, *, whole: bool = False
-) -> float:
+def number(options: Mapping[str, str], key: str, usual: float, address: str) -> float:
     """Return an option that is a number from 0."""
+    return _from_zero(options, key, usual, address, float, "number")
+
+
+def whole_number(options: Mapping[str, str], key: str, usual: int, address: str) -> int:
+    """Return an option that is a whole number from 0."""
+    return _from_zero(options, key, usual, address, int, "whole number")
+
+
+def _from_zero(
+    options: Mapping[str, str],
+    key: str,
+    usual: _Number,
+    address: str,
+    read: Callable[[str], _Number],
+    what: str,
+) -> _Number:
     text = options.get(key)
     if text is None:
         return usual
-    try:
-        value = float(int(text)) if whole else float(text)
-    except (ValueError, OverflowError):
-        value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise ModelError(
-            f"'{key}' of '{address}' must be a {'whole ' if whole else ''}number from 0, got "
-            f"'{text}'"
-        )
-    return value
+    with suppress(ValueError, OverflowError):
+        value = read(text)
+        if 0.0 <= float(value) < math.inf:  # a whole number of hundreds of digits is none
+            return value
+    raise ModelError(f"'{key}' of '{address}' must be a {what} from 0, got '{text}'")
 
 
 def flag(options: Mapping[str, str], key: str, usual: bool, address: str) -> bool:

@@ -3,6 +3,7 @@
 To the start of a waveform, to the safe voltage.
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 
@@ -107,7 +108,8 @@ def wait_for_rest(
             instrument.pause(step)
             waited += step
     except (KeyboardInterrupt, NotConnectedError):
-        instrument.stop()
+        with contextlib.suppress(NotConnectedError):  # a link that is lost may not take it either
+            instrument.stop()
         raise
 
 

@@ -1,4 +1,7 @@
-"""One virtual stage, made and mounted: what it truly does, which no measurement knows."""
+"""One virtual stage, made and mounted: what it truly does, and what is published of its axes.
+
+No measurement knows the first. Of the second, a usual figure stands in where there is none.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

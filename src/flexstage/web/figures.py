@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
@@ -12,9 +12,6 @@ from flexstage.report.page import table_html
 from flexstage.table import Table
 from flexstage.web.page import Page, div, in_page_words, remark
 from flexstage.web.pictures import chart_figure
-
-if TYPE_CHECKING:
-    pass
 
 
 def picture(svg: str) -> ui.html:

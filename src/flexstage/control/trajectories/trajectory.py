@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
+from flexstage.choose import has_no
 from flexstage.errors import LimitError, ModelError
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
@@ -33,8 +34,8 @@ class Trajectory:
     sample_rate_hz: float
     """Samples in a second [Hz]."""
     linear: NDArray[np.bool_]
-    """True where the motion is what it is run for: constant speed of a triangle or a raster; True
-    throughout for sines. Shape (n,).
+    """True where the motion is what it is run for: constant speed of a triangle or a raster (the
+    slow axis of one by steps stands still); True throughout for sines. Shape (n,).
     """
     kind: str
     """What it is."""
@@ -88,7 +89,14 @@ class Trajectory:
         -------
         float
             The speed [m/s].
+
+        Raises
+        ------
+        ModelError
+            The trajectory has no such axis.
         """
+        if axis not in self.positions:
+            raise ModelError(has_no("the trajectory", "axis", axis, self.positions))
         return self.waveform().largest_rate(axis, closed=True)
 
     def waveform(self) -> Waveform:

@@ -73,7 +73,7 @@ def stage_diagram(
     >>> from flexstage.designs import design
     >>> diagram = stage_diagram(design("vgtu-piezo"))
     >>> len(diagram.groups), sum(b.kind == "integrator" for b in diagram.blocks)
-        (56, 40)
+    (56, 40)
     """
     method, plane = _hinge_choice(model)
     system = lumped_system(stage, method=method, plane=plane)

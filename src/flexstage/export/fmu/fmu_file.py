@@ -6,7 +6,7 @@ import uuid
 import zipfile
 from functools import partial
 from importlib.resources import files
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,9 +20,6 @@ from flexstage.export.request import ExportRequest
 from flexstage.export.source.arrays import c_array, c_comment, c_flags
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel
-
-if TYPE_CHECKING:
-    pass
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h", "fmi_calls.h")
 _OWN = {"2.0": ("fmi2_types.h", "fmi2.c"), "3.0": ("fmi3_types.h", "fmi3.c")}

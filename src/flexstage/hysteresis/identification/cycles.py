@@ -34,9 +34,9 @@ class _Thresholds:
     other_rate: float = 1.5
     """Two cycles differ in rate when their frequencies differ by more than this factor."""
     rate_cycles: int = 3
-    """A rate has so many cycles, as noise splits a cycle, """
+    """A rate has so many cycles, as noise may split one in two, or `rate_time` of the time."""
     rate_time: float = 0.1
-    """A rate takes this share of the time of all cycles, or has the number above."""
+    """A rate of fewer cycles takes this share of the time of all."""
     regular: float = 0.95
     """A signal is held where this share of its steps are whole numbers of holds apart."""
     held_step: float = 1e-3
@@ -55,7 +55,7 @@ class _Thresholds:
     """Samples that are kept of a rest before the motion."""
 
 
-_LIMITS = _Thresholds()
+_THRESHOLDS = _Thresholds()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,12 +87,12 @@ class Cycles:
     @property
     def has_minor_loops(self) -> bool:
         """Whether at least three cycles, of different size, stay inside the whole range."""
-        minor = self.swing[self.swing < _LIMITS.major]
+        minor = self.swing[self.swing < _THRESHOLDS.major]
         return minor.size >= 3 and float(np.ptp(minor)) > 0.1
 
 
 def _differ(first: float, second: float) -> bool:
-    return max(first, second) > _LIMITS.other_rate * min(first, second)
+    return max(first, second) > _THRESHOLDS.other_rate * min(first, second)
 
 
 def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.intp]]]:
@@ -123,7 +123,7 @@ def by_rate(frequency_hz: Array, swing: Array) -> list[tuple[float, NDArray[np.i
     return [
         (float(frequency_hz[first]), np.sort(own))
         for (first, own), t, n in zip(found, time, many, strict=True)
-        if n >= _LIMITS.rate_cycles or t >= _LIMITS.rate_time * sum(time)
+        if n >= _THRESHOLDS.rate_cycles or t >= _THRESHOLDS.rate_time * sum(time)
     ]
 
 
@@ -192,12 +192,12 @@ def cycles(u: Array, dt: float, noise_taken: float = 0.0) -> Cycles:
     """
     low, high = float(u.min()), float(u.max())
     noise = input_noise(u)
-    least = _LIMITS.noise_swing * max(noise, noise_taken)
-    turning = turning_points(u, max(_LIMITS.swing * (high - low), least))
+    least = _THRESHOLDS.noise_swing * max(noise, noise_taken)
+    turning = turning_points(u, max(_THRESHOLDS.swing * (high - low), least))
     lower = turning[1:] if turning.size and _is_high(u, turning) else turning
     bounds = lower[::2]
-    if bounds.size < _LIMITS.few:
-        bounds = _with_ends(u, bounds, low + _LIMITS.low_end * (high - low))
+    if bounds.size < _THRESHOLDS.few:
+        bounds = _with_ends(u, bounds, low + _THRESHOLDS.low_end * (high - low))
     count = max(bounds.size - 1, 0)
     swing, frequency = np.zeros(count), np.zeros(count)
     for i in range(count):
@@ -230,11 +230,13 @@ def held_samples(u: Array) -> int:
     """
     steps, size = np.abs(np.diff(u)), float(np.ptp(u))
     moved = np.flatnonzero(steps > 1e-9 * size)
-    if moved.size < _LIMITS.steps or float(np.median(steps[moved])) < _LIMITS.held_step * size:
+    if moved.size < _THRESHOLDS.steps:
+        return 1
+    if float(np.median(steps[moved])) < _THRESHOLDS.held_step * size:
         return 1
     between = np.diff(moved)
     held = int(np.median(between))
-    return held if float(np.mean(between % held == 0)) >= _LIMITS.regular else 1
+    return held if float(np.mean(between % held == 0)) >= _THRESHOLDS.regular else 1
 
 
 def _moving_time(part: Array, noise: float) -> float:
@@ -242,12 +244,12 @@ def _moving_time(part: Array, noise: float) -> float:
     steps = np.abs(np.diff(part))
     moving = np.flatnonzero(steps > max(1e-3 * float(steps.max()), 4.0 * noise))
     # a signal that jumps is no faster for it: a step has no rate
-    if moving.size < _LIMITS.steps:
+    if moving.size < _THRESHOLDS.steps:
         return float(steps.size)
     # the time from one movement to the next: 1 where it moves at every sample, more on a staircase
     between = np.diff(np.concatenate(([-1], moving, [max(moving[-1], steps.size - 1)])))
     usual = max(float(np.median(between)), 1.0)
-    return float(np.sum(np.where(between > _LIMITS.wait * usual, usual, between)))
+    return float(np.sum(np.where(between > _THRESHOLDS.wait * usual, usual, between)))
 
 
 def _with_ends(u: Array, bounds: NDArray[np.intp], at_most: float) -> NDArray[np.intp]:
@@ -267,12 +269,12 @@ def _is_high(u: Array, turning: NDArray[np.intp]) -> bool:
 def first_moving(u: Array) -> int:
     """Return where an input begins to move, less some samples; 0 where it moves from the start."""
     noise = input_noise(u)
-    still = np.abs(u - float(np.median(u[: _LIMITS.rest]))) <= max(
-        _LIMITS.move * float(np.ptp(u)), 6.0 * noise
+    still = np.abs(u - float(np.median(u[: _THRESHOLDS.rest]))) <= max(
+        _THRESHOLDS.move * float(np.ptp(u)), 6.0 * noise
     )
     moves = int(np.argmin(still)) if still[0] and not still.all() else 0
     # a slow start is a part of the motion: only a rest that is long beside it is left out
-    return max(moves - _LIMITS.rest, 0)
+    return max(moves - _THRESHOLDS.rest, 0)
 
 
 def warm_up(u: Array, moves: Cycles) -> int:
@@ -282,7 +284,7 @@ def warm_up(u: Array, moves: Cycles) -> int:
     after = moves.bounds[moves.bounds >= both]
     more = 1 if after.size > 6 else 0
     end = int(after[more]) if after.size else both
-    longest = int(_LIMITS.warm_up * u.size)
+    longest = int(_THRESHOLDS.warm_up * u.size)
     if end <= longest:
         return end
     return min(both, longest) if both <= longest else min(int(moves.bounds[0]), longest)
@@ -313,5 +315,5 @@ def early_text(parts: Sequence[tuple[Array, Cycles, float, int, float]]) -> str:
 def _both_ends(u: Array, moves: Cycles) -> int:
     """The sample at which an input has reached both ends of its range."""
     low, high = moves.range
-    reach = _LIMITS.end * (high - low)
+    reach = _THRESHOLDS.end * (high - low)
     return max(int(np.argmax(u >= high - reach)), int(np.argmax(u <= low + reach)))

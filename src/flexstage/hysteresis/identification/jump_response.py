@@ -51,7 +51,7 @@ class _Thresholds:
     """The hysteresis in a jump moves the phase of a mode by this share of the duration."""
 
 
-_LIMITS = _Thresholds()
+_THRESHOLDS = _Thresholds()
 #: Numbers of samples within which a jump moves.
 _WIDTHS = (2, 8)
 
@@ -104,18 +104,19 @@ def jumps(u: Array) -> NDArray[np.intp]:
     """
     found: list[tuple[int, int]] = []
     for width in _WIDTHS:
-        if u.size < 4 * (_LIMITS.quiet + width):
+        if u.size < 4 * (_THRESHOLDS.quiet + width):
             break
         step = np.abs(u[width:] - u[:-width])
         # the largest of the neighbours on either side, beyond those that share in the jump
-        pad = _LIMITS.quiet + width + 1
-        beside = maximum_filter1d(np.pad(step, pad), _LIMITS.quiet - 1, mode="constant")
-        middle, reach = np.arange(step.size) + pad, _LIMITS.quiet // 2 + width + 1
+        pad = _THRESHOLDS.quiet + width + 1
+        beside = maximum_filter1d(np.pad(step, pad), _THRESHOLDS.quiet - 1, mode="constant")
+        middle, reach = np.arange(step.size) + pad, _THRESHOLDS.quiet // 2 + width + 1
         around = np.maximum(beside[middle - reach], beside[middle + reach])
-        at = np.flatnonzero((step > _LIMITS.share * np.ptp(u)) & (step > _LIMITS.steeper * around))
+        jumps = step > _THRESHOLDS.share * np.ptp(u)
+        at = np.flatnonzero(jumps & (step > _THRESHOLDS.steeper * around))
         for run in np.split(at, np.flatnonzero(np.diff(at) > width + 1) + 1) if at.size else []:
             i = int(run[int(np.argmax(step[run]))])
-            if all(abs(i - other) > _LIMITS.quiet for other, _ in found):
+            if all(abs(i - other) > _THRESHOLDS.quiet for other, _ in found):
                 found.append(_whole(u, i, i + width))
     return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
 
@@ -165,12 +166,13 @@ def jump_response(section: RecordSection) -> Resonance | None:
         error = _curvature_error(windows, plain_delay, plain_cost, dt, count)
         plain = Resonance(delay=plain_delay, delay_error=math.hypot(error, _WITHIN * dt))
     at, height = _line(windows, plain_delay, dt)
-    if at == 0.0 or height < _LIMITS.faint:
+    if at == 0.0 or height < _THRESHOLDS.faint:
         return plain
     mode = _mode(windows, at, dt)
     if mode is not None:
         return mode
-    shown = height > _LIMITS.line and _size(windows, plain_delay) > _LIMITS.visible * section.noise
+    large = _THRESHOLDS.visible * section.noise
+    shown = height > _THRESHOLDS.line and _size(windows, plain_delay) > large
     if not shown or plain is None:
         return plain
     return Resonance(delay=plain.delay, delay_error=plain.delay_error, unexplained_hz=at)
@@ -182,13 +184,13 @@ def _windows(section: RecordSection) -> list[_Window]:
     size = np.abs(u[at[:, 1]] - u[at[:, 0]])
     ends = np.append(at[1:, 0], u.size)
     made = []
-    for k in np.sort(np.argsort(-size)[: _LIMITS.jumps]):
+    for k in np.sort(np.argsort(-size)[: _THRESHOLDS.jumps]):
         first, last = (int(i) for i in at[k])
-        after = u[last : min(int(ends[k]), last + _LIMITS.samples)]
+        after = u[last : min(int(ends[k]), last + _THRESHOLDS.samples)]
         away = np.flatnonzero(np.abs(after - after[0]) > 0.5 * size[k])
         stop = last + (int(away[0]) if away.size else after.size)
-        start = max(first - _LIMITS.quiet, int(at[k - 1, 1]) if k else 0)
-        if stop - last >= 2 * _LIMITS.quiet:
+        start = max(first - _THRESHOLDS.quiet, int(at[k - 1, 1]) if k else 0)
+        if stop - last >= 2 * _THRESHOLDS.quiet:
             made.append(_window(section, slice(start, stop), first, last))
     return made
 
@@ -264,7 +266,7 @@ def _line(windows: list[_Window], delay: float, dt: float) -> tuple[float, float
         power += np.abs(np.fft.rfft(left * np.hanning(2 * left.size)[left.size :], size)) ** 2
     f = np.fft.rfftfreq(size, dt)
     long = max(w.t[-1] for w in windows)
-    inside = (f > 4.0 / long) & (f < 1.0 / (_LIMITS.sampled * dt))
+    inside = (f > 4.0 / long) & (f < 1.0 / (_THRESHOLDS.sampled * dt))
     if not inside.any():
         return 0.0, 0.0
     best = int(np.argmax(np.where(inside, power, 0.0)))
@@ -282,7 +284,7 @@ def _size(windows: list[_Window], delay: float) -> float:
 
 def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     """The mode near a line, where it is one."""
-    short = [_until(w, _LIMITS.periods / at) for w in windows]
+    short = [_until(w, _THRESHOLDS.periods / at) for w in windows]
     scale = np.array([0.01 * at, 0.01, dt])
 
     def left(x: Array) -> Array:
@@ -302,7 +304,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
         for delay in np.linspace(0.0, longest, 25)
     ]
     low = np.array([0.8 * at, 1e-4, 0.0]) / scale
-    high = np.array([1.25 * at, _LIMITS.most_damping, 2.0 * longest]) / scale
+    high = np.array([1.25 * at, _THRESHOLDS.most_damping, 2.0 * longest]) / scale
     begins = sorted(starts, key=cost)[:2]
     found = min(
         (
@@ -315,13 +317,13 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
     )
     f, damping, delay = (float(v) for v in found.x * scale)
     plain = _plain(short, 2.0 * longest, dt)[1]
-    decays = _LIMITS.least_damping < damping < 0.9 * _LIMITS.most_damping
-    if 2.0 * found.cost > (1.0 - _LIMITS.worth) * plain or not decays:
+    decays = _THRESHOLDS.least_damping < damping < 0.9 * _THRESHOLDS.most_damping
+    if 2.0 * found.cost > (1.0 - _THRESHOLDS.worth) * plain or not decays:
         return None
     spread = np.linalg.pinv(found.jac.T @ found.jac) * 2.0 * found.cost
     spread /= max(found.fun.size - 3 - sum(w.slow.shape[1] + 2 for w in short), 1)
     error = np.sqrt(np.maximum(np.diag(spread), 0.0)) * scale
-    if error[0] > _LIMITS.vague * f:
+    if error[0] > _THRESHOLDS.vague * f:
         return None
     share = _share(short, f, damping, delay)
     width = max(float(w.corners[-1]) for w in short)
@@ -329,7 +331,7 @@ def _mode(windows: list[_Window], at: float, dt: float) -> Resonance | None:
         return None
     return Resonance(
         delay=delay,
-        delay_error=math.hypot(float(error[2]), _LIMITS.bent * width),
+        delay_error=math.hypot(float(error[2]), _THRESHOLDS.bent * width),
         frequency_hz=f,
         frequency_error_hz=float(error[0]),
         damping_ratio=damping,
@@ -351,7 +353,7 @@ def _share(windows: list[_Window], f: float, damping: float, delay: float) -> fl
 def _until(window: _Window, end: float) -> _Window:
     """The first part of a window."""
     n = int(np.searchsorted(window.t, end))
-    if n >= window.t.size or n < 4 * _LIMITS.quiet:
+    if n >= window.t.size or n < 4 * _THRESHOLDS.quiet:
         return window
     return _Window.of(
         t=window.t[:n], y=window.y[:n], slow=window.slow[:n], corners=window.corners,

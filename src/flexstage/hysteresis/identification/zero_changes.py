@@ -42,7 +42,7 @@ class _Thresholds:
     """Records of fewer rows tell nothing of their zero."""
     jumps: int = 3
     """Jumps that are looked for in all records, at most."""
-    share: float = 0.15
+    worth: float = 0.15
     """A change is named where it takes this share of the mean square away."""
     certainty: float = 5.0
     """A change is named where it is so many times its standard error."""
@@ -62,7 +62,7 @@ class _Thresholds:
     """
 
 
-_LIMITS = _Thresholds()
+_THRESHOLDS = _Thresholds()
 #: Plays and intervals of the dictionary that stands for any hysteresis.
 _DICTIONARY = (8, 8)
 
@@ -83,10 +83,10 @@ def zero_changes(data: FitData) -> list[RecordFault]:
     that does not go with the logarithm of time may be named as a drift.
     """
     fit = _Fit(data)
-    if min(r.at.size for r in fit.rows) < _LIMITS.fewest_rows:
+    if min(r.at.size for r in fit.rows) < _THRESHOLDS.fewest_rows:
         return []
     rows: list[int] = []
-    while len(rows) < _LIMITS.jumps:
+    while len(rows) < _THRESHOLDS.jumps:
         found = fit.next_jump(rows)
         if found is None:
             break
@@ -118,10 +118,10 @@ class _Fit:
     """A coarse model of all records, one below the other."""
 
     def __init__(self, data: FitData) -> None:
-        share = max(1, _LIMITS.samples // len(data.sections))
+        share = max(1, _THRESHOLDS.samples // len(data.sections))
         short = tuple(averaged(s, share) for s in data.sections)
         self.sections, self._full = short, data.sections
-        self.rows = rows_of(short, _LIMITS.rows)
+        self.rows = rows_of(short, _THRESHOLDS.rows)
         self._bare = replace(data.chain, creep_per_decade=0.0, spectrum=None)
         own = replace(data, sections=short, chain=self._bare, rows=self.rows, use=(), memo={})
         method = PreisachFit(*_DICTIONARY)
@@ -161,7 +161,7 @@ class _Fit:
         every: list[tuple[Sequence[RecordSection], CreepSpectrum | None]] = [
             (b, None) for b in begun
         ]
-        if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _LIMITS.usual_creep:
+        if chain.spectrum is not None and chain.creep.lag_gains[-1] <= _THRESHOLDS.usual_creep:
             every.append((self.sections, chain.spectrum))
         for sections, spectrum in every:
             made = copy(self)
@@ -217,7 +217,7 @@ class _Fit:
             weights = solution.coefficients
             if first:
                 continue
-            last, creep = creep, float(np.clip(creep + found[-1], 0.0, _LIMITS.creep))
+            last, creep = creep, float(np.clip(creep + found[-1], 0.0, _THRESHOLDS.creep))
             if abs(creep - last) < 1e-5:
                 break
         return _Solved(left=left, weights=weights, creep=creep, extra=found[: extra.shape[1]])
@@ -228,9 +228,9 @@ class _Fit:
         first = self._likely(without, known)
         # with the jump beside it the model is what it is without
         row, share, left, basis = self._likely(self.solve(self.steps([*known, first[0]])), known)
-        if min(first[1], share) <= _LIMITS.share:
+        if min(first[1], share) <= _THRESHOLDS.worth:
             return None
-        if _square(self.solve(self.steps([*known, row]))) > (1.0 - _LIMITS.share) * _square(
+        if _square(self.solve(self.steps([*known, row]))) > (1.0 - _THRESHOLDS.worth) * _square(
             without
         ):
             return None
@@ -238,7 +238,7 @@ class _Fit:
         step -= basis @ (basis.T @ step)
         rest = left - step * float(step @ left) / float(step @ step)
         times = share / (1.0 - share) * self.y.size / self._alike(rest)
-        return row if times > _LIMITS.certainty**2 else None
+        return row if times > _THRESHOLDS.certainty**2 else None
 
     def _likely(self, solved: _Solved, known: list[int]) -> tuple[int, float, Array, Array]:
         """Row where a step takes most away, that share, what is left, and what the model takes."""
@@ -276,7 +276,7 @@ class _Fit:
             taken = np.sum(np.cumsum(basis[a:b][::-1], axis=0)[::-1] ** 2, axis=1)
             after = np.arange(b - a, 0, -1.0)
             square = after - taken
-            told = square > _LIMITS.told * after * (1.0 - after / (b - a))
+            told = square > _THRESHOLDS.told * after * (1.0 - after / (b - a))
             own = np.where(told, product**2 / np.where(told, square, 1.0), 0.0)
             apart = self._apart[k]
             own[:apart] = own[max(b - a - apart, 0) :] = 0.0
@@ -347,7 +347,7 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
     """Compare the best model without a trend with the best one with it, of every start of creep."""
     solved = [(f, f.solve(f.trends)) for f in fits]
     fit, best = min(solved, key=lambda pair: _square(pair[1]))
-    if _square(best) > (1.0 - _LIMITS.share) * without:
+    if _square(best) > (1.0 - _THRESHOLDS.worth) * without:
         return []
     early, late = np.minimum(fit.trends, 0.0), np.maximum(fit.trends, 0.0)
     halves = fit.solve(np.column_stack((early, late))).extra
@@ -364,14 +364,14 @@ def _drifts(data: FitData, fits: Sequence[_Fit], without: float) -> list[RecordF
         slow, fast = sorted((abs(halves[k]), abs(halves[count + k])))
         if (
             halves[k] * halves[count + k] <= 0.0
-            or slow < _LIMITS.goes_on * fast
-            or abs(percent) < _LIMITS.drift
-            or abs(size) < _LIMITS.certainty * error
+            or slow < _THRESHOLDS.goes_on * fast
+            or abs(percent) < _THRESHOLDS.drift
+            or abs(size) < _THRESHOLDS.certainty * error
         ):
             continue
         # starts that are as good give other trends
         good = [
-            o.extra[k] for _, o in solved if (1.0 - _LIMITS.share) * _square(o) <= _square(best)
+            o.extra[k] for _, o in solved if (1.0 - _THRESHOLDS.worth) * _square(o) <= _square(best)
         ]
         error = math.hypot(error, 0.5 * longer * float(np.ptp(good)))
         unit, factor = readable_unit(size / (s.u.size * s.dt), f"{data.output_unit or 'units'}/s")

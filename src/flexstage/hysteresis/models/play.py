@@ -13,16 +13,15 @@ Indices = NDArray[np.int64]
 ROUNDING = 1e-9
 
 
-def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = None) -> Array:
+def play_columns(u: ArrayLike, thresholds: ArrayLike) -> Array:
     """Return the outputs of plays with one input and many thresholds.
 
     A play with threshold r follows its input like a slider with a gap of r to each side:
     ``p = max(u - r, min(u + r, p before))`` for a monotone input (Krasnosel'skii and Pokrovskii
     1983; Brokate and Sprekels 1996, section 2.1).
 
-    Thresholds [V] are not negative and rise, shape (m,); the state is the last input and the
-    outputs before the first sample, shape (m + 1,), zeros where not given. Outputs have the shape
-    (n, m); the last input and the last row are the state after.
+    Thresholds [V] are not negative and rise, shape (m,). Outputs are zero before the first sample,
+    and have the shape (n, m).
 
     Notes
     -----
@@ -36,8 +35,7 @@ def play_columns(u: ArrayLike, thresholds: ArrayLike, state: ArrayLike | None = 
            [3.5, 2. ]])
     """
     r = np.array(thresholds, dtype=np.float64)
-    before = np.zeros(r.size + 1) if state is None else np.array(state, dtype=np.float64)
-    return _columns(np.ascontiguousarray(u, dtype=np.float64), r, before[1:])
+    return _columns(np.ascontiguousarray(u, dtype=np.float64), r)
 
 
 def play_state(state: Array, thresholds: Array) -> Array:
@@ -107,11 +105,11 @@ def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
 
 
 @compiled
-def _columns(u: Array, thresholds: Array, before: Array) -> Array:
+def _columns(u: Array, thresholds: Array) -> Array:
     """Return the plays for every sample, shape (n, m)."""
     count = thresholds.size
     out = np.empty((u.size, count))
-    p = before.copy()
+    p = np.zeros(count)
     for n in range(u.size):
         for i in range(count):
             p[i] = max(u[n] - thresholds[i], min(u[n] + thresholds[i], p[i]))

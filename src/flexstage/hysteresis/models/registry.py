@@ -1,10 +1,11 @@
 # ruff: noqa: F401
-"""The hysteresis models, one line each: whatever takes a model by its name finds it here.
+"""The hysteresis models, one line each, and their code in C and MATLAB.
 
-The folder of a model is called like it. It holds ``law.py`` with the class that the line names and
-with what C and MATLAB take of it (`c_code`, `matlab_code`), ``fit.py`` with the class of that name
-and ``Fit`` after it, the header for C, the function of MATLAB, and test vectors. One from elsewhere
-is added by ``MODELS[Law.kind] = Law``; all that there is of it stands in the module of the law.
+Whatever takes a model by its name finds it here. The folder of a model is called like it. It holds
+``law.py`` with the class that the line names and with what C and MATLAB take of it (`c_code`,
+`matlab_code`), ``fit.py`` with the class of that name and ``Fit`` after it, the header for C, the
+function of MATLAB, and test vectors. One from elsewhere is added by ``MODELS[Law.kind] = Law``; all
+that there is of it stands in the module of the law.
 """
 
 import sys

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from flexstage.errors import ModelError, UnitError
-from flexstage.instruments.connect import flag, number, options_of
+from flexstage.instruments.connect import flag, options_of, whole_number
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
 from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, SensorInput, Terminal
@@ -273,7 +273,7 @@ def _simulated(
     setup: NiSetup, stage: Stage | None, options: Mapping[str, str], address: str, note: str
 ) -> NiBackend:
     """A card whose sensors go over 80 % of their ranges while the drives go over theirs."""
-    seed = int(number(options, "seed", 0, address, whole=True))
+    seed = whole_number(options, "seed", 0, address)
     wiring: dict[str, dict[str, float]] = {}
     for drive in setup.outputs:
         low, high = drive.drive_range

@@ -283,7 +283,7 @@ class OutputTask(Protocol):
 
 
 class NiBackend(Protocol):
-    """A driver of NI cards."""
+    """A driver of NI cards; voltages are those at the terminals of the card, channels first."""
 
     def describe(self, setup: NiSetup) -> CardInfo:
         """Ask the driver about a card, and whether its outputs can take the clock of its inputs."""

@@ -71,7 +71,7 @@ FUNCTIONS |= {"abs": fabs, "hypot": hypot}
 sqrt, sin, cos, tan, asin, acos, atan, atan2, exp, log = (FUNCTIONS[name] for name in _APPLIED)
 
 #: What an equation may be made of.
-INFLUENCES = Grammar("influence", tuple(FUNCTIONS))
+INFLUENCES = Grammar("influence", "numbers and names of influences", tuple(FUNCTIONS))
 _OPERATIONS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,

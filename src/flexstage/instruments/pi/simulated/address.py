@@ -6,7 +6,14 @@ from urllib.parse import urlsplit
 
 from flexstage.designs import design
 from flexstage.errors import ModelError, NotConnectedError
-from flexstage.instruments.connect import flag, longest_silence, number, one_of, options_of
+from flexstage.instruments.connect import (
+    flag,
+    longest_silence,
+    number,
+    one_of,
+    options_of,
+    whole_number,
+)
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
@@ -43,7 +50,7 @@ def open_twin(
         )
     silence = longest_silence(timeout, _LONGEST_WAIT)
     fast = flag(options, "fast", True, address)
-    seed = int(number(options, "seed", 0, address, whole=True))
+    seed = whole_number(options, "seed", 0, address)
     made = virtual_stage(
         stage,
         model=one_of(options, "model", ("lumped", "superelement"), address),  # pyright: ignore[reportArgumentType]

@@ -7,7 +7,7 @@ braces what may be repeated, in brackets what may be left out, and each argument
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -35,7 +35,6 @@ _WHOLE = re.compile(r"[0-9]{1,10}")
 _HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
 #: Nothing on a stage has a larger number, and sums and products of such are still finite.
 LARGEST = 1e30
-T = TypeVar("T")
 
 
 def number(word: str) -> float:

@@ -253,12 +253,25 @@ class VirtualController(ControllerCore):
         """Return the samples of a table [m or V: whichever the axis takes that runs it]."""
         return self._tables.samples(table)
 
+    def wave_size(self, table: int) -> int:
+        """Return how many samples a table has."""
+        return self._tables.size(table)
+
     def wave_room(self, table: int) -> int:
         """Return how many samples a table can have beside the others."""
         return self._tables.room(table)
 
     def set_wave(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; an empty sequence clears it."""
+        self._need_idle(table)
+        self._tables.replace(table, samples)
+
+    def append_wave(self, table: int, samples: Array) -> None:
+        """Add samples to those of a table."""
+        self._need_idle(table)
+        self._tables.append(table, samples)
+
+    def _need_idle(self, table: int) -> None:
         self._tables.known(table)
         for name, state in self._states.items():
             require(
@@ -266,7 +279,6 @@ class VirtualController(ControllerCore):
                 Refusal.WAVE_RUNNING,
                 f"wave table {table} runs on axis '{name}': stop it first",
             )
-        self._tables.replace(table, samples)
 
     def wave_rate_divider(self) -> int:
         """Return how many samples of the loop one sample of a table lasts."""

@@ -18,7 +18,7 @@ from flexstage.instruments.pi.simulated.commands_identity import (
     status_register,
 )
 from flexstage.instruments.pi.simulated.commands_motion import MOTION, halt, moving_bits
-from flexstage.instruments.pi.simulated.commands_waves import RECORDER, WAVES, running_bits
+from flexstage.instruments.pi.simulated.commands_tables import RECORDER, WAVES, running_bits
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
 from flexstage.instruments.pi.simulated.gcs_state import OWN, ControllerModel, ControllerState

@@ -181,11 +181,14 @@ class WaveTables:
 
     def __init__(self, count: int, capacity: int) -> None:
         self.count, self.capacity = count, capacity
-        self._samples: dict[int, Array] = {}
+        #: What was appended, to be joined when it is read, and how many samples that is.
+        self._parts: dict[int, list[Array]] = {}
+        self._sizes: dict[int, int] = {}
 
     def clear(self) -> None:
         """Empty every table."""
-        self._samples.clear()
+        self._parts.clear()
+        self._sizes.clear()
 
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
@@ -198,31 +201,49 @@ class WaveTables:
 
     def samples(self, table: int) -> Array:
         """Return the samples of a table, not to be written to; none of an empty one."""
-        return self._samples.get(self.known(table), _EMPTY)
+        parts = self._parts.get(self.known(table), [_EMPTY])
+        if len(parts) > 1:
+            parts[:] = [_fixed(np.concatenate(parts))]
+        return parts[0]
+
+    def size(self, table: int) -> int:
+        """Return how many samples a table has."""
+        return self._sizes.get(self.known(table), 0)
 
     def room(self, table: int) -> int:
         """Return how many samples a table can have beside the others."""
-        others = sum(held.size for number, held in self._samples.items() if number != table)
-        return self.capacity - others
+        return self.capacity - sum(self._sizes.values()) + self._sizes.get(table, 0)
 
     def replace(self, table: int, samples: Array) -> None:
         """Replace the samples of a table; none clear it."""
+        new = self._checked(table, samples, 0)
+        self._parts[table], self._sizes[table] = [new], new.size
+
+    def append(self, table: int, samples: Array) -> None:
+        """Add samples to those of a table; the time that it takes does not grow with these."""
+        held = self.size(table)
+        new = self._checked(table, samples, held)
+        self._parts.setdefault(table, []).append(new)
+        self._sizes[table] = held + new.size
+
+    def _checked(self, table: int, samples: Array, held: int) -> Array:
+        """Return samples that may stand behind those that are held."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
         bad = np.flatnonzero(~np.isfinite(new))
         if bad.size:
             raise RefusedError(
                 Refusal.BAD_VALUE,
-                f"sample {bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be finite",
+                f"sample {held + bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be "
+                "finite",
             )
         require(
-            new.size <= self.room(table),
+            held + new.size <= self.room(table),
             Refusal.TABLE_FULL,
-            f"{new.size} samples do not fit into wave table {table}: {self.room(table)} of "
+            f"{held + new.size} samples do not fit into wave table {table}: {self.room(table)} of "
             f"{self.capacity} are free",
         )
-        new.flags.writeable = False
-        self._samples[table] = new
+        return _fixed(new)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -299,5 +320,9 @@ class WaveRun:
         return value + (after - value) * (k % d / d)
 
 
-_EMPTY = np.zeros(0)
-_EMPTY.flags.writeable = False
+def _fixed(samples: Array) -> Array:
+    samples.flags.writeable = False
+    return samples
+
+
+_EMPTY = _fixed(np.zeros(0))

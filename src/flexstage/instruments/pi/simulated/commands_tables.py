@@ -47,10 +47,11 @@ def _define(state: ControllerState, words: Sequence[str]) -> Reply:
     require(len(words) >= 3, Refusal.NUMBER_OF_WAVE_PARAMETERS)
     table, how = _table(state, words[0]), words[1].upper()
     require(how in ("X", "&"), Refusal.SYNTAX)
-    before = state.device.wave(table) if how == "&" else np.empty(0)
-    room = state.device.wave_room(table) - before.size
-    samples = segment(words[2].upper(), words[3:], held=before.size, room=room)
-    state.device.set_wave(table, np.concatenate((before, samples)))
+    device = state.device
+    held = device.wave_size(table) if how == "&" else 0
+    room = device.wave_room(table) - held
+    samples = segment(words[2].upper(), words[3:], held=held, room=room)
+    (device.append_wave if how == "&" else device.set_wave)(table, samples)
     return None
 
 
