@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import json
 import os
 import re
@@ -47,6 +48,8 @@ async def person(folder: Path) -> AsyncIterator[tuple[Any, Any]]:
     from flexstage.web.server import application
 
     with nicegui_reset_globals():
+        # it has collected garbage, and does so again at its end: only that of this panel is new
+        gc.freeze()
         os.environ["NICEGUI_USER_SIMULATION"] = "true"
         try:
             gate, panel = application(PanelOptions(folder=folder))

@@ -8,6 +8,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.records import read_record
+from tests.computed_once import computed_once
 
 RATE = 2048.0
 #: Natural frequency [Hz], damping ratio, and participation in both outputs [1/kg].
@@ -51,6 +52,12 @@ def table(path, force, outputs, head="time (s),force (N),a (m/s^2),b (m/s^2)"):
     columns = np.column_stack((t, force, outputs))
     np.savetxt(path, columns, delimiter=",", header=head, comments="")
     return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _the_same_is_fitted_once():
+    with computed_once("flexstage.measure.modal.fit", "fit_modes"):
+        yield
 
 
 @pytest.fixture(scope="module")

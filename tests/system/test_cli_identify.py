@@ -12,10 +12,9 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from flexstage.cli import main
-from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.model_file import read_model_text
-from flexstage.provenance import content_hash
 from flexstage.virtual.stack import virtual_stack
+from tests.computed_once import computed_once
 
 RATE = 200.0
 SIZE = 2200
@@ -50,16 +49,7 @@ def measured(rate_hz=1.3, sample_rate=RATE, size=SIZE, delay=0.0, seed=11):
 @pytest.fixture(scope="module", autouse=True)
 def _the_same_is_identified_once():
     """Tests look at one identification from several sides: it is made once for all of them."""
-    known = {}
-
-    def identified(*records, **options):
-        key = content_hash((records, options))
-        if key not in known:
-            known[key] = identify(*records, **options)
-        return known[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexstage.hysteresis.identification.identify.identify", identified)
+    with computed_once("flexstage.hysteresis.identification.identify", "identify"):
         yield
 
 

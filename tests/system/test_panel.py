@@ -278,7 +278,7 @@ async def collected(gone: Callable[[], bool]) -> None:
     end = time.monotonic() + 10.0
     while not gone():
         assert time.monotonic() < end, "it stays"
-        await asyncio.sleep(0.2)
+        await asyncio.sleep(0.02)
         gc.collect()
 
 
@@ -286,12 +286,16 @@ def test_nothing_of_a_view_stays_when_its_browser_is_gone(tmp_path: Path) -> Non
     async def look(user: Any, panel: Any) -> None:
         gone: dict[tuple[str, float], weakref.ref[Any]] = {}
         for view in VIEWS:
-            for seconds in (0.0, 0.3):  # also while it still reads and draws
-                client = await opened(user, view.path)
-                await asyncio.sleep(seconds)
-                gone[view.path, seconds] = weakref.ref(client)
-                client.delete()
-                user.client = client = None
+            client = await opened(user, view.path)
+            gone[view.path, 0.0] = weakref.ref(client)
+            client.delete()
+        clients = {view.path: await opened(user, view.path) for view in VIEWS}
+        await asyncio.sleep(0.3)  # while they still read and draw
+        for path, client in clients.items():
+            gone[path, 0.3] = weakref.ref(client)
+            client.delete()
+        clients.clear()
+        user.client = client = None
         await collected(lambda: not [at for at, client in gone.items() if client() is not None])
         assert [*of_views()] == []
         await user.open("/report")  # the library ends in a page
@@ -305,7 +309,7 @@ def test_nothing_of_a_view_stays_when_another_is_opened_in_the_same_page(tmp_pat
         for view in (*VIEWS, VIEWS[-1]):
             with client:
                 await client.sub_pages_router._handle_navigate(view.path)
-            await asyncio.sleep(0.2)
+            await asyncio.sleep(0.05)
         await collected(lambda: [*of_views()] == ["ReportView"])
 
     simulated(tmp_path, look)

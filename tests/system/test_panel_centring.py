@@ -1,6 +1,7 @@
 """The view Centring: its four steps centre a scale, and say what `flexstage centre` says."""
 
 import asyncio
+import copy
 import json
 import math
 import time
@@ -26,6 +27,7 @@ from flexstage.web.centring.work import (
 )
 from flexstage.web.preferences import Preferences
 from tests.panel import looked_at, simulated
+from tests.undrawn import undrawn
 
 
 def measured(state: CentringState, folder: Path) -> None:
@@ -51,18 +53,27 @@ def test_of_a_magnet_the_order_counts_that_tells_the_centre_best() -> None:
     assert _best(found, None) is found[0]
 
 
-def test_four_steps_centre_the_scale_as_the_command_says(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture(scope="module")
+def centred(tmp_path_factory: pytest.TempPathFactory) -> tuple[CentringState, list[int]]:
+    """The example after its four steps, none of which drew a figure, and the steps."""
+    folder = tmp_path_factory.mktemp("centred")
     state = CentringState()
-    state.begin("example")
+    state.begin("example", (10e-6, -1.8e-9))
     steps = []
-    for _ in range(4):
-        steps.append(state.step)
-        measured(state, tmp_path)
-        target = state.target()
-        assert target is not None
-        state.at = target
+    with undrawn():
+        for _ in range(4):
+            steps.append(state.step)
+            measured(state, folder)
+            target = state.target()
+            assert target is not None
+            state.at = target
+    return state, steps
+
+
+def test_four_steps_centre_the_scale_as_the_command_says(
+    centred: tuple[CentringState, list[int]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    state, steps = centred
     assert steps == [1, 2, 2, 3]
     assert state.found is not None
     first, *_, last = (s["eccentricity"] for s in state.found.settings)
@@ -76,7 +87,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
         main(["centre", *files, *options, "--radius", "50 mm", "--stage-at", at, "--json"])
     assert not end.value.code
     printed = json.loads(capsys.readouterr().out)
-    own = json.loads(json.dumps(state.found.result))
+    own = json.loads(json.dumps(state.found.result))  # a copy
     # places went through a text
     for one in (printed, own):
         places = one["trial"].pop("positions")
@@ -88,13 +99,10 @@ def test_four_steps_centre_the_scale_as_the_command_says(
     assert len(rows_of(state, Preferences(length="mm")).rows) == 4
 
 
-def test_a_move_below_the_noise_of_the_sensor_is_not_asked_for(tmp_path: Path) -> None:
-    state = CentringState()
-    state.begin("example", (10e-6, -1.8e-9))
-    for _ in range(3):
-        measured(state, tmp_path)
-        state.at = state.target() or state.at
-    measured(state, tmp_path)
+def test_a_move_below_the_noise_of_the_sensor_is_not_asked_for(
+    centred: tuple[CentringState, list[int]],
+) -> None:
+    state = copy.copy(centred[0])
     x, y = state.target() or (0.0, 0.0)
     at = state.measured[-1].at
     assert 0.0 < abs(x - at[0]) < 1e-6
@@ -104,6 +112,7 @@ def test_a_move_below_the_noise_of_the_sensor_is_not_asked_for(tmp_path: Path) -
     assert place((15e-6, -1.8e-9), Preferences()) == "x 15.000, y −0.002 µm"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Path) -> None:
     state = CentringState()
     state.begin("example")
@@ -116,6 +125,7 @@ def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Pa
     assert (state.measured, state.errors, state.step) == ([], ("gauge",), 1)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_typed_readings_of_a_gauge_say_the_runout(tmp_path: Path) -> None:
     state = CentringState()
     state.begin("gauge")
