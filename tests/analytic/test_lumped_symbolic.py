@@ -1,5 +1,6 @@
 """The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -30,6 +31,24 @@ from flexstage.system.mechanical import RayleighDamping
 from tests.mechanisms import chain, damped_parallelogram, parallelogram
 
 
+@functools.cache
+def model_of(name: str) -> SymbolicModel:
+    """The symbolic model of a built-in stage, which several tests look at."""
+    return symbolic_model(design(name))
+
+
+@functools.cache
+def coupled() -> SymbolicModel:
+    """The symbolic model of a parallelogram whose hinges couple shear and moment."""
+    return symbolic_model(parallelogram(coupling=211.0))
+
+
+@functools.cache
+def driven_part() -> SymbolicModel:
+    """What of it its drive moves, by its symmetry."""
+    return reduce_by_symmetry(coupled())
+
+
 def relative(found: np.ndarray, wanted: np.ndarray) -> float:
     """Largest difference relative to the diagonal, which makes metres and radians comparable."""
     scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
@@ -45,7 +64,7 @@ def frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
 )
 def test_matrices_of_stages_equal_the_numeric_ones(name: str) -> None:
     stage = design(name)
-    system, model = lumped_system(stage), symbolic_model(stage)
+    system, model = lumped_system(stage), model_of(name)
     K, M = model.numbers(model.K), model.numbers(model.M)
     assert relative(K, system.K) <= 1e-12
     assert relative(M, system.M) <= 1e-12
@@ -128,7 +147,7 @@ def test_rigid_motion_of_a_free_mechanism_costs_nothing_in_symbols() -> None:
 
 
 def test_symmetry_keeps_every_frequency_once() -> None:
-    model = symbolic_model(parallelogram(coupling=211.0))
+    model = coupled()
     whole = frequencies(model.numbers(model.K), model.numbers(model.M))
     parts = []
     for parity, order in ((1, 4), (-1, 5)):
@@ -139,8 +158,7 @@ def test_symmetry_keeps_every_frequency_once() -> None:
 
 
 def test_poles_are_the_frequencies_of_the_symmetric_subspace() -> None:
-    model = symbolic_model(parallelogram(coupling=211.0))
-    part = reduce_by_symmetry(model)
+    model, part = coupled(), driven_part()
     assert [p.name for p in part.drives] == ["push"]
     tf = transfer_function(part, "push", "read")
     poles = np.abs(tf.poles().imag[::2]) / (2.0 * np.pi)
@@ -269,7 +287,7 @@ def test_locked_drive_holds() -> None:
 def test_condensation_of_the_study_stages(name: str) -> None:
     stage = design(name)
     system = lumped_system(stage, damping=RayleighDamping(alpha=1.7, beta=3.3e-6))
-    model = symbolic_model(stage).with_values(alpha=1.7, beta=3.3e-6)
+    model = model_of(name).with_values(alpha=1.7, beta=3.3e-6)
     axis = stage.axis("x")
     small = condense(model)
     assert small.order == 4
@@ -295,7 +313,7 @@ def test_full_modal_transfer_function_is_the_frequency_response() -> None:
     stage = design("vgtu-piezo")
     axis = stage.axis("y")
     system = lumped_system(stage, damping=RayleighDamping(alpha=1.7, beta=3.3e-6))
-    six = condense(symbolic_model(stage).with_values(alpha=1.7, beta=3.3e-6), mode_count=6)
+    six = condense(model_of("vgtu-piezo").with_values(alpha=1.7, beta=3.3e-6), mode_count=6)
     tf = transfer_function(six, axis.drive, axis.probe)
     f = np.array([35.0, 321.0, 533.0])
     exact = frequency_response(system, f, drive=axis.drive, probe=axis.probe).value
@@ -353,13 +371,13 @@ def test_symbols_are_shared() -> None:
 def test_mirror_images_share_the_symbol_of_their_angle() -> None:
     # four beams at 0.14 rad, to either side; three legs at 30 and 60 deg to the axes
     for name, angles in (("rhombus", [0.14]), ("three-rrr", [math.pi / 6.0, math.pi / 3.0])):
-        values = symbolic_model(design(name)).values
+        values = model_of(name).values
         found = sorted(v for symbol, v in values.items() if symbol.name.startswith("phi"))
         assert found == pytest.approx(angles, rel=1e-13)
 
 
 def test_a_rhombus_has_a_transfer_function_in_symbols() -> None:
-    part = reduce_by_symmetry(symbolic_model(design("rhombus")))
+    part = reduce_by_symmetry(model_of("rhombus"))
     poles = np.abs(transfer_function(part, "y", "y").poles().imag[::2]) / (2.0 * np.pi)
     wanted = frequencies(part.numbers(part.K), part.numbers(part.M))
     assert np.allclose(poles, wanted, rtol=1e-9)

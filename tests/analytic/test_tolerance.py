@@ -152,11 +152,11 @@ LARGE = Scatter(temperature=40.0, neck_own=6e-6, radius=11e-6, position=20e-6, t
 @pytest.mark.parametrize(
     ("stage", "samples"),
     [
-        ("vgtu-piezo", 4),
-        ("cartwheel", 8),
-        ("lever-chain", 4),
-        ("bars", 8),
-        ("three-rrr", 3),
+        ("vgtu-piezo", 2),
+        ("cartwheel", 3),
+        ("lever-chain", 2),
+        ("bars", 4),
+        ("three-rrr", 2),
         pytest.param("vgtu-piezo", 50, marks=pytest.mark.slow),
         pytest.param("vgtu-mechanical", 50, marks=pytest.mark.slow),
     ],
@@ -328,8 +328,9 @@ def test_what_chance_gives_to_a_share_is_taken_off():
 
 def test_shares_are_those_of_one_deviation_at_a_time():
     # what the regression of a lot says, by central differences of the batch itself
-    stage, scatter = design("vgtu-piezo"), Scatter()
-    study = tolerance(stage, scatter, figures=[FREQUENCY], samples=4000, model="lumped")
+    stage, scatter = design("bridge"), Scatter()
+    figure = Figure(quantity="natural_frequency_hz", axis="y")
+    study = tolerance(stage, scatter, figures=[figure], samples=4000, model="lumped")
     kinds = drawn_kinds(stage, scatter)
     assert kinds == EVERY
     assert "stroke" not in drawn_kinds(design("parallelogram"), scatter)
@@ -342,7 +343,7 @@ def test_shares_are_those_of_one_deviation_at_a_time():
             one = np.zeros((columns, a, b))
             one.reshape(columns, -1)[first : first + a * b] = sign * np.eye(a * b)
             numbers[kind], first = one, first + a * b
-        ends.append(lot_figures(study.lot.process, numbers, columns, [FREQUENCY])[0][:, 0])
+        ends.append(lot_figures(study.lot.process, numbers, columns, [figure])[0][:, 0])
     slopes = ends[1] - ends[0]
     variance = dict.fromkeys(kinds, 0.0)
     for (kind, _), slope in zip(parts(stage, kinds), slopes, strict=True):
@@ -402,10 +403,8 @@ def test_the_largest_of_several_necks_has_a_cheap_answer_too():
     # line sees nothing of that, and widening it for nothing costs the yield
     stage = design("bridge")
     known = known_figures(stage)
-    requirements = requirements_of(("natural_frequency.y >= 565 Hz", "stress.y <= 180 MPa"), known)
-    study = tolerance(
-        stage, figures=(), requirements=requirements, samples=2000, model="superelement"
-    )
+    requirements = requirements_of(("natural_frequency.y >= 568 Hz", "stress.y <= 184 MPa"), known)
+    study = tolerance(stage, figures=(), requirements=requirements, samples=2000, model="lumped")
     found = choose_tolerances(study, 0.99)
     assert found.reached
     assert found.cost < 1.2
@@ -418,7 +417,7 @@ def test_the_largest_of_several_necks_has_a_cheap_answer_too():
         requirements=requirements,
         samples=4000,
         seed=5,
-        model="superelement",
+        model="lumped",
     )
     assert again.yields[-1].share > 0.99
 
@@ -458,7 +457,7 @@ def test_what_is_too_narrow_for_every_tolerance_names_the_requirement():
     width = 1e-4 * float(nominal[0])
     narrow = Requirement(figure=FREQUENCY, low=nominal[0] - width, high=nominal[0] + width)
     wide = Requirement(figure=STRESS, high=1e9)
-    study = tolerance(stage, figures=(), requirements=[narrow, wide], samples=1000, model="lumped")
+    study = tolerance(stage, figures=(), requirements=[narrow, wide], samples=200, model="lumped")
     found = choose_tolerances(study, 0.95)
     assert not found.reached
     assert found.found

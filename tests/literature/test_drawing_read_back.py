@@ -7,18 +7,21 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import shapely
 
-from flexstage.export.drawing.contours import plate_contours
+from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
 from flexstage.export.drawing.offset import offset_contours
 from flexstage.stage import Loop, mass_properties
 from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
 
 KERF = 0.31e-3
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
@@ -32,6 +35,20 @@ def drawn(name: str, **options: float) -> bytes:
 
 #: The file of a stage, drawn once in a process.
 dxf = functools.cache(drawn)
+
+
+@functools.cache
+def plate_of(name: str) -> PlateContours:
+    """The contours of a stage, found once in a process."""
+    return plate_contours(STAGES[name])
+
+
+@functools.cache
+def document_of(name: str) -> "Drawing":
+    """The file with the path of the wire, read once in a process by the writing library."""
+    from ezdxf.filemanagement import read
+
+    return read(io.StringIO(dxf(name, kerf=KERF).decode()))
 
 
 def tags(content: bytes) -> list[tuple[int, str]]:
@@ -81,7 +98,7 @@ def test_gdal_reads_the_part_with_its_area_length_and_openings(name: str, tmp_pa
     rings: dict[str, list[Any]] = {}
     for shape, layer in zip(shapely.from_wkb(shapes), columns[0], strict=True):
         rings.setdefault(layer, []).append(shape)
-    plate = plate_contours(stage)
+    plate = plate_of(name)
     assert len(rings["OUTLINE"]) == 1
     assert len(rings.get("SLOTS", [])) == len(plate.slots)
     assert len(rings.get("HOLES", [])) == len(plate.holes)
@@ -133,7 +150,7 @@ def test_gdal_finds_every_neck_within_a_nanometre(name: str, tmp_path: Path) -> 
 
 @ALL
 def test_coordinates_and_bulges_come_back_to_the_last_digits(name: str) -> None:
-    plate = plate_contours(STAGES[name])
+    plate = plate_of(name)
     expected = [c.loop for c in plate.contours if c.circle is None]
     found = [loop for layer, loop in polylines(dxf(name)) if layer in ("OUTLINE", "SLOTS")]
     assert len(found) == len(expected)
@@ -145,7 +162,7 @@ def test_coordinates_and_bulges_come_back_to_the_last_digits(name: str) -> None:
 
 @ALL
 def test_the_wire_path_in_the_file_is_the_path(name: str) -> None:
-    plate = plate_contours(STAGES[name])
+    plate = plate_of(name)
     paths = [p for p in offset_contours(plate, 0.5 * KERF) if p.circle is None]
     found = [x for layer, x in polylines(dxf(name, kerf=KERF)) if layer == "WIRE_PATH"]
     length = sum(Curve(*s).length for p in paths for s in p.loop.segments())
@@ -156,10 +173,9 @@ def test_the_wire_path_in_the_file_is_the_path(name: str) -> None:
 
 @ALL
 def test_the_audit_of_the_writing_library_finds_nothing(name: str) -> None:
-    from ezdxf.filemanagement import read
     from ezdxf.lldxf.const import versions_supported_by_save
 
-    document = read(io.StringIO(dxf(name, kerf=KERF).decode()))
+    document = document_of(name)
     audit = document.audit()
     assert (audit.errors, audit.fixes) == ([], [])
     assert document.dxfversion in versions_supported_by_save
@@ -178,11 +194,10 @@ def test_the_audit_of_the_writing_library_finds_nothing(name: str) -> None:
 @ALL
 def test_width_and_height_are_dimensions_of_the_file(name: str) -> None:
     from ezdxf import bbox
-    from ezdxf.filemanagement import read
 
-    document = read(io.StringIO(dxf(name, kerf=KERF).decode()))
+    document = document_of(name)
     dimensions = list(document.modelspace().query("DIMENSION"))
-    outline = plate_contours(STAGES[name]).outline.loop.polyline(1e-7) * 1e3
+    outline = plate_of(name).outline.loop.polyline(1e-7) * 1e3
     found = [d.get_measurement() for d in dimensions]
     assert found == pytest.approx(np.ptp(outline, axis=0).tolist(), abs=1e-3)
     # what is written at them, by the library that draws them; whole and beside all contours
@@ -204,10 +219,9 @@ def test_the_header_says_millimetres() -> None:
 
 def test_the_file_opens_at_the_whole_of_the_part() -> None:
     """Extents of the header against those of every entity, as another program reads them."""
-    import ezdxf
     from ezdxf import bbox
 
-    document = ezdxf.read(io.StringIO(dxf("parallelogram", kerf=KERF).decode()))
+    document = document_of("parallelogram")
     box = bbox.extents(document.modelspace())
     for name, corner in (("$EXTMIN", box.extmin), ("$EXTMAX", box.extmax)):
         assert document.header[name][:2] == pytest.approx((corner.x, corner.y), abs=0.5)

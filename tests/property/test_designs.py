@@ -76,7 +76,7 @@ def narrowest_slot(stage: Stage) -> float:
 
 
 @given(stages())
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_moderate_changes_give_possible_stages(parameters: NestedXYParameters) -> None:
     stage = nested_xy(parameters)
     shapes = {b.name: polygon(b) for b in stage.bodies}
@@ -95,7 +95,7 @@ def test_moderate_changes_give_possible_stages(parameters: NestedXYParameters) -
 
 
 @given(stages())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_each_notch_ends_in_its_two_bodies(parameters: NestedXYParameters) -> None:
     stage = nested_xy(parameters)
     for hinge in stage.hinges:
@@ -123,7 +123,7 @@ def swap(name: str) -> str:
 
 
 @given(stages())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_the_x_axis_is_its_own_mirror_image(parameters: NestedXYParameters) -> None:
     stage = nested_xy(parameters)
     own = [b for b in stage.bodies if b.name[0] == "x" or b.name in {"PX", "G"}]
@@ -151,7 +151,7 @@ def with_arm(arm: float) -> Stage:
 
 @given(st.floats(20e-3, 90e-3))
 @example(46.7e-3 - 4e-9)  # in the step, lever and platform become equally tall: 54.5 mm
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_the_rules_are_continuous(arm: float) -> None:
     # from levers far shorter than the platform to levers that reach beyond its guide legs
     step = 1e-8
@@ -208,7 +208,7 @@ def test_impossible_dimensions_are_refused(
     neck=st.floats(0.3e-3, 1.5e-3),
     gap=st.floats(0.5e-3, 40e-3),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_parallelogram_has_equal_legs_and_room_for_its_drive(
     spacing: float, bar: float, radius: float, neck: float, gap: float
 ) -> None:
@@ -288,7 +288,7 @@ GUIDES = [
 
 
 @given(guides())
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_dimensions_of_a_guide_are_possible_or_refused(drawn: tuple[str, Any]) -> None:
     name, given_dimensions = drawn
     topology = TOPOLOGIES[name]

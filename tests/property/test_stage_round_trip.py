@@ -18,7 +18,7 @@ from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(stages())
 def test_round_trip(stage: Stage) -> None:
     for shared in (False, True):

@@ -102,7 +102,7 @@ def test_weight_and_temperature_of_a_stage_that_something_rides_on() -> None:
     """
     stage, settings = hinged_bars(), MeshSettings(neck_size=1.2)
     mine = superelement_model(stage, settings, space=True, cache=False).system
-    other = solid_model(stage, settings).system
+    other = solid_model(stage, settings, modes=(4, 4)).system
     np.testing.assert_allclose(
         modes(mine).frequency_hz[:4], modes(other).frequency_hz[:4], rtol=1e-3
     )

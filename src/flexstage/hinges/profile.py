@@ -29,6 +29,9 @@ def _differentiation(nodes: Array) -> Array:
 _DERIVATIVES = _differentiation(_POINTS)
 # panels graded towards the neck, where the compliance of a thin notch is concentrated
 _PANELS = np.concatenate(([0.0], 2.0 ** np.arange(-9.0, 1.0)))
+# quadrature points and weights along a piece of a contour
+_PLACES = (_PANELS[:-1, None] + np.diff(_PANELS)[:, None] * (_POINTS + 1.0) / 2.0).ravel()
+_SHARES_OF_PIECE = (np.diff(_PANELS)[:, None] * _WEIGHTS / 2.0).ravel()
 
 
 class Samples(NamedTuple):
@@ -154,14 +157,7 @@ class Profile(ABC):
         Samples
             Gauss points on panels graded towards the neck.
         """
-        left, width = _PANELS[:-1, None], np.diff(_PANELS)[:, None]
-        u = (left + width * (_POINTS + 1.0) / 2.0).ravel()
-        w = (width * _WEIGHTS / 2.0).ravel()
-        columns = []
-        for piece in self.pieces():
-            x, depth, angle, speed = piece(u)
-            columns.append((x, depth, angle, speed * w))
-        return Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+        return _sampled(self)
 
     def half_area_integrals(self) -> tuple[float, float, float, float]:
         """Integrate 1, x, y and x^2 + y^2 over half of the notch's material.
@@ -182,6 +178,19 @@ class Profile(ABC):
             float(np.sum(e * h * dx)),
             float(np.sum((x**2 * h + e**2 * h + h**3 / 12.0) * dx)),
         )
+
+
+# compliance, area and loads of the same notch are asked for one after the other
+@lru_cache(maxsize=8)
+def _sampled(profile: Profile) -> Samples:
+    columns = []
+    for piece in profile.pieces():
+        x, depth, angle, speed = piece(_PLACES)
+        columns.append((x, depth, angle, speed * _SHARES_OF_PIECE))
+    found = Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+    for values in found:
+        values.setflags(write=False)
+    return found
 
 
 #: Largest distance of the arcs from the profile that they stand for [m]. Wire cutting is off by a
