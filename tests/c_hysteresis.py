@@ -133,6 +133,11 @@ def table(segments: Segments) -> Array:
 
 def walk(seed: int, count: int, low: float = -31.0, high: float = 139.0) -> Array:
     """Random inputs: lines, jumps, steps of nothing, tiny and huge ones, exact reversals."""
+    return _walk(seed, count, low, high).copy()
+
+
+@functools.cache
+def _walk(seed: int, count: int, low: float, high: float) -> Array:
     rng = np.random.default_rng(seed)
     u = np.empty(count)
     here, way = 0.0, 1.0

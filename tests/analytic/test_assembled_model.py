@@ -69,28 +69,28 @@ def integrated(
     held = modes(system, drives="in place", count=None)
     C = system.M @ held.shapes * (2.0 * held.damping_ratio * held.omega) @ held.shapes.T @ system.M
     inverse = np.linalg.inv(system.M)
-    tau, gain = creep.time_constants, creep.lag_gain
+    tau, lag_gain = creep.time_constants, creep.lag_gain
     m = tau.size
+    laws, ports = list(models.values()), [system.drive(name) for name in models]
+    gain = np.array([p.gain for p in laws])
+    hysteresis_gain = np.array([p.hysteresis_gain for p in laws])
+    beta, gamma = np.array([p.beta for p in laws]), np.array([p.gamma for p in laws])
+    push = np.array([(p.stiffness or 0.0) * p.vector for p in ports])
     state = np.zeros(4 + 2 * (1 + m))
     probes = np.array([p.vector for p in system.probes])
     out = [np.zeros(2)]
 
     def rates(_: float, s: Array, a: Array, slope: Array, t0: float) -> Array:
         t = _ - t0
-        q, v, force = s[:2], s[2:4], np.zeros(2)
+        q, v, own = s[:2], s[2:4], s[4:].reshape(2, 1 + m)
+        h, lag = own[:, 0], own[:, 1:]
+        w = gain * (a + slope * t) - h
+        force = (w + lag_gain * lag.sum(axis=1)) @ push
         ds = np.empty_like(s)
-        for i, name in enumerate(models):
-            p, own = models[name], s[4 + i * (1 + m) : 4 + (i + 1) * (1 + m)]
-            h, lag = own[0], own[1:]
-            du = slope[i]
-            w = p.gain * (a[i] + du * t) - h
-            port = system.drive(name)
-            free = w + gain * lag.sum()
-            force += (port.stiffness or 0.0) * port.vector * free
-            place = slice(4 + i * (1 + m), 4 + (i + 1) * (1 + m))
-            dh = p.hysteresis_gain * du - p.beta * abs(du) * h - p.gamma * du * abs(h)
-            ds[place] = np.concatenate(([dh], (w - lag) / tau))
         ds[:2], ds[2:4] = v, inverse @ (force - C @ v - K @ q)
+        of_drives = ds[4:].reshape(2, 1 + m)
+        of_drives[:, 0] = hysteresis_gain * slope - beta * abs(slope) * h - gamma * slope * abs(h)
+        of_drives[:, 1:] = (w[:, None] - lag) / tau
         return ds
 
     def first(_: float, s: Array, *__: object) -> float:
@@ -135,7 +135,7 @@ def test_model_against_integration_of_every_equation() -> None:
         ],
         step=dt,
     )
-    u = {"x": voltages(15, 1), "y": voltages(15, 2)}
+    u = {"x": voltages(8, 1), "y": voltages(8, 2)}
     found = model.simulate(u)
     exact = integrated(system, creep, u, dt)
     mine = np.array([found.readings["p"], found.readings["q"]])

@@ -12,7 +12,14 @@ from flexstage.errors import ModelError
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis import BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
-from tests.c_compiler import EXACT, STRICT, compile_program, load_library
+from tests.c_compiler import (
+    EXACT,
+    STRICT,
+    compile_program,
+    compiler,
+    load_library,
+    write_files,
+)
 from tests.c_stage import CStage, stepped, wandering
 
 _GAIN = 37e-6 / 120.0
@@ -121,8 +128,11 @@ def test_nothing_is_linked_but_the_mathematics(model: DynamicModel, tmp_path: Pa
 
 def test_each_file_stands_on_its_own(model: DynamicModel, tmp_path: Path) -> None:
     files = render_source(model)
-    for name in files:
-        load_library(tmp_path / name, f'#include "{name}"\n', files=files, flags=("-O0",))
+    alone = {f"{name}.c": f'#include "{name}"\n'.encode() for name in files}
+    write_files(tmp_path, files | alone)
+    command = [compiler(), *STRICT, "-O0", "-c", *alone]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     # and each comes after those that it includes, as one who joins them into one needs
     seen: list[str] = []
     for name, content in files.items():
@@ -150,7 +160,7 @@ def test_single_precision_follows_within_its_rounding(tmp_path: Path) -> None:
         stage, lumped_system(stage), mode_count=17, bandwidth_hz=1700.0,
         creep=LogCreep(rate_per_decade=0.017, longest=10.0),
     )  # fmt: skip
-    u = wandering(400, [(0.0, 120.0)] * 2, seed=15)
+    u = wandering(200, [(0.0, 120.0)] * 2, seed=15)
     expected = stepped(model, u)[0]
     made = CStage(tmp_path, model, (*EXACT, "-DFS_SINGLE"))
     found = made.run(u)

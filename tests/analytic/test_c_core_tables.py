@@ -61,11 +61,13 @@ def in_40_digits(w: float, zeta: float) -> tuple[Array, Array]:
         for _ in range(120 + int(12.0 * w * max(1.0, 2.0 * zeta))):
             series.append(low)
             low, high = high, -a * high - x * low
-        g = mp.fsum(c / mp.factorial(n) for n, c in enumerate(series))
-        dg = mp.fsum(c / mp.factorial(n - 1) for n, c in enumerate(series) if n > 0)
-        integrals = [
-            mp.fsum(c / mp.factorial(n + j) for n, c in enumerate(series)) for j in range(1, 13)
-        ]
+        factorial = [mp.mpf(1)]
+        for n in range(1, len(series) + 13):
+            factorial.append(n * factorial[-1])
+        g, *integrals = (
+            mp.fsum(c / f for c, f in zip(series, factorial[j:], strict=False)) for j in range(13)
+        )
+        dg = mp.fsum(c / f for c, f in zip(series[1:], factorial, strict=False))
         transition = [dg + a * g, g, -x * g, dg]
         return (
             np.array([float(t) for t in transition]),

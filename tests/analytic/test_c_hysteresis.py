@@ -59,7 +59,7 @@ def test_a_model_of_an_unknown_kind_is_refused_by_name() -> None:
 def test_outputs_and_memory_are_those_of_python_bit_for_bit(name: str) -> None:
     # Both take exponentials and logarithms from the C library of this machine.
     model, compiled = CASES[name], Compiled(CASES[name])
-    u = inputs(model, 11, 2000)
+    u = inputs(model, 11, 1000)
     expected, state = stepped(model, u, model.initial_state())
     np.testing.assert_array_equal(compiled.moves(u), expected)
     np.testing.assert_array_equal(compiled.memory, state)
@@ -84,7 +84,7 @@ def test_pieces_are_those_of_python_bit_for_bit(name: str) -> None:
     model, compiled = CASES[name], Compiled(CASES[name])
     state = model.initial_state()
     most = 0
-    for u in inputs(model, 17, 700).tolist():
+    for u in inputs(model, 17, 300).tolist():
         expected = model.segments(np.array([state[0], u]), state)
         assert expected is not None
         count, pieces, value = compiled.line(u)

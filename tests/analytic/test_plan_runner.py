@@ -78,6 +78,23 @@ def waves(instrument: SimpleInstrument) -> list[int]:
     return [n for n in sizes if n > 100]
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a whole run, which tests copy."""
+    folder = tmp_path_factory.mktemp("whole")
+    run_plan(made(), bench(), folder)
+    return folder
+
+
+@pytest.fixture
+def _whole_run(whole, tmp_path):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+
+
+#: With a whole run in the folder of the test.
+whole_run = pytest.mark.usefixtures("_whole_run")
+
+
 def test_figures_are_those_of_the_closed_forms(tmp_path):
     instrument = SimpleInstrument(noise=2e-9, seed=5)
     found = run_plan(made(), instrument, tmp_path)
@@ -151,8 +168,8 @@ def test_the_stage_is_left_at_its_safe_voltages_without_control(tmp_path):
     assert not instrument.axes["x"].closed_loop
 
 
+@whole_run
 def test_a_folder_with_a_run_is_not_written_over(tmp_path):
-    run_plan(made(), bench(), tmp_path)
     again = bench()
     with pytest.raises(PlanError, match="--resume"):
         run_plan(made(), again, tmp_path)
@@ -180,9 +197,9 @@ def test_a_run_is_not_taken_up_while_it_lives(tmp_path, monkeypatch):
     run_plan(made(), bench(), tmp_path, resume=True)
 
 
+@whole_run
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
 def test_a_run_that_was_killed_can_be_taken_up(tmp_path):
-    run_plan(made(), bench(), tmp_path)
     hold = (
         "from flexstage.instruments.lock import folder_lock; from pathlib import Path; import sys"
     )
@@ -276,8 +293,8 @@ def test_a_lost_link_says_how_much_is_safe(tmp_path):
     assert not cut.log[-1].startswith(("load", "start"))
 
 
+@whole_run
 def test_a_record_that_was_changed_on_disk_is_taken_again_and_kept(tmp_path):
-    run_plan(made(), bench(), tmp_path)
     path = tmp_path / "records" / "steps.h5"
     content = bytearray(path.read_bytes())
     content[-9] ^= 0x10
@@ -288,8 +305,8 @@ def test_a_record_that_was_changed_on_disk_is_taken_again_and_kept(tmp_path):
     assert (tmp_path / "records" / "steps.replaced-1.h5").read_bytes() == bytes(content)
 
 
+@whole_run
 def test_a_step_that_changed_is_repeated_with_all_that_depends_on_it_and_nothing_else(tmp_path):
-    run_plan(made(), bench(), tmp_path)
     changed = made(TEXT.replace("cycles: 3", "cycles: 4"))
     found = run_plan(changed, bench(), tmp_path, resume=True)
     assert [step.repeated for step in found.records] == [True, False, False]
@@ -302,8 +319,8 @@ def test_a_step_that_changed_is_repeated_with_all_that_depends_on_it_and_nothing
     assert b == pytest.approx(a / 5.0, rel=0.01)
 
 
+@whole_run
 def test_a_run_on_a_simulation_is_not_taken_up_on_a_real_stage(tmp_path):
-    run_plan(made(), bench(), tmp_path)
     real = bench(simulated=False)
     with pytest.raises(PlanError, match="a simulated one, and this is a real instrument"):
         run_plan(made(), real, tmp_path, resume=True)

@@ -120,7 +120,7 @@ def _in_both_precisions(tmp_path: Path, model: DynamicModel) -> ctypes.CDLL:
 @_NAMES
 def test_double_precision_gives_the_readings_bit_for_bit(name: str, tmp_path: Path) -> None:
     model = _usual(name)
-    commands = _commands(model, 500)
+    commands = _commands(model, 250)
     library = _in_both_precisions(tmp_path, model)
     found = _run(library, "st", commands, len(model.probes))
     wanted = _stepped(model, commands)
@@ -496,7 +496,7 @@ def test_hysteresis_without_closed_form_is_stepped_too(tmp_path: Path) -> None:
     )
     model = _model("vgtu-piezo", hysteresis={"x": play}, mode_count=7)
     library = load_library(tmp_path, _wrapper("st"), files=_files(model, "st"))
-    commands = _commands(model, 300)
+    commands = _commands(model, 150)
     found = _run(library, "st", commands, 2)
     assert found == pytest.approx(_stepped(model, commands), rel=1e-11, abs=1e-17)
 

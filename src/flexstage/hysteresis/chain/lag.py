@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,7 +85,14 @@ def lags_through_segments(
     The ratio is step over time constant of each. Readings after the first sample are added to y,
     shape (p, n), with one row of weights each in the reader, shape (p, m).
     """
-    _lags_through(*force.numbers, ratio, np.exp(-ratio), lag_moments(ratio), lag, reader, y)
+    moments = _kept_moments(ratio.tobytes())
+    _lags_through(*force.numbers, ratio, np.exp(-ratio), moments, lag, reader, y)
+
+
+@lru_cache(maxsize=64)
+def _kept_moments(ratio: bytes) -> Array:
+    """Return the moments of lags, kept: who steps one sample at a time asks for them at each."""
+    return lag_moments(np.frombuffer(ratio, dtype=np.float64))
 
 
 @compiled
