@@ -1,5 +1,6 @@
 """Reports of what was measured: one file, whole, and with the numbers of the results."""
 
+import functools
 import json
 import re
 from dataclasses import replace
@@ -67,8 +68,13 @@ def as_measured(found):
     return replace(found, origin="measured")
 
 
-def characterised(stage, seed=4, kinds=None):
-    made = virtual_campaign(as_built(stage, seed=seed), laboratory=LAB, seed=seed)
+@functools.cache
+def campaign(stage):
+    return virtual_campaign(as_built(stage, seed=4), laboratory=LAB, seed=4)
+
+
+def characterised(stage, kinds=None):
+    made = campaign(stage)
     kept = tuple(t for t in made.campaign.tests if kinds is None or t.kind in kinds)
     return evaluate(
         replace(made.campaign, tests=kept), lambda test: [made.records[n] for n in test.records]
@@ -426,7 +432,8 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     )
     assert not any(row.assumed for row in published.rows)
     own = design("parallelogram")
-    found = compare_with_references(characterised(own), own, Characteristics())
+    simulated = characterised(own)
+    found = compare_with_references(simulated, own, Characteristics())
     labelled = {row.figure.quantity for row in found.rows if row.assumed}
     assert labelled == {"straightness", "straightness_out_of_plane", "roll", "pitch"}
     rows = {r["quantity"]: r["note"] for r in measurement_results(found)["characteristics"]}
@@ -440,5 +447,5 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     print_measurement(console(), found, [])
     assert "Straightness in plane, assumed" in capsys.readouterr().out
     # a real stage whose figures are measured has none of it
-    real = compare_with_references(as_measured(characterised(own)), own, Characteristics())
+    real = compare_with_references(as_measured(simulated), own, Characteristics())
     assert not any(row.assumed for row in real.rows)

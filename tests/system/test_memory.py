@@ -28,6 +28,7 @@ from flexstage.studies import results_json, run_model, run_study, study_results
 from flexstage.studies import study as study_module
 from flexstage.studies.models import ModelOptions
 from flexstage.studies.results import analysis_results, run_results
+from tests.undrawn import without_figures
 
 ROW = Characteristic(quantity="resolution", axis="x", origin="plane", value=2.3e-8, unit="m")
 
@@ -274,10 +275,11 @@ def test_a_study_is_read_and_is_the_same_study(
     stage, cache = design("parallelogram"), Cache(tmp_path)
     models = ("lumped", "superelement")
     done: list[str] = []
+    instead: dict[str, str] = {}
 
     def run(stage: Stage, model: str, options: ModelOptions) -> Any:
         done.append(model)
-        return run_model(stage, model, options)
+        return run_model(stage, instead.get(model, model), options)
 
     run.__module__, run.__qualname__ = "tests", "run"
     monkeypatch.setattr(study_module, "run_model", run)
@@ -302,6 +304,7 @@ def test_a_study_is_read_and_is_the_same_study(
     (said,) = study_section(again, "provenance").content
     assert isinstance(said, Definitions)
     assert said.entries["read from the cache"] == "superelement, characterise x"
+    instead["superelement"] = "lumped"  # quick, where only what was read is looked at
     for changed, kept in (
         (study(neck_changed(stage, 1e-9)), ()),
         (study(stage, plane="stress"), ()),
@@ -342,7 +345,8 @@ def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         assert report_html(study, again) == page
     assert (again.made, again.read) == ((), memo.made)
     other = memory(tmp_path)
-    report_html(run_study(neck_changed(design("parallelogram"), 1e-3)), other)
+    changed = run_study(neck_changed(design("parallelogram"), 1e-3))
+    without_figures(report_html, changed, other)
     assert "drawing of parallelogram" in other.made
 
 

@@ -31,7 +31,7 @@ from flexstage.report.front_page import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results
-from flexstage.system import analyse, modes
+from flexstage.system import Analysis, analyse, modes
 from flexstage.system.characteristics import pulsating_limit
 from tests.result_schema import require_valid
 from tests.studies import page_of, study_of
@@ -376,13 +376,17 @@ def test_the_drawing_names_everything() -> None:
         assert thing.name in texts
 
 
-@pytest.mark.parametrize("size", [(5.1, 5.0), (5.0, 3.1)], ids=["usual", "of the front page"])
-def test_words_of_a_bode_diagram_have_room(size: tuple[float, float]) -> None:
+@pytest.fixture(scope="module")
+def many_peaks() -> Analysis:
     """Many close peaks, and the longest name of a model."""
     stage = design("vgtu-piezo")
     found = analyse(stage, superelement_model(stage).system)
-    found = replace(found, system=replace(found.system, model="superelement-3d"))
-    figure = draw_bode(found, "x", size=size)
+    return replace(found, system=replace(found.system, model="superelement-3d"))
+
+
+@pytest.mark.parametrize("size", [(5.1, 5.0), (5.0, 3.1)], ids=["usual", "of the front page"])
+def test_words_of_a_bode_diagram_have_room(many_peaks: Analysis, size: tuple[float, float]) -> None:
+    figure = draw_bode(many_peaks, "x", size=size)
     figure.draw_without_rendering()
     for axes in figure.axes:
         drawn = axes.get_tightbbox()
