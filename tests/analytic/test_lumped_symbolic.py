@@ -23,7 +23,7 @@ from flexstage.lumped import (
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.reduction import find_mirror
+from flexstage.lumped.reduction import ReducedModel, find_mirror
 from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.lumped.symbols import generic_body, generic_hinge
 from flexstage.system import frequency_response, modes
@@ -44,7 +44,7 @@ def coupled() -> SymbolicModel:
 
 
 @functools.cache
-def driven_part() -> SymbolicModel:
+def driven_part() -> ReducedModel:
     """What of it its drive moves, by its symmetry."""
     return reduce_by_symmetry(coupled())
 

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +19,6 @@ from flexstage.export.drawing.offset import offset_contours
 from flexstage.stage import Loop, mass_properties
 from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
-
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing
 
 KERF = 0.31e-3
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
@@ -44,7 +41,7 @@ def plate_of(name: str) -> PlateContours:
 
 
 @functools.cache
-def document_of(name: str) -> "Drawing":
+def document_of(name: str) -> Any:
     """The file with the path of the wire, read once in a process by the writing library."""
     from ezdxf.filemanagement import read
 
