@@ -135,7 +135,7 @@ def test_model_against_integration_of_every_equation() -> None:
         ],
         step=dt,
     )
-    u = {"x": voltages(8, 1), "y": voltages(8, 2)}
+    u = {"x": voltages(15, 1), "y": voltages(15, 2)}
     found = model.simulate(u)
     exact = integrated(system, creep, u, dt)
     mine = np.array([found.readings["p"], found.readings["q"]])

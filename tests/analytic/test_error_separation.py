@@ -137,7 +137,7 @@ def test_intervals_cover_the_truth(method, even, known) -> None:
     heads = EVEN if method is equal_division else HEADS[:3]
     noise = None if not known else (ARCSEC if method is equal_division else ARCSEC * np.ones(3))
     inside = total = 0
-    for seed in range(120):
+    for seed in range(60):
         t, y = readings(heads, samples=90, even=even, noise=ARCSEC, seed=seed)
         table = method(t, y, heads=heads, orders=range(1, 41), noise=noise)
         factor = table.estimate(0.0).coverage_factor
@@ -170,7 +170,7 @@ def test_uncertainty_is_that_of_each_reading_by_itself(method, even: bool) -> No
 def test_unequal_heads_are_weighted() -> None:
     sigma = np.array([0.3, 4.0, 1.1, 0.7]) * ARCSEC
     off, stated = [], []
-    for seed in range(60):
+    for seed in range(30):
         t, y = readings(HEADS, samples=120, seed=seed)
         y = y + sigma[:, np.newaxis] * np.random.default_rng(seed + 900).standard_normal(y.shape)
         table = self_calibration(t, y, heads=HEADS, orders=range(1, 41), noise=sigma)
@@ -184,7 +184,7 @@ def test_unequal_heads_are_weighted() -> None:
 def test_head_angle_errors_are_in_the_uncertainty() -> None:
     u = 2e-3
     off = []
-    for seed in range(200):
+    for seed in range(100):
         wrong = HEADS + u * np.random.default_rng(seed).standard_normal(4)
         t, y = readings(wrong, samples=120)
         table = self_calibration(
@@ -218,7 +218,7 @@ def test_few_positions_and_noise(even: bool) -> None:
         scale_errors(range(1, 12), 3e-5, seed=4),
     )
     inside = total = 0
-    for seed in range(150):
+    for seed in range(75):
         random = np.random.default_rng(seed)
         t = 2.0 * np.pi * np.arange(48) / 48 + 0.2
         if not even:

@@ -164,7 +164,7 @@ def test_variance_of_random_excitation(segment: int, overlap: float, window: str
     # well damped modes, so that a line is narrower than a resonance and leakage is no error
     b, a = modes((137.0, 0.21, 1.1e-6), (309.0, 0.17, -0.6e-6))
     values, n = [], 0.0
-    for seed in range(40):
+    for seed in range(20):
         rng = np.random.default_rng((seed, 2))
         u = 1.7 * rng.standard_normal(40_000)
         y = noisy(scipy.signal.lfilter(b, a, u), 0.4, rng)
@@ -185,7 +185,7 @@ def test_variance_of_estimators(estimator: str) -> None:
     """Noise on the side that each estimator is meant for."""
     b, a = np.array([0.0, 0.7, 0.4]), np.array([1.0, -0.5, 0.11])
     squares, stated = [], []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng((seed, 3))
         u = 1.3 * rng.standard_normal(24_000)
         y = scipy.signal.lfilter(b, a, u)
@@ -264,7 +264,7 @@ def test_variance_of_periodic_excitation_with_noise_on_both_sides() -> None:
     u = np.tile(period, 11)
     y = answer(u)
     values = []
-    for seed in range(120):
+    for seed in range(60):
         rng = np.random.default_rng((seed, 5))
         found = estimate_response(
             record(noisy(u, 0.05, rng), noisy(y, 0.07, rng)), "u", "y",
@@ -361,7 +361,7 @@ def test_hits_without_noise_are_exact() -> None:
 
 def test_variance_of_hits() -> None:
     values = []
-    for seed in range(80):
+    for seed in range(40):
         force, starts = hits(seed)
         y = answer(force)
         y = y + 0.01 * y.max() * np.random.default_rng((seed, 1)).standard_normal(y.size)
@@ -533,7 +533,7 @@ def test_rms_in_a_band_covers_the_truth() -> None:
     gain = np.abs(exact(f, b=b, a=a)) ** 2
     truth = np.sqrt(np.trapezoid(gain, f) * 2.0 / RATE)
     covered, values, stated = [], [], []
-    for seed in range(600):
+    for seed in range(300):
         x = np.random.default_rng((seed, 9)).standard_normal(4000)
         found = spectral_density(scipy.signal.lfilter(b, a, x), RATE, segment=400, unit="m")
         rms = found.rms(202.0, 598.0)
@@ -546,7 +546,7 @@ def test_rms_in_a_band_covers_the_truth() -> None:
 
 def test_bounds_of_a_density_cover_it() -> None:
     inside, spread = [], []
-    for seed in range(100):
+    for seed in range(50):
         x = np.random.default_rng((seed, 10)).standard_normal(6000)
         found = spectral_density(x, RATE, segment=500, overlap=0.6)
         low, high = found.bounds()

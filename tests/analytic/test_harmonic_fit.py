@@ -194,7 +194,7 @@ def test_coverage_of_white_noise_closely():
 def test_coverage_of_white_noise():
     theta = np.arange(120) * 2.0 * np.pi / 120
     truth = 1.3 * np.cos(theta - 0.4)
-    fits = fit_many(theta, truth[:, None] + stream(7).normal(size=(120, 600)), orders=3)
+    fits = fit_many(theta, truth[:, None] + stream(7).normal(size=(120, 300)), orders=3)
     covered = [f.harmonic(1).amplitude.covers(1.3) for f in fits]
     assert 0.93 < np.mean(covered) < 0.97
     absent = [f.harmonic(3).amplitude.interval()[0] == 0.0 for f in fits]
@@ -450,7 +450,7 @@ def test_coverage_of_eccentricity(alphas, turns, sway, repeats):
 def test_motion_that_heads_share_is_in_the_uncertainty():
     theta = np.arange(12 * 72) * 2.0 * np.pi / 72
     found, said = [], []
-    for i in range(80):
+    for i in range(40):
         rng = stream(25, i)
         motion = np.column_stack(
             [0.5e-6 * correlated(rng, theta.size, 0.95, 1.0) for _ in range(2)]
@@ -462,7 +462,7 @@ def test_motion_that_heads_share_is_in_the_uncertainty():
         )
         found.append(np.sum((e.vector - E) ** 2))
         said.append(np.trace(e.covariance))
-    # the mean square of 160 values scatters by 11 %
+    # the mean square of 80 values scatters by 16 %
     assert np.mean(said) / np.mean(found) == pytest.approx(1.0, rel=0.35)
 
 

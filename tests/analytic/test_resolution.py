@@ -96,11 +96,11 @@ def test_degrees_of_freedom_equal_those_of_many_records(power: int) -> None:
     m = np.array([4, 16, 48])
     make = {0: noise, -1: coloured, -2: lambda s, n: np.cumsum(noise(s, n))}[power]
     squares = np.array(
-        [allan_deviation(make(s, 256), 1.0, samples=m).deviation ** 2 for s in range(500)]
+        [allan_deviation(make(s, 256), 1.0, samples=m).deviation ** 2 for s in range(300)]
     )
     measured = 2.0 * squares.mean(axis=0) ** 2 / squares.var(axis=0)
     expected = [allan_freedom(256, int(k), power) for k in m]
-    # the variance of 500 squares is known to some 8 %, more for a few degrees of freedom
+    # the variance of 300 squares is known to some 10 %, more for a few degrees of freedom
     assert measured == pytest.approx(expected, rel=0.25)
 
 
@@ -126,7 +126,7 @@ def test_estimates_at_an_averaging_time() -> None:
 
 def test_the_expected_peak_to_peak_is_that_of_many_records() -> None:
     for link, tolerance in ((0.0, 0.01), (0.8, 0.02)):
-        ranges = [np.ptp(noise(s, 2000, link)) for s in range(700)]
+        ranges = [np.ptp(noise(s, 2000, link)) for s in range(350)]
         expected = expected_peak_to_peak(2000, correlation=link)
         assert np.mean(ranges) == pytest.approx(expected, rel=tolerance)
     held = hold_noise(2e-9 * noise(1, 5000), 100.0)
@@ -154,7 +154,7 @@ def test_hold_intervals_cover(link: float) -> None:
 
 
 def test_hold_intervals_cover_briefly() -> None:
-    assert all(0.90 <= share <= 0.99 for share in hold_coverage(0.6, 300))
+    assert all(0.90 <= share <= 0.99 for share in hold_coverage(0.6, 150))
 
 
 @pytest.mark.slow
@@ -186,7 +186,7 @@ def test_the_spectrum_of_a_hold_holds_its_power_and_covers() -> None:
 
 def test_the_ends_of_a_spectrum_have_half_the_freedom() -> None:
     inside = []
-    for seed in range(200):
+    for seed in range(120):
         low, high = spectral_density(noise(seed, 512), 2.0, segment=64).bounds()
         # white noise of variance 1 up to 1 Hz has a density of 1, half of it from frequencies below
         # 0; at 1 Hz the two are one
@@ -197,14 +197,14 @@ def test_the_ends_of_a_spectrum_have_half_the_freedom() -> None:
 def test_mains_lines_are_named_and_cover() -> None:
     rate, n, held = 1000.0, 8000, 0
     t = np.arange(n) / rate
-    for seed in range(60):
+    for seed in range(30):
         hum = 1.7 * np.sin(2.0 * np.pi * 60.04 * t + seed) + 0.6 * np.sin(6.0 * np.pi * 60.04 * t)
         lines = mains_lines(hum + 2.0 * noise(seed, n), rate)
         assert [(line.mains_hz, line.multiple) for line in lines[:2]] == [(60, 1), (60, 3)]
         assert lines[0].frequency_hz == pytest.approx(60.04, abs=0.02)
         assert lines[1].frequency_hz == pytest.approx(180.12, abs=0.04)
         held += lines[0].rms.covers(1.7 / np.sqrt(2.0))
-    assert 0.87 <= held / 60 <= 1.0
+    assert 0.87 <= held / 30 <= 1.0
     assert sum(len(mains_lines(noise(s, n), rate)) for s in range(25)) <= 1
     assert mains_lines(noise(1, 100), rate) == ()
 
@@ -241,11 +241,11 @@ def test_the_resolution_tells_steps_at_its_confidence() -> None:
     "link", [0.0, *(pytest.param(v, marks=pytest.mark.slow) for v in (0.8, 0.95))]
 )
 def test_staircase_intervals_cover(link: float) -> None:
-    u, bounds, count = command(), levels_of_command(command()), 320
+    u, bounds, count = command(), levels_of_command(command()), 320 if link else 160
     # the resolution of the same average, from a long record of the noise alone
     found = [staircase(reading(s, link), 1000.0, bounds, command=u, samples=70)
              for s in range(count)]  # fmt: skip
-    deviation = allan_deviation(3e-9 * noise(77, 2_000_000, link), 1000.0, samples=[70])
+    deviation = allan_deviation(3e-9 * noise(77, 1_000_000, link), 1000.0, samples=[70])
     truth = 2.0 * np.sqrt(2.0) * ndtri(0.95) * float(deviation.deviation[0])
     # drift counts as noise of the difference of averages
     truth = float(np.hypot(truth, 2.0 * ndtri(0.95) * 2e-9 * 0.07))

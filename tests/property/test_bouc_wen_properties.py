@@ -20,7 +20,7 @@ from flexstage.hysteresis.models.bouc_wen_steps import simulate_samples
 from flexstage.hysteresis.models.power_law import decayed, moved
 
 # A compiled loop is slow the first time.
-settings.register_profile("compiled", deadline=None, max_examples=40)
+settings.register_profile("compiled", deadline=None, max_examples=25)
 quick = settings.get_profile("compiled")
 
 # Outputs below are of the size 1; those of 120 V are some 70.

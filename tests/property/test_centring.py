@@ -18,7 +18,7 @@ angles = st.floats(-7.0, 7.0)
 radii = st.floats(5e-3, 0.4)
 shares = st.floats(1e-7, 0.5)
 kinds = st.sampled_from(("disc", "drum"))
-few = settings(max_examples=40, deadline=None)
+few = settings(max_examples=25, deadline=None)
 
 
 def vector(length, direction):

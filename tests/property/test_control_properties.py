@@ -104,7 +104,7 @@ def drives(draw):
 
 
 @given(drives(), st.floats(0.03, 0.4), st.floats(0.5, 0.97))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_what_is_within_reach_is_followed_exactly(drive, low, high) -> None:
     bottom, top = drive.validity.output_range
     span = top - bottom

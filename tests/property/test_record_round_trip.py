@@ -45,7 +45,7 @@ def records(draw: st.DrawFn) -> Record:
     return Record(channels=tuple(channels), time=time)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(record=records())
 def test_a_record_comes_back_bit_for_bit(record: Record) -> None:
     held = record.channels
@@ -67,7 +67,7 @@ def test_a_record_comes_back_bit_for_bit(record: Record) -> None:
         assert record_bytes(back, format) == content, format
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(
     st.sampled_from(["\t", ";", ",", " "]),
     st.sampled_from([".", ","]),
@@ -100,7 +100,7 @@ def test_text_of_any_country(
     assert {c.unit for c in record.channels} == {"m"}
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 3.0), st.floats(-7.0, 7.0))
 def test_resampling_a_line_and_a_cubic_is_exact(seed: int, ratio: float, slope: float) -> None:
     random = np.random.default_rng(seed)
@@ -129,7 +129,7 @@ def test_resampling_a_line_and_a_cubic_is_exact(seed: int, ratio: float, slope: 
     )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-9, 1e6), st.floats(-1e3, 1e3))
 def test_noise_scales_and_ignores_motion(seed: int, scale: float, offset: float) -> None:
     random = np.random.default_rng(seed)
@@ -146,7 +146,7 @@ def test_noise_scales_and_ignores_motion(seed: int, scale: float, offset: float)
 # a few samples in the highest step, and fewer in the next
 @example(694, 0.5, 0.002)
 @example(1811161, 0.5, 0.002)
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 0.95), st.sampled_from([0.0, 0.01, 0.002]))
 def test_clipping_is_found_and_nothing_else(seed: int, level: float, step: float) -> None:
     random = np.random.default_rng(seed)

@@ -18,7 +18,7 @@ CHUNKS = [3, 1, 8, 2, 5, 6, 1, 1]
 STARTS = np.cumsum([0, *CHUNKS]).tolist()
 TOTAL = STARTS[-1]
 SETTINGS = settings(
-    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

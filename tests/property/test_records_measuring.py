@@ -21,7 +21,7 @@ def read(content: bytes, name: str) -> Record:
         return read_record(path)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(
     st.lists(st.tuples(FINITE, FINITE), min_size=2, max_size=11),
     st.booleans(),
@@ -56,7 +56,7 @@ def test_a_function_comes_back(
             np.testing.assert_allclose(channel.values, part, rtol=6e-13)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(
     st.lists(st.tuples(*(st.tuples(PRINTED, PRINTED) for _ in range(3))), min_size=2, max_size=4),
     st.permutations(["NOMINAL", "+TOL", "-TOL", "MEAS", "DEV", "OUTTOL"]),

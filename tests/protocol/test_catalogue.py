@@ -394,14 +394,14 @@ def check_many(address, workers, count):
 def test_threads_that_open_a_new_catalogue_at_once_and_write(address):
     failures = []
     threads = [
-        threading.Thread(target=enter_many, args=(address, w, 6, failures)) for w in range(4)
+        threading.Thread(target=enter_many, args=(address, w, 3, failures)) for w in range(4)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(120)
     assert failures == []
-    check_many(address, 4, 6)
+    check_many(address, 4, 3)
 
 
 @pytest.mark.slow

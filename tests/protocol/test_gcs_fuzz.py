@@ -179,8 +179,8 @@ def fuzz(count, seed):
 
 
 def test_random_lines():
-    _, calls = fuzz(20_000, seed=11)
-    assert calls > 500  # many a line was a motion command, and was carried out
+    _, calls = fuzz(8000, seed=11)
+    assert calls > 200  # many a line was a motion command, and was carried out
 
 
 @pytest.mark.parametrize("count", sizes(slow=100_000, evidence=1_000_000))
@@ -194,7 +194,7 @@ def test_many_random_lines(count):
 def test_random_bytes_cut_anywhere():
     """The same bytes in other pieces give the same answers."""
     rng = random.Random(8)
-    data = b"\n".join(mutated(rng) for _ in range(3000)) + b"\n"
+    data = b"\n".join(mutated(rng) for _ in range(1200)) + b"\n"
     sessions = []
     answers = []
     for largest in (1 << 20, 1000, 7):
@@ -207,7 +207,7 @@ def test_random_bytes_cut_anywhere():
             said += sessions[-1].feed(data[at : at + size])
             at += size
         answers.append(bytes(said))
-    assert len(answers[0]) > 10_000
+    assert len(answers[0]) > 4000
     assert answers[1] == answers[0]
     assert answers[2] == answers[0]
     assert len({session.error for session in sessions}) == 1
@@ -224,7 +224,7 @@ def test_random_lines_to_the_simulated_stage(name):
     session = ServerSession(Interpreter(device, FastTime(device)))
     rng = random.Random(21)
     errors = set()
-    for _ in range(1500):
+    for _ in range(700):
         line = mutated(rng)
         answer = session.feed(line + b"\n")
         assert answer == b"" or answer.endswith(b"\n"), line

@@ -61,7 +61,7 @@ def _wanted(name: str, model: DynamicModel, w: np.ndarray) -> np.ndarray:
 @_BOTH
 def test_matrices_from_sample_to_sample(name: str, tmp_path: Path) -> None:
     model = dynamic_model(_STAGES[name], _SYSTEMS[name], hysteresis="none")
-    w = _free(400, model.step)
+    w = _free(150, model.step)
     w -= w[0]
     script = """
     x = zeros(size(S.A, 1), 1); xi = x - S.Bd_end * w(1, :)'; out = zeros(rows(w), 4);
@@ -83,7 +83,7 @@ def test_matrices_from_sample_to_sample(name: str, tmp_path: Path) -> None:
 def test_continuous_matrices_by_octaves_exponential(name: str, tmp_path: Path) -> None:
     """A, B, C, D stepped by Octave's own `expm` of the matrix with its straight inputs."""
     model = dynamic_model(_STAGES[name], _SYSTEMS[name], hysteresis="none")
-    w = _free(400, model.step)
+    w = _free(150, model.step)
     w -= w[0]
     script = """
     n = size(S.A, 1); m = size(S.B, 2); k = numel(S.omega);
@@ -107,7 +107,7 @@ def test_continuous_matrices_by_octaves_exponential(name: str, tmp_path: Path) -
 
 def test_mass_damping_and_stiffness_by_octaves_exponential(tmp_path: Path) -> None:
     model = dynamic_model(_STAGES["vgtu-piezo"], _SYSTEMS["vgtu-piezo"], hysteresis="none")
-    w = _free(300, model.step)
+    w = _free(150, model.step)
     w -= w[0]
     script = """
     n = rows(S.M); m = 2; push = S.M \\ (S.drive_vectors * diag([S.drives.stiffness]));
@@ -201,7 +201,7 @@ def test_hysteresis_amplifier_creep_and_sensor_step_by_step(case: str, tmp_path:
             },
         }
     model = dynamic_model(_STAGES[name], _SYSTEMS[name], **choices)
-    u = _commands(model, 500)
+    u = _commands(model, 200)
     found = _octave(tmp_path, model, _STEPS, u=u)["out"]
     read = (
         model.as_exported().simulate({d.name: u[:, j] for j, d in enumerate(model.drives)}).readings
