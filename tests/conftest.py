@@ -62,6 +62,8 @@ def pytest_collection() -> Iterator[None]:
         return (yield)
     finally:
         gc.freeze()
+        # tests make much that lives to their end: looking for what does not pays less often
+        gc.set_threshold(10_000, 10, 20)
         gc.enable()
 
 
