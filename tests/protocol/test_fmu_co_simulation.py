@@ -112,10 +112,10 @@ def test_a_second_of_the_full_stage(version: str, here: Path) -> None:
 
 def test_rates_of_the_commands_give_straight_lines(here: Path) -> None:
     # the end of each line is found by a rate: rounding of that, about 1e-16 of the command a step
-    made = model("bare")
+    made = model("piezo")
     u = _commands(made, 500, seed=5)
     first = {d: float(v[0]) for d, v in u.items()}
-    run = Run(fmu_folder(here, "bare", "2.0"))
+    run = Run(fmu_folder(here, "piezo", "2.0"))
     run.start({f"{d}.command": v for d, v in first.items()}, line=False)
     found = Stepper(run, made).along(u, slopes=True)
     run.free()
