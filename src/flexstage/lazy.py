@@ -62,7 +62,7 @@ def require_extra(extra: str, module: str, what: str, error: type[Exception]) ->
         import_module(module)
     except ImportError as missing:
         raise error(
-            f'{what} needs the package {missing.name or module}: pip install "flexstage[{extra}]"'
+            f'{what} needs a package that is not installed: pip install "flexstage[{extra}]"'
         ) from missing
 
 

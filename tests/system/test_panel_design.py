@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -184,6 +185,28 @@ def test_an_export_is_kept_whoever_waits_for_it(tmp_path: Path) -> None:
     path, _ = exported_into(tmp_path, thinner(), ["csv", "dxf"])
     assert path == tmp_path / "parallelogram.zip"
     assert path.read_bytes().startswith(b"PK")
+
+
+def test_what_an_export_leaves_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "a.zip"
+    file.write_bytes(b"PK")
+    done = SimpleNamespace(state="done", result=(file, ["dxf was left out: it has no plate."]))
+    monkeypatch.setattr("flexstage.web.views.design.show_job", lambda _, __, over: over(done))
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+        from nicegui.testing.user_interaction import UserInteraction
+
+        monkeypatch.setattr(panel.jobs, "start", lambda *_, **__: None)
+        await user.open("/design")
+        opens = user.find(kind=ui.button, content="Export")
+        opens.click()
+        await user.should_see("structural diagram")
+        (export,) = user.find(kind=ui.button, content="Export").elements - opens.elements
+        UserInteraction(user, {export}, None).click()
+        await user.should_see("dxf was left out: it has no plate.")
+
+    simulated(tmp_path, look)
 
 
 def test_a_drawing_becomes_a_stage(tmp_path: Path) -> None:

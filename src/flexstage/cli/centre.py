@@ -163,7 +163,7 @@ def centre(
 
 def _radius_of(radius: str | None, diameter: str | None) -> float | None:
     """Return the radius that options give [m]."""
-    refuse(radius and diameter, "give --radius or --diameter, not both")
+    refuse(radius is not None and diameter is not None, "give --radius or --diameter, not both")
     if diameter is not None:
         return 0.5 * positive_length(diameter, "the diameter of the scale", "mm")
     return None if radius is None else positive_length(radius, "the radius of the scale", "mm")

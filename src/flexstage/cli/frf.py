@@ -220,7 +220,7 @@ def _written(
     read: "list[Record]",
     draw: Any,
 ) -> list[str]:
-    """Write what was asked for, when all of it is there."""
+    """Write what was asked for, when all of it is computed and drawn."""
     from flexstage.records.write import record_bytes
 
     files: list[Path] = []

@@ -81,8 +81,10 @@ def sensitivity(
     files = write_folder(folder, lambda: sensitivity_files(found, length))
     files += write_picture(figure, lambda: draw_sensitivities(found, length))
     if folder is not None and hinges:
+        drawn = None
         with suppress(ModelError):  # the places of necks alone were asked for
             drawn = draw_moving_necks(template.stage(), found)
+        if drawn is not None:
             files += write_picture(folder / "necks.svg", lambda: drawn)
     if json:
         from flexstage.explore.results import sensitivity_results

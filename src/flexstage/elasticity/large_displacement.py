@@ -223,8 +223,9 @@ def follow_drive(
     Validity: any rotation, strains up to some percent (the material softens without reason when
     squeezed to less than about 0.6 of its length). Loads keep their direction and the reading its
     weights, so a drive that turns with the part is not meant. One branch is followed, and it may be
-    one that is no longer stable beyond a bifurcation: `stress_stiffening` at the last state tells,
-    and a small load across makes the path bend off where a real part would.
+    one that is no longer stable beyond a bifurcation: `stress_stiffening` at the last state tells
+    of one that a force holds (a drive that holds it may keep stable what a force does not), and a
+    small load across makes the path bend off where a real part would.
 
     Examples
     --------

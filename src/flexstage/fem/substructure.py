@@ -177,5 +177,7 @@ class Substructure:
 def _software() -> str:
     """Name the software that condenses: versions, and a hash of the sources that take part."""
     package = Path(str(resources.files("flexstage")))
-    sources = [source_hash(package / room) for room in ("elasticity", "fem", "hinges", "stage")]
+    sources = [
+        source_hash(package / room) for room in ("cache", "elasticity", "fem", "hinges", "stage")
+    ]
     return " ".join((str(_ALGORITHM), metadata.version("ngsolve"), *sources))

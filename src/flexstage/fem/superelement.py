@@ -68,8 +68,8 @@ class SuperelementModel:
     def interface_system(self) -> MechanicalSystem:
         """Return the system whose coordinates are the motions of the interfaces.
 
-        Three for each neck, one for each patch of a drive, the modes of the bodies and the inner
-        responses to loads: larger than `system`.
+        Those of each neck (three in a plane model), one for each patch of a drive, the modes of the
+        bodies and the inner responses to loads: larger than `system`.
         """
         joint, said = self.joint, (self.system.validity, self.system.settings)
         stress = joined_stress(

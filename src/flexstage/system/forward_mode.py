@@ -26,10 +26,11 @@ def array_namespace(*arrays: Array) -> Any:
     ModelError
         The library has none of itself (CuPy, PyTorch), and array-api-compat is not installed.
     """
-    if isinstance(arrays[0], np.ndarray | np.generic | float):
+    first = next((a for a in arrays if not isinstance(a, np.generic | float)), None)
+    if first is None or isinstance(first, np.ndarray):
         return np
-    if hasattr(arrays[0], "__array_namespace__"):
-        return arrays[0].__array_namespace__()
+    if hasattr(first, "__array_namespace__"):
+        return first.__array_namespace__()
     require_extra("gpu", "array_api_compat", "stages in arrays of this library", ModelError)
     from array_api_compat import array_namespace as compatible
 

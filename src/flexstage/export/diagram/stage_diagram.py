@@ -44,8 +44,8 @@ def stage_diagram(
         Amplifiers, hysteresis, creep and sensors; those of `hysteresis.dynamic_model` where
         not given.
     axis : str, optional
-        Name of an axis: two masses with springs and a lever, on one page, instead of the whole
-        stage.
+        Name of an axis: two masses with springs and a lever, on one page. The whole stage, of which
+        the Simulink script is made, where not given.
     damping : RayleighDamping, optional
         Damping; fitted to the two lowest modes, drives in place, where not given.
 

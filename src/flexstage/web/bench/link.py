@@ -146,12 +146,13 @@ class BenchLink:
         self._open.close()
 
     def _begin(self, device: Instrument) -> None:
+        # whoever finds a device finds who works for it
+        self._work = ThreadPoolExecutor(1, "bench")
         self._use(device)
         self.lost, self.trouble = False, ""
         self._ended, self._targets = threading.Event(), {}
         self._stopped.clear()
         self.history = LiveHistory(live_channels(device), RATE_HZ)
-        self._work = ThreadPoolExecutor(1, "bench")
         self._stops.add(_UNDER_STOP, self.stop)
         self._poller = threading.Thread(target=self._read_on, name="bench reader", daemon=True)
         self._poller.start()

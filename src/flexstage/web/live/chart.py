@@ -19,11 +19,8 @@ from flexstage.web.page import Page, Panel
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fastapi import FastAPI
     from starlette.requests import Request
     from starlette.responses import Response
-
-    from flexstage.web.page import Panel
 
 #: What a live chart shows.
 MODES = ("time", "loop", "spectrum")

@@ -37,6 +37,7 @@ from flexstage.web.page import (
     named_dialog,
     panel,
     quiet_button,
+    remark,
     show_job,
 )
 
@@ -339,8 +340,8 @@ def ask_export(page: Page, variant: Variant) -> None:
                 path, remarks = job.result
                 ui.download.content(path.read_bytes(), path.name)
                 with working:
-                    for remark in remarks:
-                        remark(remark)
+                    for each in remarks:
+                        remark(each)
 
         with ui.row():
             go = ui.button("Export", on_click=start)

@@ -23,8 +23,9 @@ _STEPS = {
 }
 _PURPOSES = (
     "Drop what was measured of a drive: its command, usually a voltage, and the position that "
-    "followed, over time. Text, CSV, MATLAB, HDF5, TDMS, NumPy, LabVIEW and universal files are "
-    "read. Without a record of your own take the example, a simulated piezo stack.",
+    "followed, over time. Text, CSV, MATLAB, HDF5, NumPy, LabVIEW and universal files are "
+    "read, TDMS with the extra labview. Without a record of your own take the example, a simulated "
+    "piezo stack.",
     "Identify finds hysteresis, creep, delay and resonance in it by four models, or by those that "
     "you choose of nine, and says how far each can be trusted: by its error on cycles that it was "
     "not fitted to.",
