@@ -12,6 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from flexstage.cli import main
+from flexstage.errors import ModelError
 from flexstage.hysteresis.model_file import read_model_text
 from flexstage.virtual.stack import virtual_stack
 from tests.computed_once import computed_once
@@ -229,6 +230,18 @@ def test_a_known_chain_is_not_searched_for(capsys, text_file):
     assert chain["delay"] == {"value": 0.003, "standard_error": None, "unit": "s"}
     assert chain["creep_per_decade"]["value"] == pytest.approx(0.011)
     assert chain["resonance"]["value"] is None
+
+
+def test_a_picture_that_fails_leaves_no_model(capsys, tmp_path, text_file, monkeypatch):
+    def fails(*_):
+        raise ModelError("the picture cannot be made")
+
+    monkeypatch.setattr("flexstage.report.figures.identification.draw_identification", fails)
+    out = tmp_path / "m.yaml"
+    words = (*QUICK[:-1], "--out", out, "--figure", tmp_path / "m.svg")
+    status, said, err = run(capsys, text_file, *words)
+    assert (status, said, list(tmp_path.iterdir())) == (2, "", [])
+    assert "the picture cannot be made" in err
 
 
 def test_model_and_figure_are_written(capsys, tmp_path, text_file):

@@ -224,13 +224,16 @@ def _written(
     from flexstage.records.write import record_bytes
 
     files: list[Path] = []
-    drawn = {} if figure is None else draw()
+    content = None
     if out is not None and response is not None:
-        write_file(out, record_bytes(response_record(response, read), record_format(out)))
-        files.append(out)
-    for name, each in drawn.items():
+        content = record_bytes(response_record(response, read), record_format(out))
+    # a picture that cannot be made leaves no response beside an error
+    for name, each in ({} if figure is None else draw()).items():
         path = figure and figure.with_name(f"{figure.stem}{name}{figure.suffix}")
         files += write_picture(path, lambda each=each: each)
+    if out is not None and content is not None:
+        write_file(out, content)
+        files.insert(0, out)
     return [str(path) for path in files]
 
 

@@ -208,11 +208,13 @@ def _write(
     from flexstage.hysteresis.model_file import model_text
     from flexstage.report.figures.identification import draw_identification
 
-    if out is not None:
-        write_file(out, model_text(identified_file(found, read)).encode())
     names = [r.source for r in read]
+    # a picture that cannot be made leaves no model beside an error
     drawn = write_picture(figure, lambda: draw_identification(found, names))
-    return ([] if out is None else [out]) + drawn
+    if out is None:
+        return drawn
+    write_file(out, model_text(identified_file(found, read)).encode())
+    return [out, *drawn]
 
 
 def identification_result(
