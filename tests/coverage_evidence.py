@@ -36,7 +36,7 @@ Pair = tuple[Record, ...]
 def picma() -> Iterator[tuple[Pair, str, str, tuple[int, int]]]:
     """Yield records, columns, and shortest and longest cut [samples]: both files, at one rate."""
     for name, columns in (("Test_Vi_Do_Di", ("0", "4")), ("Model_Vi_Do", ("0", "4"))):
-        record = read_record(PICMA / f"{name}.dat", sample_rate_hz=200.0)
+        record = read_record(PICMA / f"{name}.dat", sample_rate=200.0)
         yield (record,), *columns, (1500, 5000)
 
 

@@ -90,7 +90,7 @@ def measured_by(u: Array, dt: float) -> Array:
 
 def picma() -> Bench:
     """Return the measured record [V, um]."""
-    read = read_record(PICMA, sample_rate_hz=200.0)
+    read = read_record(PICMA, sample_rate=200.0)
     return Bench(u=read.channel("0").values, y=read.channel("4").values, rate_hz=200.0)
 
 

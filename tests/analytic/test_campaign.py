@@ -14,11 +14,11 @@ from flexstage.experiments.campaign.plan import (
     KINDS,
     Campaign,
     Columns,
-    FileReading,
     Test,
 )
 from flexstage.experiments.campaign.results import characterise, evaluate
 from flexstage.records import Channel, Record
+from flexstage.records.read_options import ReadOptions
 from flexstage.sensor import SensorSpecification
 from tests.measuring_files import function_58
 
@@ -615,7 +615,7 @@ def test_too_few_cycles() -> None:
         ("smallest_step of test 't' must be above 0, got 0", {"smallest_step": 0.0}),
         (
             "reading of test 't' must be above 0",
-            {"reading": FileReading(sample_rate=-3.0)},
+            {"reading": ReadOptions(sample_rate=-3.0)},
         ),
     ],
 )

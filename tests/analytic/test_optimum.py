@@ -32,7 +32,8 @@ from flexstage.explore.optimise.usual import (
     usual_requirements,
     usual_variables,
 )
-from flexstage.explore.requests.optimise import OptimiseRequest
+from flexstage.explore.prepare import problem_of
+from flexstage.explore.requests import OptimiseRequest
 from flexstage.stage import check, stage_from_text
 
 RANGES = (
@@ -342,7 +343,7 @@ def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one(
 def test_a_description_that_lies_on_walls_is_no_end_of_a_search() -> None:
     """The links of both axes have their least length in the piezo stage as it is described."""
     template = StageTemplate.of("vgtu-piezo")
-    wanted = OptimiseRequest(maximise=("natural_frequency.x",)).problem(template)
+    wanted = problem_of(OptimiseRequest(maximise=("natural_frequency.x",)), template)
     start = wanted.position(wanted.family.usual)
     program = StageProgram(problem=wanted, nearest_to=start)
     program.goal_reference = float(program.figures(start[None])[0, 0])

@@ -70,7 +70,7 @@ def values(record: Record, *columns: str | int) -> list[list[float]]:
 def test_text_in_many_hands(tmp_path: Path, content: str) -> None:
     for number, encoding in enumerate(("utf-8", "utf-8-sig", "utf-16", "latin-1")):
         path = text(tmp_path, content.encode(encoding), f"a{number}.txt")
-        record = read_record(path, sample_rate_hz=210.0)
+        record = read_record(path, sample_rate=210.0)
         assert [c.name for c in record.channels] == ["drive", "pos"]
         assert [c.unit for c in record.channels] == ["V", "m"]
         np.testing.assert_allclose(record.channel(0).values, [0.5, 0.75], rtol=1e-15)
@@ -81,11 +81,11 @@ def test_text_in_many_hands(tmp_path: Path, content: str) -> None:
 
 
 def test_text_without_heading_or_units(tmp_path: Path) -> None:
-    record = read_record(text(tmp_path, "1 2\n3 4\n5 7\n", "a.dat"), sample_rate_hz=3.0)
+    record = read_record(text(tmp_path, "1 2\n3 4\n5 7\n", "a.dat"), sample_rate=3.0)
     assert [(c.name, c.unit) for c in record.channels] == [("column 0", ""), ("column 1", "")]
     assert values(record, 0, 1) == [[1.0, 3.0, 5.0], [2.0, 4.0, 7.0]]
     named = read_record(
-        text(tmp_path, "1 2\n3 4\n"), sample_rate_hz=3.0, names=["u (kV)", "y"], units={"y": "nm"}
+        text(tmp_path, "1 2\n3 4\n"), sample_rate=3.0, names=["u (kV)", "y"], units={"y": "nm"}
     )
     assert [(c.name, c.unit) for c in named.channels] == [("u", "V"), ("y", "m")]
     np.testing.assert_allclose(named.channel("u").values, [1e3, 3e3])
@@ -95,20 +95,16 @@ def test_text_without_heading_or_units(tmp_path: Path) -> None:
 def test_one_column_of_decimal_commas_or_two_of_integers(tmp_path: Path) -> None:
     one = read_record(text(tmp_path, "pos (um)\n1,25\n2,5\n"), sample_rate_hz=3.0)
     assert values(one, "pos") == [[1.25e-6, 2.5e-6]]
-    two = read_record(text(tmp_path, "a,b\n1,25\n2,5\n"), sample_rate_hz=3.0)
+    two = read_record(text(tmp_path, "a,b\n1,25\n2,5\n"), sample_rate=3.0)
     assert values(two, "a", "b") == [[1.0, 2.0], [25.0, 5.0]]
-    told = read_record(
-        text(tmp_path, "1,25\n2,5\n"), sample_rate_hz=3.0, decimal=",", delimiter=";"
-    )
+    told = read_record(text(tmp_path, "1,25\n2,5\n"), sample_rate=3.0, decimal=",", delimiter=";")
     assert values(told, 0) == [[1.25, 2.5]]
     for delimiter in ("space", " "):
-        told = read_record(
-            text(tmp_path, "1,25 2\n2,5 7\n"), sample_rate_hz=3.0, delimiter=delimiter
-        )
+        told = read_record(text(tmp_path, "1,25 2\n2,5 7\n"), sample_rate=3.0, delimiter=delimiter)
         assert values(told, 0, 1) == [[1.25, 2.5], [2.0, 7.0]]
-    bars = read_record(text(tmp_path, "u|y\n1.5|2\n3|4\n"), sample_rate_hz=3.0, delimiter="|")
+    bars = read_record(text(tmp_path, "u|y\n1.5|2\n3|4\n"), sample_rate=3.0, delimiter="|")
     assert values(bars, "u", "y") == [[1.5, 3.0], [2.0, 4.0]]
-    single = read_record(text(tmp_path, "pos\n1.25\n2.5\n"), sample_rate_hz=3.0)
+    single = read_record(text(tmp_path, "pos\n1.25\n2.5\n"), sample_rate=3.0)
     assert values(single, "pos") == [[1.25, 2.5]]
 
 
@@ -118,18 +114,18 @@ def test_regular_text_takes_the_fast_way(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr("flexstage.records.text._numbers_slowly", slow)
     for content in ("u,y\n1.5,2\n3,4.5\n", "u;y\n1,5;2;\n3;4,5;\n", " 1,5  2\n 3  4,5\n"):
-        record = read_record(text(tmp_path, content), sample_rate_hz=2.0)
+        record = read_record(text(tmp_path, content), sample_rate=2.0)
         assert values(record, 0, 1) == [[1.5, 3.0], [2.0, 4.5]]
 
 
 def test_skipped_lines_and_chosen_rows(tmp_path: Path) -> None:
     path = text(tmp_path, "1,2\n3,4\nu,y\n5,6\n7,8\n9,nan\n11,12\n13,14\n")
-    record = read_record(path, sample_rate_hz=4.0, skip_lines=2, rows=(0, 2))
+    record = read_record(path, sample_rate=4.0, skip_lines=2, rows=(0, 2))
     assert values(record, "u", "y") == [[5.0, 7.0], [6.0, 8.0]]
-    record = read_record(path, sample_rate_hz=4.0, skip_lines=2, columns=["u"])
+    record = read_record(path, sample_rate=4.0, skip_lines=2, columns=["u"])
     assert values(record, "u") == [[5.0, 7.0, 9.0, 11.0, 13.0]]
     assert any("column y" in note for note in record.notes)
-    record = read_record(path, sample_rate_hz=4.0, skip_lines=2, rows=(3, None))
+    record = read_record(path, sample_rate=4.0, skip_lines=2, rows=(3, None))
     assert values(record, "u") == [[11.0, 13.0]]
 
 
@@ -142,7 +138,7 @@ def test_brackets_that_are_no_unit_stay_in_the_name(tmp_path: Path) -> None:
 
 
 def test_columns_of_one_name(tmp_path: Path) -> None:
-    record = read_record(text(tmp_path, "V,x,V\n1,2,3\n4,5,6\n"), sample_rate_hz=2.0)
+    record = read_record(text(tmp_path, "V,x,V\n1,2,3\n4,5,6\n"), sample_rate=2.0)
     assert [c.name for c in record.channels] == ["V #0", "x", "V #2"]
     assert values(record, "V #2") == [[3.0, 6.0]]
 
@@ -227,7 +223,7 @@ def test_dates_that_leave_the_month_open_are_not_guessed(tmp_path: Path) -> None
     for time in (None, "Time"):
         with pytest.raises(RecordError, match=said):
             read_record(path, time=time)
-    assert values(read_record(path, sample_rate_hz=2.0), "u") == [[1.5, 2.5]]
+    assert values(read_record(path, sample_rate=2.0), "u") == [[1.5, 2.5]]
     # a date further below tells
     told = read_record(text(tmp_path, rows + "05/13/2026 00:00:01,3.5\n"), largest_step=1e9)
     np.testing.assert_allclose(told.time, [0.0, 1.0, 6 * 86400.0 + 2.0])
@@ -264,8 +260,8 @@ def test_matlab_vectors_structures_and_cells(tmp_path: Path) -> None:
     cells[0, 0], cells[0, 1] = {"u": U, "y": Y}, {"u": Y, "y": U}
     savemat(path, {"runs": cells})
     with pytest.raises(RecordError, match=r"runs\{2\}/y"):
-        read_record(path, sample_rate_hz=5.0)
-    record = read_record(path, sample_rate_hz=5.0, dataset="runs{2}")
+        read_record(path, sample_rate=5.0)
+    record = read_record(path, sample_rate=5.0, dataset="runs{2}")
     assert values(record, "u", "y") == [Y.tolist(), U.tolist()]
 
 
@@ -274,7 +270,7 @@ def test_matlab_matrix_either_way(tmp_path: Path, version: str) -> None:
     path = tmp_path / "a.mat"
     for matrix in (np.column_stack([U, Y]), np.vstack([U, Y])):
         savemat(path, {"data": matrix}, format=version)
-        record = read_record(path, sample_rate_hz=5.0)
+        record = read_record(path, sample_rate=5.0)
         assert [c.name for c in record.channels] == ["data 0", "data 1"]
         assert values(record, 0, 1) == [U.tolist(), Y.tolist()]
 
@@ -282,7 +278,7 @@ def test_matlab_matrix_either_way(tmp_path: Path, version: str) -> None:
 def test_matlab_ascii(tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     np.savetxt(path, np.column_stack([U, Y]), fmt=" %.7e")
-    np.testing.assert_allclose(read_record(path, sample_rate_hz=5.0).channel(1).values, Y)
+    np.testing.assert_allclose(read_record(path, sample_rate=5.0).channel(1).values, Y)
 
 
 def matlab_73(path: Path) -> None:
@@ -398,29 +394,29 @@ def test_tdms_of_two_rates(tmp_path: Path) -> None:
 
 def test_numpy_files(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.vstack([U, Y]))
-    record = read_record(tmp_path / "a.npy", sample_rate_hz=9.0, names=["u", "y (um)"])
+    record = read_record(tmp_path / "a.npy", sample_rate=9.0, names=["u", "y (um)"])
     np.testing.assert_allclose(record.channel("y").values, Y * 1e-6)
     np.save(tmp_path / "b.npy", U)
-    assert values(read_record(tmp_path / "b.npy", sample_rate_hz=9.0), 0) == [U.tolist()]
+    assert values(read_record(tmp_path / "b.npy", sample_rate=9.0), 0) == [U.tolist()]
     np.savez(tmp_path / "c.npz", time=T, u=U, y=Y, fs=200.0)
     record = read_record(tmp_path / "c.npz")
     assert record.sample_rate_hz == pytest.approx(200.0)
     assert [c.name for c in record.channels] == ["time", "u", "y"]
     table = np.zeros(5, dtype=[("u", "f8"), ("y", "f4")])
     np.save(tmp_path / "d.npy", table)
-    assert read_record(tmp_path / "d.npy", sample_rate_hz=2.0).channel("y").values.size == 5
+    assert read_record(tmp_path / "d.npy", sample_rate=2.0).channel("y").values.size == 5
 
 
 def test_content_goes_before_the_suffix(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", u=U, y=Y)
     path = text(tmp_path, (tmp_path / "a.npz").read_bytes(), "log.001")
-    assert values(read_record(path, sample_rate_hz=9.0), "y") == [Y.tolist()]
+    assert values(read_record(path, sample_rate=9.0), "y") == [Y.tolist()]
     tdms(tmp_path / "b.tdms", wave("u", U))
     path = text(tmp_path, (tmp_path / "b.tdms").read_bytes(), "b.dat")
     assert values(read_record(path), "u") == [U.tolist()]
     path = text(tmp_path, "1 2\n3 4\n", "log.002")
-    assert values(read_record(path, sample_rate_hz=9.0), 1) == [[2.0, 4.0]]
-    assert read_record(path, format="csv", sample_rate_hz=9.0).size == 2
+    assert values(read_record(path, sample_rate=9.0), 1) == [[2.0, 4.0]]
+    assert read_record(path, format="csv", sample_rate=9.0).size == 2
 
 
 # ------------------------------------------------------------------ units and time
@@ -475,7 +471,7 @@ def test_reading_loads_no_library_before_it_needs_it() -> None:
 
 def test_the_option_goes_before_the_file(tmp_path: Path) -> None:
     path = text(tmp_path, "u (V),y (mm)\n1,2\n3,4\n")
-    record = read_record(path, sample_rate_hz=2.0, units={"1": "um"})
+    record = read_record(path, sample_rate=2.0, units={"1": "um"})
     np.testing.assert_allclose(record.channel("y").values, [2e-6, 4e-6])
     assert any("'mm'" in note and "'um'" in note for note in record.notes)
     assert any("u in V" in note for note in record.notes)
@@ -487,17 +483,17 @@ def test_times_of_a_column(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.time, [0.02, 0.025, 0.03])
     assert record.sample_rate_hz == pytest.approx(200.0)
     # printed with too few digits, the rate is better; it must still be the same
-    assert read_record(path, sample_rate_hz=200.5).sample_rate_hz == pytest.approx(200.5)
+    assert read_record(path, sample_rate=200.5).sample_rate_hz == pytest.approx(200.5)
     with pytest.raises(RecordError, match="conflict"):
-        read_record(path, sample_rate_hz=190.0)
+        read_record(path, sample_rate=190.0)
     with pytest.raises(RecordError, match="conflict"):
-        read_record(path, sample_rate_hz=190.0, time=0)
+        read_record(path, sample_rate=190.0, time=0)
     path = text(tmp_path, "t,u\n20,1\n25,2\n30,4\n")
     with pytest.raises(RecordError, match=r"give the sample rate.*'t' may be it"):
         read_record(path)
     assert read_record(path, time="t").sample_rate_hz == pytest.approx(0.2)
     assert read_record(path, time=0, units={"t": "ms"}).sample_rate_hz == pytest.approx(200.0)
-    assert read_record(path, time="0", sample_rate_hz=0.2).time[0] == 20.0
+    assert read_record(path, time="0", sample_rate=0.2).time[0] == 20.0
 
 
 def test_uneven_times_are_kept_and_said(tmp_path: Path) -> None:
@@ -705,28 +701,28 @@ def test_text_in_a_column_that_is_used(tmp_path: Path) -> None:
     path = text(tmp_path, "t (s),u,y,s\n0,1,2,a\n# \n1,1.5,over,b\n2,2,5,c\nlost,3,7,d\n5,6,7,e\n")
     said = r"line 4, column 2: 'over' is not a number, and 1 of 5 rows of column 'y' hold text"
     with pytest.raises(RecordError, match=said):
-        read_record(path, sample_rate_hz=2.0, columns=["u", "y"])
+        read_record(path, sample_rate=2.0, columns=["u", "y"])
     with pytest.raises(RecordError, match="is not a number"):
-        read_record(path, sample_rate_hz=2.0)
-    assert values(read_record(path, sample_rate_hz=2.0, columns=["u"]), "u") == [[1, 1.5, 2, 3, 6]]
+        read_record(path, sample_rate=2.0)
+    assert values(read_record(path, sample_rate=2.0, columns=["u"]), "u") == [[1, 1.5, 2, 3, 6]]
     for time in ("t", None):
         with pytest.raises(RecordError, match="line 6, column 0: 'lost' is not a number"):
             read_record(path, columns=["u"], time=time)
-    cut = read_record(path, columns=["u", "y"], rows=(2, None), sample_rate_hz=2.0)
+    cut = read_record(path, columns=["u", "y"], rows=(2, None), sample_rate=2.0)
     assert values(cut, "y") == [[5, 7, 7]]
     # numbers that cannot be read are no text, also where nobody has said which columns are used
     with pytest.raises(RecordError, match=r"'1\.234,5' is not a number"):
-        read_record(text(tmp_path, "u;y\n1.234,5;2\n1.235,5;3\n"), sample_rate_hz=2.0)
+        read_record(text(tmp_path, "u;y\n1.234,5;2\n1.235,5;3\n"), sample_rate=2.0)
 
 
 def test_rows_with_text_are_told_from_a_heading(tmp_path: Path) -> None:
     numbers = "".join(f"{u},{y}\n" for u, y in ROWS)
     for heading in ("rate,200\ngain,3\nu,y\n", "rate,200\ngain,3\nmode,1\nrange,7\n"):
-        record = read_record(text(tmp_path, heading + numbers), sample_rate_hz=2.0)
+        record = read_record(text(tmp_path, heading + numbers), sample_rate=2.0)
         assert list(zip(*values(record, 0, 1), strict=True)) == ROWS
     # a state that is a word for long and a number at last
     many = "u,y,s\n" + "1.5,2.5,OK\n" * 40 + "1.5,2.5,0\n" * 3
-    assert read_record(text(tmp_path, many), sample_rate_hz=2.0, columns=["u", "y"]).size == 43
+    assert read_record(text(tmp_path, many), sample_rate=2.0, columns=["u", "y"]).size == 43
 
 
 def test_many_rows_with_text_are_read_fast(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -735,9 +731,7 @@ def test_many_rows_with_text_are_read_fast(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr("flexstage.records.text._numbers_slowly", slow)
     rows = "".join(f"{u};x;{y};OK\n".replace(".", ",") for u, y in ROWS)
-    record = read_record(
-        text(tmp_path, "u;none;y;s\n" + rows), sample_rate_hz=2.0, columns=["u", "y"]
-    )
+    record = read_record(text(tmp_path, "u;none;y;s\n" + rows), sample_rate=2.0, columns=["u", "y"])
     assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
 
 
@@ -821,9 +815,9 @@ def test_rates_and_gaps_that_cannot_be_evened(tmp_path: Path) -> None:
 
 def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
     path = text(tmp_path, "u\n" + "\n".join(str(i * i % 11) for i in range(40)))
-    whole = read_record(path, sample_rate_hz=5.0)
+    whole = read_record(path, sample_rate=5.0)
     assert whole.numbers is None
-    part = read_record(path, sample_rate_hz=5.0, rows=(7, 30))
+    part = read_record(path, sample_rate=5.0, rows=(7, 30))
     assert part.numbers is not None
     assert part.numbers.tolist() == list(range(7, 30))
     with pytest.raises(RecordError, match="a number each"):

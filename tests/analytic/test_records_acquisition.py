@@ -36,7 +36,7 @@ def lvm(folder: Path, x: str, cells: str, names: str, rows: list[str]) -> Path:
 def table(folder: Path, content: str, name: str = "loop.csv", **options: Any) -> Record:
     file = folder / name
     file.write_text(content)
-    return read_record(file, sample_rate_hz=100.0, **options)
+    return read_record(file, sample_rate=100.0, **options)
 
 
 @pytest.mark.parametrize(

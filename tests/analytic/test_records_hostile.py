@@ -229,7 +229,7 @@ def test_a_broken_file_is_refused_in_one_sentence(
     path = tmp_path / file
     path.write_bytes(content)
     with pytest.raises(RecordError) as caught:
-        read_record(path, sample_rate_hz=200.0)
+        read_record(path, sample_rate=200.0)
     message = str(caught.value)
     assert str(path) in message
     assert "\n" not in message
@@ -261,7 +261,7 @@ def test_the_reason_is_said(tmp_path: Path, names: tuple[str, ...], said: str) -
         file, content = FILES[name]
         (tmp_path / file).write_bytes(content)
         with pytest.raises(RecordError, match=re.escape(said)):
-            read_record(tmp_path / file, sample_rate_hz=200.0)
+            read_record(tmp_path / file, sample_rate=200.0)
 
 
 def test_a_small_file_is_not_unpacked_to_more_than_memory_should_hold(
@@ -279,7 +279,7 @@ def test_a_small_file_is_not_unpacked_to_more_than_memory_should_hold(
     (tmp_path / "a.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
     for name in ("a.npz", "a.mat"):
         with pytest.raises(RecordError, match=r"too large to read: \d+ MB from a file of") as error:
-            read_record(tmp_path / name, sample_rate_hz=200.0)
+            read_record(tmp_path / name, sample_rate=200.0)
         assert name in str(error.value)
 
 
@@ -287,7 +287,7 @@ def test_a_small_file_is_not_unpacked_to_more_than_memory_should_hold(
 def test_the_same_files_unbroken_are_read(tmp_path: Path, name: str) -> None:
     path = tmp_path / f"a.{name.rstrip('4')}"
     path.write_bytes(WHOLE[name])
-    assert read_record(path, sample_rate_hz=200.0).channel(0).values[:7].tolist() == U.tolist()
+    assert read_record(path, sample_rate=200.0).channel(0).values[:7].tolist() == U.tolist()
 
 
 @pytest.mark.parametrize("name", WHOLE)
@@ -295,12 +295,12 @@ def test_every_cut_is_refused_or_leaves_all_numbers(tmp_path: Path, name: str) -
     whole = WHOLE[name]
     path = tmp_path / f"a.{name.rstrip('4')}"
     path.write_bytes(whole)
-    wanted = [c.values.tolist() for c in read_record(path, sample_rate_hz=200.0).channels]
+    wanted = [c.values.tolist() for c in read_record(path, sample_rate=200.0).channels]
     random = np.random.default_rng(23)
     for length in random.choice(len(whole), min(40, len(whole)), replace=False):
         path.write_bytes(whole[:length])
         try:
-            found = [c.values.tolist() for c in read_record(path, sample_rate_hz=200.0).channels]
+            found = [c.values.tolist() for c in read_record(path, sample_rate=200.0).channels]
         except RecordError:
             continue
         # what is cut off may be padding, or a whole column; a part of one is never read
@@ -318,7 +318,7 @@ def test_damaged_bytes_raise_nothing_else(tmp_path: Path, name: str) -> None:
         path.write_bytes(damaged)
         # whatever a library makes of it, and warnings are errors here
         with contextlib.suppress(RecordError):
-            read_record(path, sample_rate_hz=200.0)
+            read_record(path, sample_rate=200.0)
 
 
 def test_pickles_are_not_run(tmp_path: Path) -> None:
@@ -326,7 +326,7 @@ def test_pickles_are_not_run(tmp_path: Path) -> None:
         file, content = FILES[name]
         (tmp_path / file).write_bytes(content)
         with pytest.raises(RecordError, match="is pickled, which is not loaded"):
-            read_record(tmp_path / file, sample_rate_hz=2.0)
+            read_record(tmp_path / file, sample_rate=2.0)
 
 
 def test_what_is_said_of_a_row(tmp_path: Path) -> None:
@@ -338,7 +338,7 @@ def test_what_is_said_of_a_row(tmp_path: Path) -> None:
     ):
         path.write_text(content)
         with pytest.raises(RecordError, match=match):
-            read_record(path, sample_rate_hz=2.0)
+            read_record(path, sample_rate=2.0)
 
 
 def test_several_datasets_are_listed(tmp_path: Path) -> None:
@@ -347,22 +347,22 @@ def test_several_datasets_are_listed(tmp_path: Path) -> None:
         for run, count in (("slow", 5), ("fast", 7)):
             file[f"{run}/u"], file[f"{run}/y"] = U[:count], 2.0 * U[:count]
     with pytest.raises(RecordError, match=r"slow/u \(5\).*such as '(slow|fast)'"):
-        read_record(path, sample_rate_hz=2.0)
-    assert read_record(path, sample_rate_hz=2.0, dataset="/slow/").size == 5
+        read_record(path, sample_rate=2.0)
+    assert read_record(path, sample_rate=2.0, dataset="/slow/").size == 5
     with pytest.raises(RecordError, match=r"no dataset 'quick'.*fast/y \(7\)"):
-        read_record(path, sample_rate_hz=2.0, dataset="quick")
+        read_record(path, sample_rate=2.0, dataset="quick")
     with pytest.raises(RecordError, match="differ in length"):
-        read_record(path, sample_rate_hz=2.0, dataset="slow/u,fast/y")
+        read_record(path, sample_rate=2.0, dataset="slow/u,fast/y")
 
 
 def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RecordError, match="there is no file"):
-        read_record(tmp_path / "none.csv", sample_rate_hz=2.0)
+        read_record(tmp_path / "none.csv", sample_rate=2.0)
     (tmp_path / "folder.mat").mkdir()
     with pytest.raises(RecordError, match="is no file"):
-        read_record(tmp_path / "folder.mat", sample_rate_hz=2.0)
+        read_record(tmp_path / "folder.mat", sample_rate=2.0)
     with pytest.raises(RecordError, match="cannot be read: File name too long"):
-        read_record(tmp_path / ("x" * 3000), sample_rate_hz=2.0)
+        read_record(tmp_path / ("x" * 3000), sample_rate=2.0)
     path = tmp_path / "locked.csv"
     path.write_text("1,2\n3,4\n")
 
@@ -371,4 +371,4 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(Path, "open", denied)
     with pytest.raises(RecordError, match="cannot be read: Permission denied"):
-        read_record(path, sample_rate_hz=2.0)
+        read_record(path, sample_rate=2.0)

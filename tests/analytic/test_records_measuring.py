@@ -291,7 +291,7 @@ def test_a_universal_file_is_known_by_its_content(tmp_path: Path) -> None:
     for name in ("a.txt", "a.dat", "a", "a.uff", "a.UNV"):
         assert read_record(saved(tmp_path, content, name)).over == "frequency"
     with pytest.raises(RecordError, match="is over frequency, without times"):
-        read_record(tmp_path / "a.uff", sample_rate_hz=200.0)
+        read_record(tmp_path / "a.uff", sample_rate=200.0)
     with pytest.raises(RecordError, match="no text file"):
         read_record(tmp_path / "a.uff", decimal=",")
     assert read_record(tmp_path / "a.uff", over="point").over == "frequency"
@@ -323,7 +323,7 @@ def test_keys_that_may_be_missing(tmp_path: Path) -> None:
     path = saved(tmp_path, gcs_array(ROWS, NAMES, 0.1, SAMPLE_TIME=None, NDATA=None))
     with pytest.raises(RecordError, match="does not say when its samples were taken"):
         read_record(path)
-    record = read_record(path, sample_rate_hz=50.0)
+    record = read_record(path, sample_rate=50.0)
     assert record.sample_rate_hz == 50.0
     assert "the heading does not say how many rows there are" in record.notes
     assert read_record(path, over="point").time.tolist() == [0.0, 1.0, 2.0, 3.0]
@@ -418,7 +418,7 @@ def test_inches_and_a_unit_that_is_not_said(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="given two units"):
         read_record(path, units={"length": "mm", "SPH1.X": "um"})
     with pytest.raises(RecordError, match="its rows are points, without times"):
-        read_record(path, sample_rate_hz=2.0)
+        read_record(path, sample_rate=2.0)
     below = len(report(POINTS[:1]).splitlines()) - 1
     assert read_record(path, skip_lines=below).channel("SPH1.X").values.tolist() == [
         10.5019, 11.0003,

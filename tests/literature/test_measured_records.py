@@ -15,7 +15,7 @@ def test_the_stack_without_and_with_its_inverse() -> None:
     """Aye and Ang, ICSTSD 2018: 1.68 and 0.58 um rms, 4.05 and 2.06 um at most."""
     record = read_record(
         DATA / "picma-p885" / "Test_Vi_Do_Di.dat",
-        sample_rate_hz=200.0,
+        sample_rate=200.0,
         units={"0": "V", "4": "um", "8": "um"},
     )
     assert (record.size, len(record.channels)) == (14155, 11)
@@ -32,7 +32,7 @@ def test_the_stack_without_and_with_its_inverse() -> None:
 def test_the_stack_s_columns() -> None:
     record = read_record(
         DATA / "picma-p885" / "Model_Vi_Do.dat",
-        sample_rate_hz=200.0,
+        sample_rate=200.0,
         units={"0": "V", "4": "um"},
         names=["command", "b", "c", "d", "position", "f", "g"],
     )
@@ -63,4 +63,4 @@ def test_the_bouc_wen_benchmark() -> None:
 
 def test_files_of_matrices_are_refused() -> None:
     with pytest.raises(RecordError, match=r"not clear which columns.*K \(18 x 18\)"):
-        read_record(DATA / "ansys-flexures" / "flexor_025.mat", sample_rate_hz=3.0)
+        read_record(DATA / "ansys-flexures" / "flexor_025.mat", sample_rate=3.0)

@@ -43,7 +43,7 @@ LIMITS = (0.0, 3.6)
 
 @cache
 def _record() -> Record:
-    return read_record(FILE, sample_rate_hz=200.0, units={"0": "V", "4": "um", "8": "um"})
+    return read_record(FILE, sample_rate=200.0, units={"0": "V", "4": "um", "8": "um"})
 
 
 @cache

@@ -13,7 +13,6 @@ from flexstage.experiments.campaign.plan import (
     KINDS,
     Campaign,
     Columns,
-    FileReading,
     Test,
     campaign_text,
     read_campaign,
@@ -39,7 +38,6 @@ written = st.builds(
     spheres=lists,
 )  # fmt: skip
 readings = st.builds(
-    FileReading,
     sample_rate=st.none() | st.floats(1e-3, 1e9),
     time=columns,
     format=st.none() | st.sampled_from(["text", "tdms", "cmm"]),

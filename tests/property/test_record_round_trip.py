@@ -93,7 +93,7 @@ def test_text_of_any_country(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "export.dat"
         path.write_bytes((newline.join([heading + end, *rows]) + newline).encode(encoding))
-        record = read_record(path, sample_rate_hz=70.0)
+        record = read_record(path, sample_rate=70.0)
     assert [c.name for c in record.channels] == [f"signal{j}" for j in range(values.shape[1])]
     read = np.column_stack([c.values for c in record.channels])
     np.testing.assert_array_equal(read, values / 1e6)

@@ -133,7 +133,7 @@ def test_a_relative_reference_starts_at_the_lowest_reading(capsys, tmp_path, mod
         json.loads(
             run(capsys, "compensate", model_file, "--reference", tmp_path / n, *words, *w)[1]
         )
-        for n, w in (("r.txt", ("--relative",)), ("a.txt", ("--absolute",)))
+        for n, w in (("r.txt", ("--relative",)), ("a.txt", ()))
     )
     assert relative["command_range"] == pytest.approx(absolute["command_range"], rel=1e-9)
     rest = run(
@@ -157,16 +157,16 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--limits", "5"), '--voltage must be a range such as "0:120"'),
+        (("--limits", "5"), 'must be a range LOW:HIGH, such as "10 V:20 V"'),
         (("--limits", "80:20"), "must rise"),
         (("--limits", "0:9 m"), "not a unit of voltage"),
         (("--slew", "5 V"), "slew rate"),
-        (("--slew", "-5 V/s"), "largest rate must be positive"),
-        (("--slew", "0 V/s"), "largest rate must be positive"),
+        (("--slew", "-5 V/s"), "'--slew': must be above 0"),
+        (("--slew", "0 V/s"), "'--slew': must be above 0"),
         (("--current", "5 mA"), "needs --capacitance"),
-        (("--current", "5 mA", "--capacitance", "0 uF"), "--capacitance must be positive"),
+        (("--current", "5 mA", "--capacitance", "0 uF"), "'--capacitance': must be above 0"),
         (("--capacitance", "5 uF"), "--capacitance needs --current"),
-        (("--band", "0 Hz"), "band must be positive"),
+        (("--band", "0 Hz"), "'--reference-bandwidth': must be above 0"),
         (("--band", "1e-9 Hz"), "leaves nothing"),
         (("--band", "low"), "expected a frequency"),
         (("--start", "warm"), "--start must be conditioned, rest or a time"),

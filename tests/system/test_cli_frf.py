@@ -411,9 +411,9 @@ def test_bad_options(capsys, struck, tmp_path):
     named = (struck, "--input", "force", "--output", "a")
     for said, words in (
         ("must rise", (*named, "--band", "800:200")),
-        ("two frequencies", (*named, "--band", "800")),
+        ("such as .10 Hz:20 Hz.", (*named, "--band", "800")),
         ("Hz", (*named, "--band", "2 m:5 m")),
-        ("--fit-modes must be", (*named, "--modes", "many")),
+        ("'--fit-modes': must be", (*named, "--modes", "many")),
         ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
@@ -421,7 +421,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("H1", (*named, "--estimator", "H7")),
         ("excitation", (*named, "--excitation", "jackhammer")),
         ("window", (*named, "--excitation", "random", "--window", "shutter")),
-        ("--near must be", (*named, "--near", "300,-2")),
+        ("'--near': must be", (*named, "--near", "300,-2")),
         ("differ", (*named, "--near", "137,250", "--modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),
         ("'--weight': must be noise, relative or uniform", (*named, "--weight", "inv")),
@@ -434,7 +434,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ),
         ("--band.*no meaning", (struck, "--ring-down", "--output", "a", "--band", "8:20")),
         ("--fit-modes 0", (struck, "--ring-down", "--output", "a", "--modes", "0")),
-        ("positive", (*named, "--resolution", "-2 Hz")),
+        ("'--resolution': must be above 0", (*named, "--resolution", "-2 Hz")),
         ("exponential", (*named, "--excitation", "hammer", "--exponential", "1.7")),
     ):
         refused(capsys, said, tmp_path, *words)

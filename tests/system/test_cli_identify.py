@@ -319,21 +319,21 @@ BAD_OPTIONS = [
     (("--output", "position"), "no column 'position'"),
     (("--output", "-1"), "no column '-1'"),
     (("--sample-rate", "fast"), "expected a frequency"),
-    (("--sample-rate", "0"), "sample rate"),
-    (("--sample-rate", "-200"), "sample rate"),
+    (("--sample-rate", "0"), "--sample-rate must be above 0"),
+    (("--sample-rate", "-200"), "--sample-rate must be above 0"),
     (("--sample-rate", "200,100"), "got 2"),
-    (("--train", "12"), "--train must be a range"),
-    (("--train", "900:300"), "--train must rise"),
+    (("--train", "12"), "'--train': must be a range"),
+    (("--train", "900:300"), "'--train': must rise"),
     (("--train", "0:30"), "at least 50 of each"),
     (("--train", "99999:"), "--train"),
-    (("--rows", "a:b"), "--rows must be a range"),
+    (("--rows", "a:b"), "'--rows': must be a range"),
     (("--rows", "0:40"), "at least 50"),
     (("--rows", "900:901"), "there are fewer than two samples"),
     (("--delay", "5"), "has no unit"),
     (("--delay", "-1 ms"), "delay"),
     (("--delay", "nan s"), "nan"),
     (("--creep", "much"), "much"),
-    (("--creep", "-3%"), "between 0 and 100 %"),
+    (("--creep", "-3%"), "'--creep': must be from 0 to below 1"),
     (("--input-unit", "furlong"), "furlong"),
     (("--format", "excel"), "excel"),
     (("--skip-lines", "-2"), "--skip-lines"),
@@ -471,7 +471,7 @@ def test_a_known_resonance_is_taken(capsys, text_file):
     assert json.loads(out)["chain"]["resonance"]["value"] == 71.0
     status, _, err = run(capsys, text_file, *COLUMNS, "--resonance", "0 Hz")
     assert status == 2
-    assert "positive frequency" in err
+    assert "'--resonance': must be above 0" in err
 
 
 def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_file):

@@ -111,10 +111,13 @@ def test_front_of_three_goals_has_a_page(run, tmp_path):
             "--match seeks stated figures, and has no goal",
         ),
         (("--match", "published"), "no finite-element figures are published of parallelogram"),
-        (("--maximise", "frequency.x", "--start", "centre"), "--start must be described or middle"),
+        (
+            ("--maximise", "frequency.x", "--start", "centre"),
+            "'--start': must be described or middle",
+        ),
         (
             ("--maximise", "frequency.x", "--confirm", "lumped"),
-            "--confirm must be plane or superelement-3d or solid",
+            "'--confirm': must be plane, superelement-3d or solid",
         ),
         (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
         (("--maximise", "frequency.x", "--without", "yield"), "nothing called 'yield' is required"),

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.reading import read_drive
 from flexstage.errors import RecordError
-from flexstage.records.drives import train_range
+from flexstage.records.drives import read_drive, train_range
+from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 
 RATE = 100.0
@@ -43,14 +43,10 @@ def columns():
     return t, u, 1e6 * virtual_stack((0.0, 120.0), 37e-6, 0.12).simulate(u).values
 
 
-def read(*files, **changed):
+def read(*files, columns=None, **how):
     """Read a drive as the commands do."""
-    given = {
-        "input": "u", "output": "y", "branches": None, "curve": None, "units": (None, None),
-        "sample_rate": None, "time": None, "resample": None, "format": None, "dataset": None,
-        "rows": None, "skip_lines": 0, "delimiter": None, "decimal": None,
-    } | changed  # fmt: skip
-    return read_drive(list(files), given.pop("input"), given.pop("output"), **given)
+    columns = columns or DriveColumns(input=("u",), output=("y",))
+    return read_drive(list(files), columns, ReadOptions(**how))
 
 
 def write(path, names, *columns, row="{}"):
@@ -167,16 +163,16 @@ def test_train_counts_in_the_file(capsys, tmp_path, columns):
 def test_train_counts_in_the_file_that_was_resampled(tmp_path):
     t, u, y = jittered(11)
     file = write(tmp_path / "j.csv", "time (s),u,y", t, u, y)
-    for resample, rows in (("median", None), ("4 Hz", None), ("4 Hz", "100:1400")):
+    for resample, rows in (((None,), None), (4.0, None), (4.0, (100, 1400))):
         records, _, _ = read(file, resample=resample, rows=rows)
-        first, stop = train_range("400:1100", records)
+        first, stop = train_range((400, 1100), records)
         time = records[0].time
         # the samples between those that were named, and no more
         assert time[first - 1] < t[400] <= time[first]
         assert time[stop - 1] < t[1100] <= time[stop]
-    both, _, _ = read(file, write(tmp_path / "k.csv", "time (s),u,y", *jittered(3)), resample="4")
+    both, _, _ = read(file, write(tmp_path / "k.csv", "time (s),u,y", *jittered(3)), resample=4.0)
     with pytest.raises(RecordError, match="differ in how they were resampled"):
-        train_range("400:1100", both)
+        train_range((400, 1100), both)
 
 
 # ------------------------------------------------------------------ branches and curves
@@ -199,9 +195,9 @@ def test_options_that_do_not_go_together(capsys, tmp_path, columns):
     ):
         assert said in refused(capsys, file, "--input", "u", *words)
     table = write(tmp_path / "t.csv", "u,up,down", *np.cumsum(np.ones((3, 9)), axis=1))
-    records, _, _ = read(table, output=None, branches="up,down")
+    records, _, _ = read(table, columns=DriveColumns(input=("u",), branches=("up", "down")))
     with pytest.raises(RecordError, match="of branches or curves"):
-        train_range("0:5", records)
+        train_range((0, 5), records)
 
 
 # ------------------------------------------------------------------ figures
@@ -237,12 +233,12 @@ def test_input_and_output_are_taken_where_the_file_decides(tmp_path, columns, na
     t, u, y = columns
     path = write(tmp_path / "a.csv", names, t, *((u, y) if order == "uy" else (y, u)))
     path.write_text(path.read_text().replace(",", ";"))
-    (record,), driven, follows = read(path, input=None, output=None)
+    (record,), driven, follows = read(path, columns=DriveColumns())
     assert record.notes[0] == f"{said}: taken by units and names"
     np.testing.assert_allclose(record.channel(driven).values, u, rtol=1e-8)
     # one that is given is kept
-    for given in ({"input": str(driven), "output": None}, {"input": None, "output": str(follows)}):
-        assert read(path, **given)[1:] == (driven, follows)
+    for given in ({"input": (driven,)}, {"output": (follows,)}):
+        assert read(path, columns=DriveColumns(**given))[1:] == (driven, follows)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_bad_input(capsys, gapped, tmp_path):
     for words, said in (
         ((tmp_path / "none.csv",), "there is no file"),
         ((gapped, "--time", "state"), "is not a number"),
-        ((gapped, "--rows", "9:3"), "--rows must rise"),
+        ((gapped, "--rows", "9:3"), "'--rows': must rise"),
     ):
         status, out, err = run(capsys, *words)
         assert (status, out, err.count("\n")) == (2, "", 1)

@@ -152,7 +152,7 @@ def test_superelements_say_much_the_same(capsys: pytest.CaptureFixture[str]) -> 
         (("parallelogram", "--hinges", "--by", "middle"), "no hinge 'middle'"),
         (("parallelogram", "--hinges", "--model", "plane"), "--hinges goes with --model lumped"),
         (("parallelogram", "--per", "2 s"), "length"),
-        (("parallelogram", "--model", "wood"), "the model 'wood' is not known"),
+        (("parallelogram", "--model", "wood"), "'--model': must be lumped"),
         (("nothing-like-it",), "no built-in design and no file"),
     ],
 )

@@ -189,7 +189,7 @@ def test_what_cannot_be_drawn_is_said_and_the_rest_is_written(run, tmp_path):
         (["parallelogram", "--over", "spacing=1..2 mm"], "has no parameter 'spacing'"),
         (["parallelogram", *NECK, "--of", "beauty.x"], "there is no figure 'beauty.x'"),
         (["parallelogram", *NECK, "--plan", "gridd"], "did you mean 'grid'?"),
-        (["parallelogram", *NECK, "--model", "liquid"], "the model 'liquid' is not known"),
+        (["parallelogram", *NECK, "--model", "liquid"], "'--model': must be lumped"),
         (["parallelogram", *NECK, "--indices", "--plan", "grid"], "leave the plan out"),
         (["parallelogram", *NECK, "--indices", "--samples", "9"], "16 base samples or more, got 9"),
         (["parallelogram", "--over", "leg_spacing=5..8 mm"], "is a possible stage"),

@@ -219,7 +219,7 @@ COMMANDS = (
     "part made/step/parallelogram.step --order 0",
     "characterise cycles.csv --command u --along x --across y",
     "frf shaker.csv --input F --output x --sample-rate 1000",
-    "identify cycles.csv --input u --output x --hysteresis-model dahl --out model.yaml",
+    "identify cycles.csv --input u --output x --model dahl --out model.yaml",
     "predict model.yaml cycles.csv --input u --output x",
 )
 

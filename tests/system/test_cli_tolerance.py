@@ -19,7 +19,7 @@ from flexstage.designs import design
 from flexstage.explore import open_workers
 from flexstage.explore.family import known_figures
 from flexstage.explore.figures import Figure, Requirement, usual_figures
-from flexstage.explore.requests.tolerance import scatter_of
+from flexstage.explore.prepare import scatter_of
 from flexstage.explore.tolerance import tolerance
 from flexstage.progress import listen
 from flexstage.report.figures.tolerance import draw_spreads

@@ -36,7 +36,7 @@ def measured(state: CentringState, folder: Path) -> None:
     by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
     simulated_record(by, len(state.measured), path)
     state.take(path)
-    state.found = evaluated(state.request, "key")
+    state.found = evaluated(state.asked, "key")
 
 
 def test_of_a_magnet_the_order_counts_that_tells_the_centre_best() -> None:
@@ -134,7 +134,7 @@ def test_typed_readings_of_a_gauge_say_the_runout(tmp_path: Path) -> None:
     text = " ".join(f"{value:.3f}".replace("-", "−") for value in readings)
     gauge_record(text, 1e-6, tmp_path / "gauge.csv")
     state.take(tmp_path / "gauge.csv")
-    found = evaluated(state.request, "key").result
+    found = evaluated(state.asked, "key").result
     assert found["eccentricity"]["value"] == pytest.approx(math.hypot(14e-6, 5e-6), rel=1e-3)
     assert figures(found, 50e-3, Preferences())[1][1].startswith("61.3")
 

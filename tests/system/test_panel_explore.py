@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from flexstage.cli import app
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
+from flexstage.explore.prepare import ready_sweep
 from flexstage.explore.results import (
     front_results,
     optimum_results,
@@ -23,10 +24,11 @@ from flexstage.explore.results import (
     sweep_results,
     tolerance_results,
 )
+from flexstage.files.request import Request
 from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
-from flexstage.web.explore.command import Request, command_line
+from flexstage.web.explore.downloads import same_command
 from flexstage.web.explore.facts import StageFacts, facts_of
 from flexstage.web.explore.state import ExploreState, Forms, LimitWords, RangeWords
 from flexstage.web.explore.work import explored
@@ -47,7 +49,7 @@ def facts() -> StageFacts:
 
 def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
     """What the command line that the page shows prints as JSON."""
-    words = shlex.split(command_line(facts.template, request))[1:]
+    words = shlex.split(same_command(facts.template, request))[1:]
     found = CliRunner().invoke(app, [*words, "--json", "--quiet", "--workers", "1"])
     if found.exit_code == 2:  # one that shares no work has no workers
         found = CliRunner().invoke(app, [*words, "--json", "--quiet"])
@@ -77,7 +79,7 @@ def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
     form.over = [RangeWords(NECK, count=3), RangeWords("leg_spacing", 0.035, 0.0475, 2)]
     request = form.request(facts)
     found: Any = explored(tmp_path, facts.template, request, "found")
-    assert f"--set '{NECK}=0.47 mm'" in command_line(facts.template, request)
+    assert f"--set '{NECK}=0.47 mm'" in same_command(facts.template, request)
     same(sweep_results(found.result, columns=True), by_the_command(facts, request))
     assert {"sweep.csv", "sweep.json", "sweep.svg"} <= {path.name for path in found.files}
     assert (tmp_path / "sweep.csv").read_bytes().count(b"\r\n") == 7
@@ -105,7 +107,7 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
 @pytest.mark.slow
 def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
     form = Forms.usual(facts).optimise
-    assert "--over" not in command_line(facts.template, form.request(facts))
+    assert "--over" not in same_command(facts.template, form.request(facts))
     form.over, form.evaluations = [NECK, "leg_spacing"], 30
     form.required.remove("output_wall.x")
     form.keep = [LimitWords("max_stress.x", "<=", 95e6)]
@@ -177,7 +179,7 @@ def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFa
     request = form.request(facts)
     batches: list[Any] = []
     with listen(lambda what, done: None, batches.append):
-        whole = request.ready(facts.template)()
+        whole = ready_sweep(request, facts.template)()
     part = points.of_batches(request.question(facts.template), batches[:4], UNITS)
     assert part.computed == 4
     assert part.shown.tolist() == [0, 1, 2, 3]

@@ -14,10 +14,12 @@ import pytest
 from flexstage.cli import main
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
+from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.records import read_record
+from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 from flexstage.web.hysteresis.example import example_record, other_example
-from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
 from flexstage.web.hysteresis.work import (
     Identified,
@@ -34,7 +36,7 @@ from tests.panel import looked_at, simulated
 
 RATE = 200.0
 #: A known chain: what is looked for is the hysteresis alone, which is quick.
-SEARCH = Search(models=("dahl", "prandtl-ishlinskii"), delay=0.0)
+SEARCH = IdentifyRequest(model=("dahl", "prandtl-ishlinskii"), delay=0.0)
 
 
 def drive_file(folder: Path) -> Path:
@@ -52,9 +54,10 @@ def drive_file(folder: Path) -> Path:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, Identified]:
     path = drive_file(tmp_path_factory.mktemp("drive"))
     reading = Reading(
-        files=(str(path),), input="0", output="2", sample_rate="200 Hz", input_unit="V",
-        output_unit="um",
-    )  # fmt: skip
+        files=(str(path),),
+        columns=DriveColumns(input=(0,), output=(2,), input_unit="V", output_unit="um"),
+        how=ReadOptions(sample_rate=200.0),
+    )
     return path, reading, identified(reading, SEARCH, "loop")
 
 
@@ -74,7 +77,7 @@ def test_it_is_what_the_commands_find_and_write(
     model = tmp_path / "m.yaml"
     told = said_by(
         capsys, "identify", path, "--input", 0, "--output", 2, *read, "--delay", "0 s",
-        "--hysteresis-model", "dahl,prandtl-ishlinskii", "--out", model,
+        "--model", "dahl,prandtl-ishlinskii", "--out", model,
     )  # fmt: skip
     found = made.found
     assert told["model"] == found.kind
@@ -98,7 +101,11 @@ def test_it_is_what_the_commands_find_and_write(
         capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
         "--slew", "300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
     )  # fmt: skip
-    file = Reading(files=(str(wanted),), output="0", sample_rate="200 Hz")
+    file = Reading(
+        files=(str(wanted),),
+        columns=DriveColumns(output=(0,)),
+        how=ReadOptions(sample_rate=200.0),
+    )
     motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
     follows, notes = command(made.file.model, motion)
     assert told["predicted_rms_error"] == follows.rms_error
@@ -118,17 +125,17 @@ def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> Non
     path = drive_file(tmp_path)
     plain, (found,), _ = whole(Reading(files=(str(path),)))
     # the column between them stands still
-    assert (plain.input, plain.output, found["over"]) == ("0", "2", "point")
+    assert (plain.text("input"), plain.text("output"), found["over"]) == ("0", "2", "point")
     assert "Sample rate" in MeasuredFiles(plain, Looked(plain, (found,), "")).missing()
-    rated, (found,), _ = whole(replace(plain, sample_rate="0.2 kHz"))
+    rated, (found,), _ = whole(plain.changed("sample_rate", "0.2 kHz"))
     assert found["sample_rate_hz"] == pytest.approx(200.0)
     assert MeasuredFiles(rated, Looked(rated, (found,), "")).missing() == ""
     swapped = tmp_path / "swapped.csv"
     swapped.write_text("Time,x (um),drive (V)\n0,1,0\n1,2,5\n2,3,8\n", encoding="utf-8")
     by_unit = whole(Reading(files=(str(swapped),)))[0]
-    assert (by_unit.input, by_unit.output, by_unit.time) == ("2", "1", "0")
-    chosen = whole(Reading(files=(str(swapped),), input="1"))[0]
-    assert (chosen.input, chosen.output) == ("1", "")
+    assert [by_unit.text(name) for name in ("input", "output", "time")] == ["2", "1", "0"]
+    chosen = whole(Reading(files=(str(swapped),)).changed("input", "1"))[0]
+    assert (chosen.text("input"), chosen.text("output")) == ("1", "")
 
 
 @pytest.mark.parametrize(
@@ -155,13 +162,13 @@ def test_what_cannot_be_identified_is_said_in_a_sentence(
 ) -> None:
     _, reading, _ = drive
     with pytest.raises(RecordError, match="sample rate"):
-        identified(replace(reading, sample_rate=""), SEARCH, "a")
+        identified(reading.changed("sample_rate", ""), SEARCH, "a")
     with pytest.raises(RecordError, match="no column 9"):
-        identified(replace(reading, output="9"), SEARCH, "a")
+        identified(reading.changed("output", "9"), SEARCH, "a")
     gap = tmp_path / "nan.csv"
     gap.write_text("u (V),y (um)\n0,1\n1,nan\n2,3\n", encoding="utf-8")
     with pytest.raises(RecordError, match="NaN"):
-        identified(Reading(files=(str(gap),), input="0", output="1", sample_rate="9"), SEARCH, "a")
+        identified(replace(reading.changed("output", "1"), files=(str(gap),)), SEARCH, "a")
 
 
 def test_a_motion_is_followed_within_what_the_drive_reaches(
@@ -217,7 +224,9 @@ def test_a_wrong_file_loses_nothing(
         def alerts() -> list[str]:
             return [e.text for e in user.find(ui.label).elements if "error" in e.classes]
 
-        state.source.open(Reading(files=(str(path),), input="0", output="2"))
+        state.source.open(
+            Reading(files=(str(path),), columns=DriveColumns(input=(0,), output=(2,)))
+        )
         await user.open("/hysteresis")
         await come(lambda: state.source.looked)
         (rate,) = (e for e in user.find(ui.input).elements if e.label == "Sample rate")
@@ -234,7 +243,7 @@ def test_a_wrong_file_loses_nothing(
         assert alerts()[0].startswith("'wrong.csv'")
         user.find("Back to drive.dat").click()
         await come(lambda: not alerts())
-        assert state.source.reading.sample_rate == "200 Hz"
+        assert state.source.reading.how.rate == 200.0
 
     simulated(tmp_path, look)
 

@@ -18,8 +18,6 @@ from flexstage.estimate import Estimate
 from flexstage.files.plain import picked
 from flexstage.units import si_unit
 
-#: A magnet of one pair of poles on the axis, as `--kind` has it.
-MAGNET = "magnet"
 #: Words for a turn as a unit.
 TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
 

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import Harmonic
-from flexstage.centring.setting import MAGNET, Setting
+from flexstage.centring.requests import MAGNET
+from flexstage.centring.setting import Setting
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 

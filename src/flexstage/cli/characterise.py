@@ -1,8 +1,8 @@
 """`flexstage characterise`: the figures of a stage from measured records."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,111 +13,30 @@ from flexstage.cli.options import (
     QuietOption,
     from_docstring,
     model_names,
-    optional,
-    quantity,
     refuse,
-    relative,
 )
 from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
-from flexstage.cli.reading import (
-    AS_TIMED,
-    WHOLE_FILE,
-    FileOptions,
-    TimeOptions,
-)
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import ModelError
+from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
+from flexstage.files.request import option_words
 
 if TYPE_CHECKING:
-    from flexstage.experiments.campaign.plan import Columns, FileReading
     from flexstage.experiments.campaign.results import Characterisation
 
 _PLANS = (".yaml", ".yml")
 
 
-@dataclass(frozen=True, kw_only=True)
-class ColumnOptions:
-    """Which column holds what.
-
-    Parameters
-    ----------
-    command
-        COLUMN: Number or name of the column of the command.
-    along
-        COLUMN: Number or name of the column of the position along the axis.
-    across
-        COLUMN: Number or name of the column of the transverse motion in the plane.
-    vertical
-        COLUMN: Number or name of the column of the motion out of the plane.
-    roll
-        COLUMN: Number or name of the column of the rotation about the axis.
-    pitch
-        COLUMN: Number or name of the column of the rotation about the transverse direction.
-    yaw
-        COLUMN: Number or name of the column of the rotation about the normal.
-    input
-        COLUMN: Number or name of the column of the force or other excitation.
-    output
-        COLUMNS: Columns of the response, separated by commas.
-    corner
-        COLUMN: Number or name of the column of the number of the corner.
-    x
-        COLUMN: Number or name of the column of the reading in x at the corners.
-    y
-        COLUMN: Number or name of the column of the reading in y at the corners.
-    spheres
-        NAMES: Names of the spheres, separated by commas.
-    direction
-        COLUMN: Number or name of the column of the direction of approach: up or down, 1 or -1.
-    upward
-        COLUMNS: For a table with a row for each target: columns of the upward runs, separated by
-        commas.
-    downward
-        COLUMNS: For such a table: columns of the downward runs.
-    """
-
-    command: str | None = None
-    along: str | None = None
-    across: str | None = None
-    vertical: str | None = None
-    roll: str | None = None
-    pitch: str | None = None
-    yaw: str | None = None
-    input: str | None = None
-    output: str | None = None
-    corner: str | None = None
-    x: str | None = None
-    y: str | None = None
-    spheres: str | None = None
-    direction: str | None = None
-    upward: str | None = None
-    downward: str | None = None
-
-
-#: None of them given.
-_NO_COLUMNS = ColumnOptions()
-
-
 @from_docstring
 def characterise(
     records: Annotated[list[Path] | None, typer.Argument()] = None,
+    *,
     stage: str | None = None,
-    taken: StageOptions = AS_DESCRIBED,
     virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
-    test: str = "motion",
-    axis: str = "x",
-    columns: ColumnOptions = _NO_COLUMNS,
-    cycle: str = "auto",
-    deviations: bool = False,
-    commands: str | None = None,
-    column_unit: list[str] | None = None,
-    calibration: str | None = None,
-    alignment: str | None = None,
-    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999)] = 0.95,
+    request: CharacteriseRequest,
     models: ModelsOption = "lumped,superelement",
-    timing: TimeOptions = AS_TIMED,
-    how: FileOptions = WHOLE_FILE,
+    taken: StageOptions = AS_DESCRIBED,
     out: OutputFolder = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -136,35 +55,13 @@ def characterise(
         published values.
     virtual_seed
         SEED: Instead of files: simulate the measurements of --stage, with this random seed.
-    test
-        KIND: Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
-        workspace.
-    axis
-        NAME: The axis that moves; for a workspace both, as xy.
-    cycle
-        FORM: For positioning with a row for each approach: standard (series up and down) or step
-        (each target from both sides in turn); auto also finds rests of several samples.
-    deviations
-        For positioning: the readings are deviations from the targets, not positions.
-    commands
-        LENGTHS: For spheres: command at each station, separated by commas, if there is no such
-        column: "0 um,5 um,10 um,5 um,0 um".
-    column_unit
-        ROLE=UNIT: Unit of a column without one, such as "along=um"; may be repeated.
-    calibration
-        SHARE: Relative standard uncertainty of the sensor sensitivity, such as "0.05%".
-    alignment
-        ANGLE: Standard uncertainty of the direction of the sensors, such as "1 mrad".
-    confidence
-        SHARE: For a staircase: confidence level of a step.
     out
         Write report.html and results.json, and the records of a virtual stage.
     """
-    from flexstage.experiments.campaign.plan import Campaign, Test, read_campaign
+    from flexstage.experiments.campaign.plan import Campaign, read_campaign
     from flexstage.experiments.campaign.results import characterise as run
     from flexstage.files.write import write_files
     from flexstage.report.measurement import measurement_text
-    from flexstage.sensor import SensorSpecification
     from flexstage.studies import compare_measurement
     from flexstage.studies.measurement import measurement_results
 
@@ -177,20 +74,7 @@ def characterise(
             "measured files of one test"
         )
     if virtual_seed is not None or plans:
-        _no_columns(
-            "--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'",
-            {
-                **vars(columns),
-                "commands": commands,
-                "column_unit": column_unit,
-                "deviations": deviations,
-                "cycle": cycle != "auto",
-                "calibration": calibration,
-                "alignment": alignment,
-                **vars(timing),
-                **vars(how),
-            },
-        )
+        _no_columns("--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'", request)
     folder = Path()
     with progress_bar("characterise", quiet=quiet):
         if virtual_seed is not None:
@@ -208,29 +92,7 @@ def characterise(
                 "no file is given: give measured files or a test description (.yaml), or "
                 "--virtual-seed with --stage",
             )
-            sensor = SensorSpecification(
-                name="sensor",
-                calibration=0.0 if calibration is None else relative(calibration),
-                alignment=0.0 if alignment is None else quantity(alignment, "angle"),
-            )
-            one = Test(
-                name=test,
-                kind=test,
-                axis=axis,
-                records=tuple(map(str, files)),
-                columns=_columns(columns),
-                units=_units(column_unit or []),
-                reading=_reading(timing, how),
-                along="sensor",
-                transverse="sensor",
-                angle="sensor",
-                confidence=confidence,
-                commands=tuple(quantity(text, "length") for text in _words(commands)),
-                cycle=cycle,
-                deviations=deviations,
-            )
-            campaign = Campaign(instruments=(sensor,), tests=(one,))
-            found = run(campaign, Path())
+            found = run(Campaign.of_files([str(file) for file in files], request), Path())
         described = stage or _beside(found.stage, folder)
         taken.require_stage(described or None, "--stage")
         result = compare_measurement(
@@ -251,13 +113,9 @@ def characterise(
     print_measurement(console(), result, saved)
 
 
-def _words(text: str | None) -> tuple[str, ...]:
-    return tuple(w.strip() for w in (text or "").split(",") if w.strip())
-
-
-def _no_columns(source: str, given: dict[str, Any]) -> None:
+def _no_columns(source: str, request: CharacteriseRequest) -> None:
     """Refuse options on columns and files where a description says all that."""
-    idle = [f"--{name.replace('_', '-')}" for name, value in given.items() if value]
+    idle = [word for word in option_words(request) if word.startswith("--")]
     refuse(
         idle,
         f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
@@ -295,39 +153,3 @@ def _virtual(
         campaign = replace(campaign, stage="stage.yaml")
     files["campaign.yaml"] = campaign_text(campaign).encode()
     return made.evaluated(), files
-
-
-def _columns(given: ColumnOptions) -> "Columns":
-    from flexstage.experiments.campaign.plan import Columns
-
-    several = {"output", "spheres", "upward", "downward"}
-    roles: dict[str, Any] = {
-        role: _words(text) if role in several else text for role, text in vars(given).items()
-    }
-    return Columns(**roles)
-
-
-def _reading(timing: TimeOptions, how: FileOptions) -> "FileReading":
-    from flexstage.experiments.campaign.plan import FileReading
-
-    rate = timing.sample_rate
-    hertz = optional(rate, "frequency", bare_unit="Hz")
-    return FileReading(sample_rate=hertz, time=timing.time, **vars(how))
-
-
-def _units(given: list[str]) -> Any:
-    from dataclasses import fields
-
-    from flexstage.experiments.campaign.plan import Columns
-
-    roles = [f.name for f in fields(Columns)]
-    found: dict[str, Any] = {}
-    for text in given:
-        role, _, unit = (word.strip() for word in text.partition("="))
-        refuse(
-            role not in roles or not unit,
-            f'--column-unit must be a role and a unit such as "along=um", got "{text}" (roles: '
-            f"{', '.join(roles)})",
-        )
-        found[role] = (unit,) if isinstance(getattr(Columns(), role), tuple) else unit
-    return Columns(**found)

@@ -6,6 +6,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from flexstage.cli.options import request_texts
+
 #: Former names of options by command, and the present ones: they still work, and are not listed.
 FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "analyse": {"--out": "--folder"},
@@ -26,7 +28,6 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--no-resonance": "--no-multisine",
     },
     "identify": {
-        "--model": "--hysteresis-model",
         "--damping": "--damping-ratio",
         "--test": "--test-record",
     },
@@ -54,6 +55,14 @@ class CliCommand(TyperCommand):
 
     def make_parser(self, ctx: Any) -> Any:
         return _with_former_names(super().make_parser(ctx), self.name)
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        parameters = super().get_params(ctx)
+        texts = request_texts(self.callback)
+        for parameter in parameters:
+            if getattr(parameter, "help", None) is None and parameter.name in texts:
+                vars(parameter)["help"] = texts[parameter.name]
+        return parameters
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         # optional arguments are in brackets

@@ -6,11 +6,13 @@ from flexstage.cli.output import print_notes, print_table
 from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Console
 
     from flexstage.estimate import Estimate
-    from flexstage.measure.modal.result import ModalFit
-    from flexstage.measure.spectra.estimate import ResponseEstimate
+    from flexstage.measure.frf import FrequencyResponse
+    from flexstage.measure.modal.ring_down import RingDown
     from flexstage.measure.spectra.response import MeasuredResponse
     from flexstage.records import Record
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 _NO_FIT = 0.5
 
 
-def response_record(response: "MeasuredResponse", read: "list[Record]") -> "Record":
+def response_record(response: "MeasuredResponse", read: "Sequence[Record]") -> "Record":
     """Return a response as columns, for other programs.
 
     Frequency; real and imaginary part, variance and coherence as far as they are known, and by how
@@ -69,18 +71,14 @@ def _quotient(response: "MeasuredResponse", o: int, i: int) -> str:
     return f"{above}/({below})" if "/" in below else f"{above}/{below}"
 
 
-def response_result(
-    read: "list[Record]",
-    response: "MeasuredResponse",
-    estimate: "ResponseEstimate | None",
-    found: "ModalFit | None",
-) -> dict[str, Any]:
+def response_result(result: "FrequencyResponse") -> dict[str, Any]:
     """Return a response and its modes as plain data."""
+    response, estimate, found = result.response, result.estimate, result.fit
     notes = list(response.notes)
     if estimate is not None:
         notes += estimate.notes
-    result: dict[str, Any] = {
-        "records": [r.source for r in read],
+    said: dict[str, Any] = {
+        "records": [r.source for r in result.records],
         **picked(response, "inputs", "outputs", "estimator"),
         "excitation": "" if estimate is None else estimate.excitation,
         "averages": response.averages,
@@ -89,19 +87,28 @@ def response_result(
         "modes": [],
     }
     if found is not None:
-        result["band_hz"] = list(found.band)
-        result["modes"] = [mode_result(mode, list(found.outputs)) for mode in found.modes]
-        result["reduced_chi_squared"] = found.reduced_chi_squared
+        said["band_hz"] = list(found.band)
+        said["modes"] = [mode_result(mode, list(found.outputs)) for mode in found.modes]
+        said["reduced_chi_squared"] = found.reduced_chi_squared
         for name in ("delay", "lag"):
             estimated = getattr(found, name)
             if estimated is not None:
-                result[name] = _estimate(estimated)
+                said[name] = _estimate(estimated)
         unlike = max(float(one.residual_rms.max()) for one in found.fitted)
-        said = 1 if found.modes and unlike > _NO_FIT else 0
-        result["warnings"] = list(found.notes[:said])
-        notes += found.notes[said:]
-    result["notes"] = list(dict.fromkeys(notes))
-    return result
+        first = 1 if found.modes and unlike > _NO_FIT else 0
+        said["warnings"] = list(found.notes[:first])
+        notes += found.notes[first:]
+    said["notes"] = list(dict.fromkeys(notes))
+    return said
+
+
+def decay_result(read: "Sequence[Record]", found: "RingDown") -> dict[str, Any]:
+    """Return the modes of a free decay as plain data."""
+    return {
+        "records": [r.source for r in read],
+        "modes": [mode_result(mode, list(found.channels)) for mode in found.modes],
+        "notes": list(found.notes),
+    }
 
 
 def mode_result(mode: Any, outputs: list[str]) -> dict[str, Any]:

@@ -4,15 +4,21 @@ import copy
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_origin
 
 import typer
 
 from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.request import (
+    Request,
+    RequestField,
+    request_fields,
+    request_groups,
+)
 
 if TYPE_CHECKING:
     from flexstage.explore import Workers
@@ -48,8 +54,9 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     The text of a parameter in the section Parameters is its help; what its value is called stands
     before it, ``LENGTH: Radius of the fillets.``, after a name of its own where it has one,
     ``--column COLUMN: ...``. What is not described there says itself what it is, as the options
-    that several commands share do. A parameter whose type is a dataclass stands for an option for
-    each of its fields, which its docstring describes likewise; its `panel` is their section.
+    that several commands share do. A parameter whose type is a request stands for an option for
+    each of its fields, of the requests in it too, and so does one whose type is a dataclass, whose
+    docstring describes them likewise; its `panel` is their section.
     """
     sentence, own = _described(command)
     # a script may say to every command that no progress is wanted
@@ -64,12 +71,19 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     }
     for name, kind in groups.items():
         at = next(i for i, parameter in enumerate(own) if parameter.name == name)
-        own[at : at + 1] = _described(kind, getattr(kind, "panel", None))[1]
+        own[at : at + 1] = (
+            list(_asked(kind))
+            if issubclass(kind, Request)
+            else _described(kind, getattr(kind, "panel", None))[1]
+        )
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
         for name, made in groups.items():
-            given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+            if issubclass(made, Request):
+                given[name] = _filled(made, given)
+            else:
+                given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
         if always_quiet:
             del given["quiet"]
         command(**given)
@@ -77,7 +91,87 @@ def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     run.__doc__ = sentence
     run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in own}
+    run.requests = [kind for kind in groups.values() if issubclass(kind, Request)]  # type: ignore[attr-defined]
     return run
+
+
+def _asked(kind: type[Request]) -> Iterator[inspect.Parameter]:
+    """Return the options of a request, and of the requests in it; their help is read when shown."""
+    for field in request_fields(kind).values():
+        yield inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=_default(field),
+            annotation=Annotated[_type_of(field), _option_of(field, kind.heading or None)],
+        )
+    for _, group in request_groups(kind):
+        yield from _asked(group)
+
+
+def _type_of(field: RequestField) -> Any:
+    if field.value is bool:
+        return bool
+    return (list[str] | None) if field.many and not field.written.commas else (str | None)
+
+
+def _default(field: RequestField) -> Any:
+    if field.default is MISSING:
+        return inspect.Parameter.empty
+    if field.default == ():
+        return None
+    if field.value is bool or field.default is None:
+        return field.default
+    # as a text, which the help shows, and which is read as any other
+    return " ".join(field.texts(field.default))
+
+
+def _option_of(field: RequestField, panel: str | None) -> Any:
+    if field.value is bool:
+        names = f"{field.option}/--no-{field.option[2:]}" if field.default else field.option
+        return typer.Option(names, rich_help_panel=panel)
+
+    def read(text: str) -> Any:
+        try:
+            return field.read(text)
+        except FlexstageError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return typer.Option(
+        field.option,
+        parser=read,
+        metavar=field.metavar,
+        rich_help_panel=panel,
+    )
+
+
+def _filled(kind: type[Request], given: dict[str, Any]) -> Request:
+    """Return a request of what the options gave, which is taken out of them."""
+    values = {}
+    for field in request_fields(kind).values():
+        value = given.pop(field.name)
+        if value is None:
+            value = field.default
+        elif field.repeated:
+            value = tuple(value)
+        values[field.name] = value
+    return kind(**values, **{name: _filled(group, given) for name, group in request_groups(kind)})
+
+
+def request_texts(command: Any) -> dict[str, str]:
+    """Return the help of the options that come from the requests of a command, by their names."""
+    from flexstage.files.schema import field_texts
+
+    texts: dict[str, str] = {}
+    left = list(getattr(command, "requests", ()))
+    while left:
+        kind = left.pop()
+        own = request_fields(kind)
+        for name, text in field_texts(kind).items():
+            if name in own:
+                end = "; may be repeated." if own[name].repeated else "."
+                texts[name] = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
+        left += [group for _, group in request_groups(kind)]
+    return texts
 
 
 def _described(

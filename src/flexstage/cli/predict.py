@@ -6,12 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import (
-    InputUnitOption,
     JsonOption,
-    OutputUnitOption,
     from_docstring,
-    quantity,
-    refuse,
 )
 from flexstage.cli.output import (
     FigureFile,
@@ -22,17 +18,9 @@ from flexstage.cli.output import (
     print_text,
     write_picture,
 )
-from flexstage.cli.reading import (
-    AS_EVEN,
-    WHOLE_FILE,
-    BranchesOption,
-    CurveOption,
-    EvenTimeOptions,
-    FileOptions,
-    read_drive,
-)
-from flexstage.errors import UnitError
 from flexstage.files.plain import picked
+from flexstage.hysteresis.requests import read_duration, require_start
+from flexstage.records.read_options import DriveColumns, ReadOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,15 +35,10 @@ if TYPE_CHECKING:
 def predict(
     model: Annotated[Path, typer.Argument()],
     records: Annotated[list[Path], typer.Argument()],
-    input: str | None = None,
-    output: str | None = None,
-    branches: BranchesOption = None,
-    curve: CurveOption = None,
-    timing: EvenTimeOptions = AS_EVEN,
-    input_unit: InputUnitOption = None,
-    output_unit: OutputUnitOption = None,
+    *,
+    columns: DriveColumns,
     start: str = "auto",
-    how: FileOptions = WHOLE_FILE,
+    how: ReadOptions,
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
@@ -71,11 +54,6 @@ def predict(
         MODEL: A model file written by `flexstage identify --out`.
     records
         RECORD...: Measured files of the same drive.
-    input
-        COLUMN: Number or name of the input column (default: the one in V, or called so).
-    output
-        COLUMN: Number or name of the output column (default: the one in a unit of length or angle,
-        or called so).
     start
         auto|rested|TIME: State before the record: rested at the first command, or in motion for a
         time, such as "30 s" or inf, since the low end of the range; auto estimates it from the
@@ -85,21 +63,13 @@ def predict(
     """
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.hysteresis.prediction import predict_each
+    from flexstage.records.drives import read_drive
     from flexstage.report.figures.identification import draw_prediction
     from flexstage.report.identification import band_in_words
 
     before = _start(start)
     file = read_model_file(model)
-    read, driven, follows = read_drive(
-        records,
-        input,
-        output,
-        branches=branches,
-        curve=curve,
-        units=(input_unit, output_unit),
-        **vars(timing),
-        **vars(how),
-    )
+    read, driven, follows = read_drive(records, columns, how)
     found = predict_each(file.model, read, driven, follows, before)
     band = file.errors.get("heldout_95")
     written = write_picture(figure, lambda: draw_prediction(found[0], file.model, band))
@@ -125,29 +95,9 @@ def predict(
 
 
 def _start(text: str) -> "Start | None":
-    word = text.strip().lower()
-    if word in ("auto", "rested"):
-        return None if word == "auto" else "rested"
-    return moved_for(text, "auto, rested")
-
-
-def moved_for(text: str, words: str) -> float:
-    """Return for how long a drive had moved [s], of an option ``--start``; inf for ever.
-
-    `words` are what else it may be, for a message.
-    """
-    import math
-
-    word = text.strip().lower()
-    try:
-        seconds = math.inf if word == "inf" else quantity(text, "time", bare_unit="s")
-    except UnitError:
-        seconds = math.nan
-    refuse(
-        not seconds >= 0.0,
-        f"--start must be {words} or a time that is not negative, such as 30 s, got '{text}'",
-    )
-    return seconds
+    start = read_duration(text)
+    require_start(start, "auto, rested")
+    return None if start == "auto" else start  # type: ignore[return-value]
 
 
 def _total(found: "Sequence[Prediction]") -> dict[str, float]:

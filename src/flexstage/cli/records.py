@@ -8,13 +8,8 @@ import typer
 
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import console, print_json, print_notes, print_shown, print_text
-from flexstage.cli.reading import (
-    AS_TIMED,
-    WHOLE_FILE,
-    FileOptions,
-    TimeOptions,
-)
-from flexstage.records.reading_options import column
+from flexstage.files.request import option_words
+from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,8 +18,8 @@ if TYPE_CHECKING:
 @from_docstring
 def records(
     files: Annotated[list[Path], typer.Argument()],
-    timing: TimeOptions = AS_TIMED,
-    how: FileOptions = WHOLE_FILE,
+    *,
+    how: ReadOptions,
     json: JsonOption = False,
 ) -> None:
     """List columns, units, rate and gaps of measured files.
@@ -35,23 +30,14 @@ def records(
         FILE...: Measured files.
     """
     from flexstage.records.contents import contents, read_whole
-    from flexstage.records.reading_options import file_rates
-    from flexstage.records.sampling import row_range
 
-    given: dict[str, Any] = {**vars(how), "rows": row_range(how.rows, "--rows")}
-    time = None if timing.time is None else column(timing.time)
-    rates = file_rates(timing.sample_rate, "--sample-rate", len(files))
-    found = [
-        contents(*read_whole(file, sample_rate_hz=rate, time=time, **given))
-        for file, rate in zip(files, rates, strict=True)
-    ]
+    each = how.of_each(len(files))
+    found = [contents(*read_whole(file, own)) for file, own in zip(files, each, strict=True)]
     if json:
         print_json({"files": found})
         return
-    asked = {**vars(timing), **vars(how)}
-    asked = {f"--{name.replace('_', '-')}": str(value) for name, value in asked.items() if value}
     for one in found:
-        _print(console(), one, [word for pair in asked.items() for word in pair])
+        _print(console(), one, option_words(how))
 
 
 def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:

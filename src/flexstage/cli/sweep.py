@@ -1,14 +1,11 @@
 """`flexstage sweep`: figures of a stage over its parameters."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from flexstage.cli.options import (
     USUAL_WORKERS,
     JsonOption,
-    ModelOption,
     QuietOption,
     WorkerOptions,
     from_docstring,
@@ -25,6 +22,7 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.errors import ModelError
+from flexstage.explore.requests import SweepRequest
 
 if TYPE_CHECKING:
     from flexstage.explore import Sweep
@@ -33,13 +31,7 @@ if TYPE_CHECKING:
 @from_docstring
 def sweep(
     stage: TemplateArgument,
-    over: list[str] | None = None,
-    of: list[str] | None = None,
-    plan: str | None = None,
-    samples: Annotated[int | None, typer.Option(min=1)] = None,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    indices: bool = False,
-    model: ModelOption = "lumped",
+    request: SweepRequest,
     folder: OutputFolder = None,
     figure: FigureFile = None,
     taken: ParameterOptions = NOTHING_SET,
@@ -51,24 +43,6 @@ def sweep(
 
     Parameters
     ----------
-    over
-        NAME=RANGE: A parameter and its range, such as leg_neck="0.3..0.8 mm", with /6 behind it for
-        six values; or "x.*=20 %", every parameter of such a name by 20 % to either side; may be
-        repeated.
-    of
-        FIGURE: A figure that is looked at, such as natural_frequency.x, stroke (of every axis) or
-        mass; may be repeated (default: ratio, stroke, frequency, stress and coupling of each axis).
-    plan
-        grid|latin-hypercube|sobol: How points are spread: on a grid, as a Latin hypercube, or as a
-        Sobol' sequence (default: a grid of one or two parameters, a sequence of more).
-    samples
-        NUMBER: Number of points; a grid has at most so many, a Sobol' sequence the next power of 2.
-        With --indices the number of base samples, each of which takes as many points as there are
-        parameters and two more.
-    seed
-        NUMBER: Seed of Latin hypercube and Sobol' sequence.
-    indices
-        Estimate Sobol' indices: which parameter has which share in the variation of each figure.
     folder
         Write all points as sweep.csv and sweep.parquet, the summary as sweep.json, pictures, and
         sweep.html with parallel coordinates. A sweep that was interrupted goes on from there.
@@ -76,17 +50,9 @@ def sweep(
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """
     from flexstage.explore.batches import finished_batches
-    from flexstage.explore.requests.sweep import SweepRequest
+    from flexstage.explore.prepare import ready_sweep
 
-    run = SweepRequest(
-        over=tuple(over or ()),
-        of=tuple(of or ()),
-        plan=plan,
-        samples=samples,
-        seed=seed,
-        indices=indices,
-        model=model,
-    ).ready(taken.template(stage))
+    run = ready_sweep(request, taken.template(stage))
     with finished_batches(folder) as keep:
         with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
             found = run(workers=workers, keep=keep)

@@ -175,12 +175,12 @@ def _play(
     from flexstage.instruments.waveform import Waveform
     from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
-    from flexstage.records.reading_options import column
+    from flexstage.records.read_options import ReadOptions
     from flexstage.records.write import record_bytes
     from flexstage.virtual.build import virtual_stage
 
     kind, name = record_format(out), stage.axis(axis).name if axis else stage.axes[0].name
-    driven = column(taken_drive(file, (None, "none"))[0])
+    ((driven,), _, _) = taken_drive(file, ((), ("none",)), ReadOptions())
     (record,) = read_files([file], [driven], units=[None], even=True)
     rate, values = record.sample_rate_hz, record.channel(driven).values
     made = virtual_stage(stage, sample_rate_hz=rate * max(1, round(loop_rate / rate)), **how)

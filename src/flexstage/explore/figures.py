@@ -14,7 +14,7 @@ from flexstage.characteristic import WHOLE_STAGE
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, UnitError
 from flexstage.quantities import ALIASES, QUANTITIES, Quantity, full_name
-from flexstage.units import DIMENSIONS, parse
+from flexstage.units import DIMENSIONS, parse, to_text
 
 # what a short name means of an axis that is a rotation
 _OF_ROTATION = {"output_displacement": "rotation_stroke"}
@@ -232,6 +232,21 @@ class Requirement:
             return f"{name} = {self._written(low)}"
         return f"{name} = {self._written(low)} to {self._written(high)}"
 
+    def __str__(self) -> str:
+        """Return it as a command takes it."""
+        name, shown = self.figure.name, self.figure.shown
+
+        def written(value: float) -> str:
+            dimension = _DIMENSION.get(shown.unit)
+            return repr(value) if dimension is None else to_text(value, dimension, shown.shown_unit)
+
+        if self.low is None or self.low == -(self.high or 0.0):
+            return f"{name} <= {written(self.high or 0.0)}"
+        if self.high is None:
+            return f"{name} >= {written(self.low)}"
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        return f"{name} = {written(middle)}" + (f" +- {written(half)}" if half else "")
+
     def _written(self, value: float | None) -> str:
         assert value is not None
         shown = self.figure.shown
@@ -286,16 +301,7 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
     figure = figure_of(found[1], known)
     value, *tolerance = _TOLERANCE.split(found[3], maxsplit=1)
     target = figure.read(value)
-    match found[2]:
-        case ">=" | ">" | "≥":
-            low, high = target, None
-        case "<=" | "<" | "≤":
-            low, high = None, target
-            # what may be nothing, as a coupling, has a sign that says its way alone
-            if figure.shown.zero > 0.0 and target > 0.0:
-                low = -target
-        case _:
-            low = high = target
+    low, high = _bounds(figure, found[2], target)
     if tolerance:
         if low != high:
             raise ModelError(f"'{text[:80]}': a tolerance belongs to '=', not to '{found[2]}'")
@@ -304,11 +310,30 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
     return Requirement(figure=figure, low=low, high=high)
 
 
+def bounded(figure: Figure, sign: str, value: float) -> Requirement:
+    """Return the requirement that a figure is >=, <= or = a value."""
+    low, high = _bounds(figure, sign, value)
+    return Requirement(figure=figure, low=low, high=high)
+
+
+def _bounds(figure: Figure, sign: str, value: float) -> tuple[float | None, float | None]:
+    match sign:
+        case ">=" | ">" | "≥":
+            return value, None
+        case "<=" | "<" | "≤":
+            # what may be nothing, as a coupling, has a sign that says its way alone
+            return -value if figure.shown.zero > 0.0 and value > 0.0 else None, value
+        case _:
+            return value, value
+
+
 def requirements_of(
-    texts: Iterable[str], known: Collection[tuple[str, str]]
+    texts: Iterable[str | Requirement], known: Collection[tuple[str, str]]
 ) -> tuple[Requirement, ...]:
-    """Read requirements, as `requirement_of` reads each."""
-    return tuple(requirement_of(text, known) for text in texts)
+    """Return requirements, those that are texts as `requirement_of` reads them."""
+    return tuple(
+        text if isinstance(text, Requirement) else requirement_of(text, known) for text in texts
+    )
 
 
 def _tolerance(figure: Figure, text: str, target: float) -> float:

@@ -9,15 +9,13 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.explore.requests import LARGEST
 from flexstage.explore.sobol_indices import FEWEST
 from flexstage.explore.variables import Variable
 
 #: How points are spread.
 Sampling = Literal["grid", "latin-hypercube", "sobol"]
 SAMPLINGS: tuple[Sampling, ...] = get_args(Sampling)
-
-#: More points than this are more than anybody waits for.
-LARGEST = 10_000_000
 
 
 def grid_points(low: Array, high: Array, counts: Sequence[int]) -> Array:

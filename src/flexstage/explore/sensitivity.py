@@ -12,6 +12,7 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure
+from flexstage.explore.requests import LENGTH
 from flexstage.explore.variables import USUAL_SHARE, Variable, every_variable, matching_names
 from flexstage.files.expression import is_expression
 from flexstage.provenance import Provenance, provenance
@@ -107,8 +108,6 @@ def hinge_variables(template: StageTemplate, patterns: Sequence[str] = ()) -> Hi
 
 #: What a parameter that has a value changes by where nothing else is said.
 SHARE = 0.01
-#: What a length that is zero changes by where nothing else is said [m].
-LENGTH = 10e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

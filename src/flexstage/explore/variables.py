@@ -11,7 +11,7 @@ from flexstage.designs.parameters import StageParameter
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError, UnitError
 from flexstage.files.expression import is_expression
-from flexstage.units import DIMENSIONS, parse, readable_text
+from flexstage.units import DIMENSIONS, parse, readable_text, to_text
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SHARE = re.compile(rf"(?:\+-|±)?\s*({_NUMBER})\s*%")
@@ -82,6 +82,17 @@ class Variable:
         low, high = (f"{bound * self.factor:.3g}" for bound in (self.low, self.high))
         return f"{low}..{high} {self.unit}".strip()
 
+    def __str__(self) -> str:
+        """Return it as a command takes it: ``leg_neck=0.3..0.8 mm/6``."""
+        low, high = (self._exactly(bound) for bound in (self.low, self.high))
+        unit = f" {self.unit}"
+        if low.endswith(unit) and high.endswith(unit):  # stands once
+            low = low.removesuffix(unit)
+        return f"{self.name}={low}..{high}" + (f"/{self.count}" if self.count else "")
+
+    def _exactly(self, value: float) -> str:
+        return to_text(value, self.dimension, self.unit) if self.dimension else repr(value)
+
     def text(self, value: float) -> str:
         """Write a value with its unit, as a file has it."""
         if not self.dimension or not math.isfinite(value):
@@ -89,15 +100,16 @@ class Variable:
         return readable_text(value, self.dimension)
 
 
-def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variable, ...]:
+def variables_of(template: StageTemplate, texts: Sequence[str | Variable]) -> tuple[Variable, ...]:
     """Read which parameters are varied, and between which values.
 
     Parameters
     ----------
     template : StageTemplate
         The stage.
-    texts : sequence of str
-        One or more of ``leg_neck=0.3..0.8 mm``; with ``/6`` behind it for six values on a grid; or
+    texts : sequence of str or Variable
+        What is varied, as it is or in words: ``leg_neck=0.3..0.8 mm``; with ``/6`` behind it for
+        six values on a grid; or
         ``x.*=20 %``: all parameters whose names fit the pattern, 20 % to either side; the data
         sheet of an actuator only where the pattern names it, as ``x.actuator.*``.
 
@@ -120,6 +132,11 @@ def variables_of(template: StageTemplate, texts: Sequence[str]) -> tuple[Variabl
     known = {p.name: p for p in template.parameters}
     found: dict[str, Variable] = {}
     for text in texts:
+        if isinstance(text, Variable):
+            if text.name in found:
+                raise ModelError(f"the range of '{text.name}' is given twice: leave one out")
+            found[text.name] = text
+            continue
         name, equals, told = (part.strip() for part in text.partition("="))
         if not name or not equals or not told:
             raise ModelError(f"'{text[:80]}' is no range of a parameter: {_how(known.values())}")

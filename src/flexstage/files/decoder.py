@@ -42,7 +42,7 @@ from flexstage.files.nodes import (
 )
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, read_parameters
-from flexstage.files.ranges import range_of, wanted
+from flexstage.files.ranges import range_of, wanted, written_as
 from flexstage.units import DIMENSIONS, Dimension, parse, readable
 from flexstage.units.text import point_hint
 
@@ -126,6 +126,8 @@ class Decoder:
 
     def _annotated(self, kind: Any, node: Node, path: str, base: Any) -> Any:
         bare, quantity, bounds = typing.get_args(kind)[0], dimension_of(kind), range_of(kind)
+        if (spelled := written_as(kind)) is not None and spelled.read is not None:
+            return self._spelled(spelled.read, node, path)
         if quantity is not None:
             value = self._quantities(*quantity, node, path)
         elif bare is int and bounds is not None:
@@ -141,6 +143,14 @@ class Decoder:
             what = f"{noun} {said} {unit}".rstrip() if bounds is not None else said
             self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
         return value
+
+    def _spelled(self, read: Callable[[str], Any], node: Node, path: str) -> Any:
+        """Read a value that has a text of its own."""
+        text = self.text(node, path)
+        try:
+            return read(text)
+        except FlexstageError as error:
+            self.refuse(node, path, str(error), type(error))
 
     def build(
         self,

@@ -12,6 +12,7 @@ from flexstage.files.format import (
     optional_part,
     required,
 )
+from flexstage.files.ranges import written_as
 from flexstage.files.yaml_text import Number, yaml_text
 from flexstage.units import Dimension, to_text
 
@@ -42,6 +43,8 @@ class Encoder:
             return to_text(value, dimension.name)
         origin = typing.get_origin(kind)
         if origin is Annotated:
+            if (spelled := written_as(kind)) is not None and spelled.read is not None:
+                return spelled.write(value)
             return self.encode(typing.get_args(kind)[0], value)
         if origin is tuple:
             parts = typing.get_args(kind)

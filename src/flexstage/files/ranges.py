@@ -2,6 +2,7 @@
 
 import math
 import typing
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, Literal
@@ -68,6 +69,30 @@ Whole = Annotated[int, Range(low=0, high=1e6)]
 Seed = Annotated[int, Range(low=0)]
 
 
+@dataclass(frozen=True, slots=True)
+class Written:
+    """How a value of a field is written on a command line: ``Annotated[str, Written("NAME")]``."""
+
+    metavar: str = ""
+    """What its value is called in the help."""
+    bare: str | None = None
+    """The unit of a number without one; None where a unit is needed."""
+    commas: bool = False
+    """Whether several values stand in one text with commas between, and not one an option."""
+    help: str = ""
+    """What the help says behind the text of each such field."""
+    read: Callable[[str], Any] | None = None
+    """Reads a value that is no number and no word."""
+    write: Callable[[Any], str] = str
+    """Writes such a value so that it is read back."""
+
+
+def written_as(kind: Any) -> Written | None:
+    """Return how values of a type are written, where it says so."""
+    extras = typing.get_args(kind)[1:] if typing.get_origin(kind) is Annotated else ()
+    return next((e for e in reversed(extras) if isinstance(e, Written)), None)  # the outermost
+
+
 @lru_cache(maxsize=1024)
 def range_of(kind: Any) -> tuple[Range, bool] | None:
     """Return the range of a type, with whether its numbers are whole; None where it has none."""
@@ -82,6 +107,9 @@ def wanted(kind: Any, value: Any) -> str:
     """Say what a value of a type must be that it is not; nothing where all is well."""
     if (inner := optional_part(kind)) is not None:
         return "" if value is None else wanted(inner, value)
+    bare = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else None
+    if typing.get_origin(bare) is tuple and (said := wanted(bare, value)):
+        return said
     if typing.get_origin(kind) is tuple:
         part = typing.get_args(kind)[0]
         return next((said for v in value if (said := wanted(part, v))), "")

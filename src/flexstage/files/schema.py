@@ -21,7 +21,7 @@ from flexstage.files.format import (
     union_parts,
 )
 from flexstage.files.parameters import KEY as PARAMETERS
-from flexstage.files.ranges import range_of
+from flexstage.files.ranges import range_of, written_as
 from flexstage.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
@@ -117,6 +117,8 @@ class SchemaBuilder:
             return self.list_of(one, count) if count else one
         origin = typing.get_origin(kind)
         if origin is Annotated:
+            if (spelled := written_as(kind)) is not None and spelled.read is not None:
+                return {"type": ["string", "number"]}
             return self.of(typing.get_args(kind)[0]) | _bounds(kind)
         if origin is tuple:
             parts = typing.get_args(kind)

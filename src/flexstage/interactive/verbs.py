@@ -2,16 +2,14 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexstage.choose import unknown
 from flexstage.comparison import Comparison
 from flexstage.comparison import compare as side_by_side
 from flexstage.errors import ModelError, StageError
 from flexstage.explore.workers import open_workers
+from flexstage.files.request import request_of
 from flexstage.interactive.show import stage_of
 from flexstage.interactive.stage_analysis import StageAnalysis, analyse
 from flexstage.report.page import table_html
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from flexstage.designs import StageTemplate
     from flexstage.experiments import Campaign, Characterisation
     from flexstage.explore import Front, Optimum, Sensitivities, Sweep
-    from flexstage.explore.requests.tolerance import Found
+    from flexstage.explore.prepare import Found
     from flexstage.measure import ModalFit
     from flexstage.records import Record
 
@@ -97,26 +95,27 @@ def frf(
     records: "Record | Sequence[Record]",
     input: str | int | None = None,
     output: str | int | Sequence[str | int] | None = None,
-    *,
-    spectra: Mapping[str, Any] | None = None,
-    **fit: Any,
+    **asked: Any,
 ) -> "ModalFit":
     """Return the modes in records over time, or in responses that were measured.
 
-    Spectra are the options of `estimate_response`, the others those of `fit_modes`; with a delay or
-    a lag modes are real unless told otherwise.
+    By the fields of a `FrfRequest`, such as ``resolution=0.5`` or ``band=(100, 300)``.
     """
-    from flexstage.measure import estimate_response, fit_modes
-    from flexstage.measure.spectra.response import response_from_record
+    from flexstage.measure.frf import FrequencyResponse
+    from flexstage.measure.frf import frf as evaluated
+    from flexstage.measure.requests import FrfRequest
 
     given = list(records) if isinstance(records, Sequence) else [records]
-    fit.setdefault("real_modes", bool(fit.get("delay") or fit.get("lag")))
-    if all(record.over == "frequency" for record in given):
-        return fit_modes([response_from_record(record) for record in given], **fit)
-    if input is None or output is None:
-        raise ModelError("records over time need an input and an output: name the columns")
-    found = estimate_response(given, input, output, **(spectra or {}))
-    return fit_modes(found.response, added_damping_rate=found.added_damping_rate, **fit)
+    columns = {"input": input, "output": output}
+    named = {name: _columns(column) for name, column in columns.items() if column is not None}
+    found = evaluated(given, request_of(FrfRequest, None, {**named, **asked}))
+    if not isinstance(found, FrequencyResponse) or found.fit is None:
+        raise ModelError("no modes were asked for: leave ring_down and fit_modes=0 out")
+    return found.fit
+
+
+def _columns(given: str | int | Sequence[str | int]) -> tuple[str | int, ...]:
+    return (given,) if isinstance(given, str | int) else tuple(given)
 
 
 def characterise(tests: "Campaign | _Path") -> "Characterisation":
@@ -130,36 +129,23 @@ def characterise(tests: "Campaign | _Path") -> "Characterisation":
 
 
 def centre(records: "_Path | Record | Sequence[Record]", **asked: Any) -> "CentredRecords":
-    """Return a scale's eccentricity and the move against it, by the fields of `CentreOptions`."""
-    from flexstage.centring.from_records import CentreOptions, centre_records
+    """Return a scale's eccentricity and the move against it, by the fields of `CentreRequest`."""
+    from flexstage.centring.from_records import centre_files, centre_records
+    from flexstage.centring.requests import CentreRequest
     from flexstage.records import Record
-    from flexstage.records.files import read_files
 
-    options = _request(CentreOptions, asked)
+    request = request_of(CentreRequest, None, asked)
     if isinstance(records, str | os.PathLike):
-        records = read_files([Path(records)], options.columns, units=options.units, over="point")
-    return centre_records([records] if isinstance(records, Record) else records, options)
+        return centre_files([Path(records)], request)
+    return centre_records([records] if isinstance(records, Record) else records, request)
 
 
 def _ready(job: str, subject: Any, asked: Mapping[str, Any]) -> Callable[..., Any]:
     """Return what carries out a request of `flexstage.explore`."""
-    module = import_module(f"flexstage.explore.requests.{job}")
-    return _request(getattr(module, f"{job.capitalize()}Request"), asked).ready(subject)
+    from flexstage.explore import prepare, requests
 
-
-def _request(kind: type[Any], asked: Mapping[str, Any]) -> Any:
-    """Make a request; where it takes several words, one, or pairs of names and values, will do."""
-    known = {field.name: field.default for field in fields(kind)}
-    for name in asked:
-        if name not in known:
-            raise ModelError(unknown("option", name, known))
-    return kind(**{n: _words(v) if known[n] == () else v for n, v in asked.items()})
-
-
-def _words(value: Any) -> tuple[str, ...]:
-    if isinstance(value, Mapping):
-        return tuple(f"{name}={text}" for name, text in value.items())
-    return (value,) if isinstance(value, str) else tuple(value)
+    request = request_of(getattr(requests, f"{job.capitalize()}Request"), None, asked)
+    return getattr(prepare, f"ready_{job}")(request, subject)
 
 
 def _template(source: _Path, settings: _Settings) -> "StageTemplate":

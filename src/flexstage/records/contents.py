@@ -1,5 +1,9 @@
 """What is in a measured file, before anything is asked of it."""
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +11,7 @@ import numpy as np
 
 from flexstage.errors import RecordError
 from flexstage.records.read import read_record
+from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import Record
 from flexstage.records.responses import responses_in_columns
 from flexstage.records.sampling import LARGEST_STEP
@@ -16,24 +21,25 @@ from flexstage.units import readable_unit
 
 def read_whole(
     file: str | Path,
+    options: ReadOptions = ReadOptions(),
     *,
-    sample_rate_hz: float | None = None,
-    time: str | int | None = None,
-    **how: Any,
+    units: Mapping[str, str] | None = None,
 ) -> tuple[Record, str]:
     """Read all columns of a file, with gaps and what is missing; by its rows where it has no times.
 
-    `how` goes on to `read_record`. Returns the record, and why there are no times; empty where
-    there are.
+    Nothing is resampled. Returns the record, and why there are no times; empty where there are.
     """
     # no column has to be complete, and gaps are told
-    how |= {"columns": [], "largest_step": float("inf")}
+    every = partial(
+        read_record, file, replace(options, resample=()), units=units, columns=[],
+        largest_step=math.inf,
+    )  # fmt: skip
     try:
-        return read_record(file, sample_rate_hz=sample_rate_hz, time=time, **how), ""
+        return every(), ""
     except RecordError as error:
-        if sample_rate_hz is not None or time is not None:
+        if options.sample_rate or options.time is not None:
             raise
-        return read_record(file, over="point", **how), str(error)
+        return every(over="point"), str(error)
 
 
 def contents(record: Record, without_times: str = "") -> dict[str, Any]:

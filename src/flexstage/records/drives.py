@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,73 +16,58 @@ from flexstage.records.curves import (
 )
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
-from flexstage.records.reading_options import column, column_list
+from flexstage.records.read_options import (
+    DriveColumns,
+    ReadOptions,
+    RowRange,
+    read_column,
+    write_rows,
+)
 from flexstage.records.record import Record
-from flexstage.records.sampling import row_range
 
 
 def read_drive(
-    files: Sequence[Path],
-    input: str | None,
-    output: str | None,
-    *,
-    branches: str | None = None,
-    curve: str | None = None,
-    units: tuple[str | None, str | None] = (None, None),
-    rates_hz: Sequence[float | None] | None = None,
-    time: str | int | None = None,
-    resample_hz: Sequence[float | None] | None = None,
-    **how: Any,
+    files: Sequence[Path], columns: DriveColumns, how: ReadOptions = ReadOptions()
 ) -> tuple[list[Record], str | int, str | int]:
     """Read what a drive was told and what followed: over time, or as tables of curves.
 
-    Of curves in columns, `input` and `output` name one for each, with commas. `branches` names
-    the columns of the rising and the falling branch; `curve` is a column that numbers reversal
-    curves, or says how they lie: "files" or "columns". `how` goes on to `read_files`. Returns the
-    records, evenly sampled and NaN where nothing was measured, then the columns that drive and
-    follow. Over time those that are not given are taken of the first file, where units and names
-    leave no choice; a note says so.
+    Returns the records, evenly sampled and NaN where nothing was measured, then the columns that
+    drive and follow. Over time those that are not given are taken of the first file, where units
+    and names leave no choice; a note says so.
     """
-    if branches is None and curve is None:
+    input, output = columns.input, columns.output
+    if not columns.is_table:
         said: list[str] = []
         if not (input and output):
-            given = {"rates_hz": rates_hz or [None], "time": time, **how}
-            input, output, *said = taken_drive(files[0], (input, output), **given)
-        wanted = [column(input), column(output)]
-        read = read_files(
-            files, wanted, units=units, rates_hz=rates_hz, time=time, resample_hz=resample_hz,
-            even=True, **how,
-        )  # fmt: skip
+            input, output, *said = taken_drive(files[0], (input, output), how)
+        wanted = [*input, *output]
+        if len(wanted) != 2:
+            raise RecordError("--input and --output name one column each")
+        units = (columns.input_unit, columns.output_unit)
+        read = read_files(files, wanted, options=how, units=units, even=True)
         read[0] = replace(read[0], notes=(*said, *read[0].notes))
         return read, wanted[0], wanted[1]
-    if input is None or (output is None and branches is None):
+    if not input or not (output or columns.branches):
         raise RecordError(
             "a table without times needs --input, and --output or --branches: name the columns"
         )
-    option = "--branches" if branches is not None else "--curve"
-    for other, given in (("--time", time), ("--resample", resample_hz)):
+    option = "--branches" if columns.branches else "--curve"
+    for other, given in (("--time", how.time), ("--resample", how.resample or None)):
         if given is not None:
             raise RecordError(f"{option} is for tables without times: leave {other} out")
-    if branches is not None and (curve is not None or output is not None):
-        other = "--output" if output is not None else "--curve"
+    if columns.branches and (columns.curve is not None or output):
+        other = "--output" if output else "--curve"
         raise RecordError(f"--branches names both columns of the output: leave {other} out")
-    rates = rates_hz or [None] * len(files)
-    if branches is not None:
-        made = _loops(files, column(input), column_list(branches), units, rates, how)
-    else:
-        made = _curves(
-            files, column_list(input), column_list(output), curve or "", units, rates, how
-        )
+    made = (_loops if columns.branches else _curves)(files, columns, how)
     driven, follows = made[0].channels
     return made, driven.name, follows.name
 
 
-def train_range(text: str | None, read: list[Record]) -> tuple[int, int] | None:
+def train_range(given: RowRange | None, read: list[Record]) -> tuple[int, int] | None:
     """Return the samples to fit, first and one behind the last, as counted in what was read.
 
-    The text counts them as they are in the files.
+    What is given counts them as they are in the files.
     """
-    given = row_range(text, "--train")
     if given is None:
         return None
     spans = {_span(given, record) for record in read}
@@ -95,7 +80,8 @@ def train_range(text: str | None, read: list[Record]) -> tuple[int, int] | None:
     size = max(r.size for r in read)
     if first >= size or (stop is not None and stop <= 0):
         raise RecordError(
-            f"--train {text} holds none of the samples that are read, {_numbered(read)}"
+            f"--train {write_rows(given)} holds none of the samples that are read, "
+            f"{_numbered(read)}"
         )
     return max(first, 0), size if stop is None else stop
 
@@ -120,33 +106,30 @@ def _numbered(read: list[Record]) -> str:
     return f"{min(e[0] for e in ends):.0f} to {max(e[1] for e in ends):.0f}"
 
 
-def _loops(
-    files: Sequence[Path],
-    input: str | int,
-    branches: list[str | int],
-    units: tuple[str | None, str | None],
-    rates: Sequence[float | None],
-    how: dict[str, Any],
-) -> list[Record]:
-    if len(branches) != 2:
-        raise RecordError(f"--branches needs two columns, UP,DOWN, got {len(branches)}")
-    up, down = branches
-    read = _tables(files, [units[0], units[1], units[1]], {**how, "columns": [input, up, down]})
+def _loops(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> list[Record]:
+    if len(columns.branches) != 2 or len(columns.input) != 1:
+        raise RecordError(
+            f"--branches needs two columns, UP,DOWN, and one --input, got {len(columns.branches)} "
+            f"and {len(columns.input)}"
+        )
+    (input,), (up, down) = columns.input, columns.branches
+    units = (columns.input_unit, columns.output_unit, columns.output_unit)
+    read = read_files(files, [input, up, down], options=_timeless(how), units=units, over="table")
     return [
-        from_branches(table, input, up, down, sample_rate_hz=rate)
-        for table, rate in zip(read, rates, strict=True)
+        from_branches(table, input, up, down, sample_rate_hz=each.rate)
+        for table, each in zip(read, how.of_each(len(files)), strict=True)
     ]
 
 
-def _curves(
-    files: Sequence[Path],
-    inputs: list[str | int],
-    outputs: list[str | int],
-    curve: str,
-    units: tuple[str | None, str | None],
-    rates: Sequence[float | None],
-    how: dict[str, Any],
-) -> list[Record]:
+def _timeless(how: ReadOptions) -> ReadOptions:
+    return replace(how, sample_rate=())
+
+
+def _curves(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> list[Record]:
+    inputs, outputs, curve = columns.input, columns.output, columns.curve or ""
+    units = (columns.input_unit, columns.output_unit)
+    table = partial(read_files, files, options=_timeless(how), over="table")
+    rates = [each.rate for each in how.of_each(len(files))]
     if curve != "columns" and len(inputs) * len(outputs) != 1:
         raise RecordError(
             "--input and --output name one column each; where each curve has its own column, say "
@@ -155,25 +138,18 @@ def _curves(
     if curve == "columns":
         each = [units[0]] * len(inputs) + [units[1]] * len(outputs)
         # where a curve was not measured its column is empty
-        used = {"columns": inputs[:1], "partial": [*inputs[1:], *outputs]}
-        read = _tables(files, each, {**how, **used})
+        read = table(inputs[:1], units=each, partial=[*inputs[1:], *outputs])
         return [
-            curves_in_columns(table, inputs, outputs, sample_rate_hz=rate)
-            for table, rate in zip(read, rates, strict=True)
+            curves_in_columns(one, inputs, outputs, sample_rate_hz=rate)
+            for one, rate in zip(read, rates, strict=True)
         ]
     pair = [inputs[0], outputs[0]]
     if curve == "files":
-        read = _tables(files, units, {**how, "columns": pair})
+        read = table(pair, units=units)
         return [curves_in_records(read, inputs[0], outputs[0], sample_rate_hz=rates[0])]
-    by = column(curve)
-    read = _tables(files, [*units, None], {**how, "columns": [*pair, by], "labels": by})
+    by = read_column(curve)
+    read = table([*pair, by], units=[*units, None], labels=by)
     return [
-        curves_in_rows(table, inputs[0], outputs[0], by, sample_rate_hz=rate)
-        for table, rate in zip(read, rates, strict=True)
+        curves_in_rows(one, inputs[0], outputs[0], by, sample_rate_hz=rate)
+        for one, rate in zip(read, rates, strict=True)
     ]
-
-
-def _tables(
-    files: Sequence[Path], units: Sequence[str | None], how: dict[str, Any]
-) -> list[Record]:
-    return read_files(files, units=units, over="table", **how)

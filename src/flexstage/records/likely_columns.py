@@ -8,6 +8,7 @@ from typing import Any
 
 from flexstage.errors import RecordError
 from flexstage.records.contents import column_label, contents, read_whole
+from flexstage.records.read_options import ReadOptions
 from flexstage.records.times import TIME_NAMES
 
 _INPUTS = ("input", "in", "u", "voltage", "volt", "spannung", "command", "drive", "force", "kraft")
@@ -57,36 +58,33 @@ def _told(columns: Columns, units: Collection[str], words: Sequence[str]) -> Col
 
 def taken_drive(
     file: Path,
-    given: tuple[str | None, str | None],
+    columns: tuple[tuple[str | int, ...], tuple[str | int, ...]],
+    how: ReadOptions,
     *,
     vibration: bool = False,
     options: tuple[str, str] = ("input", "output"),
-    rates_hz: Sequence[float | None] = (None,),
-    resample_hz: object = None,
-    **how: Any,
-) -> tuple[str, str, str]:
+) -> tuple[tuple[str | int, ...], tuple[str | int, ...], str]:
     """Return input and outputs of a file, where they are not given, and a line that says so.
 
-    `options` ask for them. Columns are their numbers, with commas between, and empty for responses
-    that exist; `how` goes on to `read_whole`. Raises a `RecordError` where units and names leave a
-    choice.
+    `options` ask for them. Columns that are found are their numbers, and none of responses that
+    exist. Raises a `RecordError` where units and names leave a choice.
     """
-    found = contents(*read_whole(file, sample_rate_hz=rates_hz[0], **how))
-    if vibration and found["over"] != "time" and not any(given):
-        return "", "", ""
-    known = {word.strip() for text in given if text for word in text.split(",")}
+    found = contents(*read_whole(file, how))
+    if vibration and found["over"] != "time" and not any(columns):
+        return (), (), ""
+    known = {str(column) for given in columns for column in given}
     left = [c for c in moving_columns(found) if not known & {str(c["number"]), c["name"]}]
-    chosen, said = list(given), []
-    likely = likely_drive(left, vibration=vibration, driven=[] if given[0] else None)
+    chosen, said = list(columns), []
+    likely = likely_drive(left, vibration=vibration, driven=[] if columns[0] else None)
     for k, option in enumerate(options):
-        if given[k]:
+        if columns[k]:
             continue
         if len(likely[k]) != 1 and not (vibration and k and likely[k]):
             raise _left_open(found, f"which column is the {option}: name it by --{option}")
-        chosen[k] = ",".join(str(c["number"]) for c in likely[k])
+        chosen[k] = tuple(c["number"] for c in likely[k])
         said.append(f"{option} {', '.join(map(column_label, likely[k]))}")
     driven, follows = chosen
-    return driven or "", follows or "", f"{'; '.join(said)}: taken by units and names"
+    return driven, follows, f"{'; '.join(said)}: taken by units and names"
 
 
 def _left_open(found: dict[str, Any], what: str) -> RecordError:
@@ -132,14 +130,14 @@ def likely_turn(found: dict[str, Any]) -> LikelyTurn:
     )
 
 
-def taken_turn(file: Path, **how: Any) -> tuple[str, str, str]:
+def taken_turn(file: Path, how: ReadOptions) -> tuple[str, tuple[str, ...], str]:
     """Return angle and errors of a record of a turn, and a line that says so."""
-    found = contents(*read_whole(file, **how))
+    found = contents(*read_whole(file, how))
     turn = likely_turn(found)
     if not turn.is_sure:
         raise _left_open(found, "what is angle and error: name them by --angle and --error")
-    errors = ",".join(turn.errors)
-    return turn.angle, errors, f"angle {turn.angle}; error {errors}: taken by their names"
+    said = f"angle {turn.angle}; error {','.join(turn.errors)}: taken by their names"
+    return turn.angle, turn.errors, said
 
 
 def next_job(found: dict[str, Any]) -> str:

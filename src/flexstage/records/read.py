@@ -5,12 +5,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.errors import RecordError, UnitError
+from flexstage.files.request import request_of
 from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (
     GRAVITY,
@@ -25,8 +26,9 @@ from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
 from flexstage.records.numpy_file import read_numpy
+from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import Channel, Record, column_number
-from flexstage.records.sampling import LARGEST_STEP, require_complete
+from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, evened, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
 from flexstage.records.times import timed
@@ -38,21 +40,15 @@ _LIKE_NUMBER = re.compile(r"(?!\d\d?\.\d\d?\.\d{2,4}$)[+-]?[\d.,' ]+([eE][+-]?\d
 
 def read_record(
     path: str | Path,
+    options: ReadOptions | None = None,
     *,
-    format: str | None = None,
-    sample_rate_hz: float | None = None,
-    time: str | int | None = None,
     units: Mapping[str, str] | None = None,
-    dataset: str | None = None,
     names: Sequence[str] | None = None,
     columns: Sequence[str | int] | None = None,
-    rows: tuple[int | None, int | None] | None = None,
-    skip_lines: int = 0,
-    delimiter: str | None = None,
-    decimal: str | None = None,
     over: Literal["time", "point"] = "time",
-    largest_step: float = LARGEST_STEP,
+    largest_step: float | None = None,
     labels: str | int | None = None,
+    **how: Any,
 ) -> Record:
     r"""Read columns of measured data from a file.
 
@@ -66,37 +62,24 @@ def read_record(
     ----------
     path : str or pathlib.Path
         The file.
-    format : str, optional
-        One of `FORMATS`, where neither content nor suffix says it.
-    sample_rate_hz : float, optional
-        Sample rate [Hz] of a file that does not say it.
-    time : str or int, optional
-        Name or number of the column of time; in seconds, where no unit is said.
+    options : ReadOptions, optional
+        What the file does not say itself: rate, time, rows, format.
     units : Mapping, optional
         Units by name or number of column, ``{"0": "V", "position": "um"}``; ``"length"`` stands for
         all lengths of a measuring machine, the name of a complex function for both its parts.
-    dataset : str, optional
-        Which group, variable, array, function or feature of a file that holds several; several with
-        commas.
     names : sequence of str, optional
         Names of the columns, in place of those in the file.
     columns : sequence of str or int, optional
         The columns that will be used: only they must be complete. All, where not given, but those
         that hold nothing but text, whose values are NaN.
-    rows : tuple of int, optional
-        First sample to read and the one before which to stop, either of them None.
-    skip_lines : int
-        How many lines of a text file to leave out at its start.
-    delimiter : str, optional
-        What divides the columns of a text file, or tab, comma, semicolon, space.
-    decimal : {".", ","}, optional
-        The decimal sign of a text file.
     over : {"time", "point"}
         What the rows of a file follow one another by that does not say it: time, or their number.
-    largest_step : float
+    largest_step : float, optional
         Longest step of a column of time that is no gap, over the median one.
     labels : str or int, optional
         A column that labels the rows: texts in it are numbered as they first appear.
+    **how
+        Fields of `ReadOptions`, in place of those of `options`.
 
     Returns
     -------
@@ -122,14 +105,15 @@ def read_record(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "loop.csv"
     ...     _ = file.write_text("drive (V);pos (um)\n0,5;1,25\n0,75;1,5\n")
-    ...     record = read_record(file, sample_rate_hz=200.0)
+    ...     record = read_record(file, sample_rate=200.0)
     >>> record.channel("pos").values, record.channel("pos").unit
     (array([1.25e-06, 1.50e-06]), 'm')
     """
-    file = Path(path)
+    file, options = Path(path), request_of(ReadOptions, options, how)
+    rows = options.rows
     try:
         content_hash = _hash(file)
-        raw = _read(file, format_of(file, format), dataset, skip_lines, delimiter, decimal)
+        raw = _read(file, format_of(file, options.format), options)
         if names is not None:
             raw = raw.renamed(names)
         raw = _distinct(raw)
@@ -145,9 +129,11 @@ def read_record(
         for number in sorted(used):
             raw.require_numbers(number)
         channels, notes = _in_si(raw, units or {}, _accelerations(raw, file))
-        kind = _kind(raw, over, time, sample_rate_hz)
+        kind = _kind(raw, over, options)
         if kind == "time":
-            channels, times, more = timed(raw, channels, time, sample_rate_hz, largest_step)
+            if largest_step is None:
+                largest_step = LARGEST_UNEVEN_STEP if options.resample else LARGEST_STEP
+            channels, times, more = timed(raw, channels, options.time, options.rate, largest_step)
             notes += more
         else:
             size = raw.columns[0].values.size
@@ -159,7 +145,7 @@ def read_record(
         if str(file) in str(error):
             raise
         raise RecordError(f"'{file}': {error}") from error
-    return Record(
+    record = Record(
         channels=tuple(channels),
         time=times,
         source=str(path),
@@ -169,6 +155,14 @@ def read_record(
         over=kind,
         numbers=None if not first else np.arange(first, first + times.size, dtype=np.float64),
     )
+    if not options.resample:
+        return record
+    if kind != "time":
+        raise RecordError(
+            f"'{record.source}' is over {kind}, and --resample is for samples over time: leave it "
+            "out"
+        )
+    return evened(record, options.resample[0])
 
 
 def _hash(file: Path) -> str:
@@ -180,20 +174,11 @@ def _hash(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _read(
-    file: Path,
-    known: str,
-    dataset: str | None,
-    skip_lines: int,
-    delimiter: str | None,
-    decimal: str | None,
-) -> FileColumns:
+def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:
+    dataset, skip_lines = options.dataset, options.skip_lines
+    delimiter, decimal = options.delimiter, options.decimal
     if known in ("text", "gcs") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
-    if decimal not in (None, ".", ","):
-        raise RecordError(f"the decimal sign must be '.' or ',', got {decimal!r}")
-    if skip_lines < 0:
-        raise RecordError(f"the lines to skip must be 0 or more, got {skip_lines}")
     if known == "text":
         return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
     if known == "cmm":
@@ -236,7 +221,7 @@ def _distinct(raw: FileColumns) -> FileColumns:
 
 
 def _kind(
-    raw: FileColumns, wanted: str, time: str | int | None, rate: float | None
+    raw: FileColumns, wanted: str, options: ReadOptions
 ) -> Literal["time", "frequency", "point"]:
     """Return what the samples follow one another by: as the file says, else as asked."""
     if wanted not in ("time", "point"):
@@ -244,7 +229,7 @@ def _kind(
     kind = raw.over
     if kind == "time" and wanted == "point" and raw.sample_rate_hz is None:
         kind = "point"
-    if kind != "time" and (time is not None or rate is not None):
+    if kind != "time" and (options.time is not None or options.sample_rate):
         why = "its rows are points" if kind == "point" else "it is over frequency"
         raise RecordError(f"{why}, without times: leave sample rate and column of time out")
     return kind

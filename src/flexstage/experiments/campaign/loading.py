@@ -12,7 +12,6 @@ from flexstage.errors import RecordError
 from flexstage.experiments.campaign.plan import KINDS, Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
-from flexstage.records.sampling import row_range
 
 #: Units that a role may have; a role that is not named here may have any.
 _UNITS: dict[str, tuple[str, ...]] = {
@@ -26,7 +25,6 @@ _SENSORS = frozenset(("along", "across", "vertical", "roll", "pitch", "yaw"))
 
 def load_records(test: Test, folder: Path) -> list[Record]:
     """Read the records of a test."""
-    how = test.reading
     units: dict[str, str] = {}
     for f in fields(Columns):
         at, unit = getattr(test.columns, f.name), getattr(test.units, f.name)
@@ -35,24 +33,16 @@ def load_records(test: Test, folder: Path) -> list[Record]:
         elif isinstance(at, tuple) and unit:
             units |= _unit_of_each(f.name, at, unit, test)
     wanted = columns_of(test)
-    delimiter = None if how.delimiter is None else how.delimiter.replace("\\t", "\t")
     records = [
         read_record(
             folder / name,
-            format=how.format,
-            sample_rate_hz=how.sample_rate,
-            time=how.time,
+            how,
             units=units,
-            dataset=how.dataset,
             columns=wanted or None,
-            rows=row_range(how.rows, "'rows'"),
-            skip_lines=how.skip_lines,
-            delimiter=delimiter,
-            decimal=how.decimal,
             over="point" if KINDS[test.kind].points else "time",
             labels=test.columns.direction,
         )
-        for name in test.records
+        for name, how in zip(test.records, test.reading.of_each(len(test.records)), strict=True)
     ]
     for record in records:
         _require_kind(test, record)

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from collections.abc import Mapping as MappingType
 from dataclasses import dataclass, field, fields
 from importlib import import_module
@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from flexstage.errors import ModelError, StageError
+from flexstage.experiments.campaign.requests import CharacteriseRequest, Columns, TestOptions
 from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import Format
 from flexstage.files.nodes import Mapping, Scalar
 from flexstage.files.ranges import POSITIVE, Range, require_ranges
-from flexstage.measure.motion.approaches import CYCLES
 from flexstage.sensor import SensorSpecification
-from flexstage.units import DIMENSIONS, Frequency, Length
+from flexstage.units import DIMENSIONS, Length
 
 _MOTIONS = ("along", "across", "vertical", "roll", "pitch", "yaw")
 _COMMANDED = {"command": "command"}
@@ -113,90 +113,17 @@ EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
-    """Which column of a record is what, by name or number; or the unit of each."""
-
-    command: str | None = None
-    """What the drive was told."""
-    along: str | None = None
-    """Position along the axis."""
-    across: str | None = None
-    """Position across it in the plane."""
-    vertical: str | None = None
-    """Position out of the plane."""
-    roll: str | None = None
-    """Rotation about the axis."""
-    pitch: str | None = None
-    """Rotation about the direction across."""
-    yaw: str | None = None
-    """Rotation about the normal."""
-    input: str | None = None
-    """Force, or whatever excites."""
-    output: tuple[str, ...] = ()
-    """What follows it."""
-    corner: str | None = None
-    """Number of the corner, from 0 and anticlockwise."""
-    x: str | None = None
-    """Reading of x at the corners."""
-    y: str | None = None
-    """Reading of y at the corners."""
-    spheres: tuple[str, ...] = ()
-    """Names of the spheres, whose columns are called ``NAME.X``, ``NAME.Y`` and ``NAME.Z``."""
-    direction: str | None = None
-    """The side that a target was reached from: a word, an arrow, or a number by its sign."""
-    upward: tuple[str, ...] = ()
-    """Of a table with a row for each target: readings of each run from below."""
-    downward: tuple[str, ...] = ()
-    """Of a table with a row for each target: readings of each run from above."""
-
-    def named(self) -> dict[str, str]:
-        """Return the single columns that are given, by what they are."""
-        given = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {k: v for k, v in given.items() if isinstance(v, str)}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FileReading:
-    """How the files of a test are read; what they say themselves need not be repeated."""
-
-    sample_rate: Annotated[Frequency, POSITIVE] | None = None
-    """Sample rate [Hz]."""
-    time: str | None = None
-    """Column of time."""
-    format: str | None = None
-    """Format of the files."""
-    dataset: str | None = None
-    """Dataset of the files."""
-    delimiter: str | None = None
-    """What parts the columns of text files."""
-    decimal: str | None = None
-    """Decimal mark of text files."""
-    rows: str | None = None
-    """Samples to read, numbered from 0, such as ``400:7200``; either end may be omitted."""
-    skip_lines: int = 0
-    """Lines to skip at the start of a text file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Test:
+class Test(TestOptions):
     """One test: its records, and what is in them."""
-
-    __test__ = False  # a name that the collector of tests would take for its own
 
     name: str
     """Its name."""
     kind: str
     """One of `KINDS`."""
-    axis: str
-    """The axis that moves or is excited; of a workspace both axes, such as ``xy``."""
     records: tuple[str, ...]
     """Its files, from the folder of the file that describes them."""
-    columns: Columns = field(default_factory=Columns)
-    """What is in which column."""
     units: Columns = field(default_factory=Columns)
     """Units of columns that do not say theirs."""
-    reading: FileReading = field(default_factory=FileReading)
-    """How the files are read."""
     along: str | None = None
     """Name of the instrument that reads position."""
     transverse: str | None = None
@@ -209,8 +136,6 @@ class Test:
     """Of a response: how many modes to fit; chosen by stabilisation where not given."""
     band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
     """Of a response: ends of the band that is fitted [Hz]."""
-    confidence: Annotated[float, Range(low=0.5, high=1.0, above=True, below=True)] = 0.95
-    """Of a staircase: confidence at which a step shall be told from its neighbours [1]."""
     smallest_steps: bool = False
     """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
     the resolution, and not what the noise would still let one see.
@@ -219,20 +144,11 @@ class Test:
     """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
     ratio is the resolution [m].
     """
-    commands: tuple[Annotated[float, DIMENSIONS["length"]], ...] = ()
-    """Of spheres: what the drive was told at each station, where no column says it, as in the
-    report of a measuring machine [m].
-    """
-    cycle: str = "auto"
-    """Of positioning: one of `flexstage.measure.motion.approaches.CYCLES`."""
-    deviations: bool = False
-    """Of positioning: whether the readings are deviations from the targets, and not positions."""
 
     def __post_init__(self) -> None:
         for what, given, known in (
             ("kind", self.kind, KINDS),
             ("excitation", self.excitation, EXCITATIONS),
-            ("cycle", self.cycle, CYCLES),
         ):
             if given not in known:
                 raise ModelError(
@@ -244,7 +160,6 @@ class Test:
         if not self.axis.strip():
             raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
         require_ranges(self, ModelError, f"test '{self.name}'")
-        require_ranges(self.reading, ModelError, f"the reading of test '{self.name}'")
         if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
             low, high = self.band
             raise ModelError(
@@ -284,6 +199,25 @@ class Campaign:
                         f"test '{test.name}' names the instrument '{name}', which is not described "
                         f"(there are: {listed})"
                     )
+
+    @classmethod
+    def of_files(cls, files: Sequence[str], request: CharacteriseRequest) -> "Campaign":
+        """Return the description of one test, which one sensor reads, from its files."""
+        sensor = SensorSpecification(
+            name="sensor", calibration=request.calibration, alignment=request.alignment
+        )
+        shared = {f.name: getattr(request, f.name) for f in fields(TestOptions)}
+        test = Test(
+            **shared,
+            name=request.test,
+            kind=request.test,
+            records=tuple(files),
+            units=request.units,
+            along="sensor",
+            transverse="sensor",
+            angle="sensor",
+        )
+        return cls(instruments=(sensor,), tests=(test,))
 
     def instrument(self, name: str | None) -> SensorSpecification | None:
         """Return what is known of an instrument; None where none is named."""

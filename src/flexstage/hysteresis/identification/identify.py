@@ -3,12 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
+from flexstage.files.request import request_of
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain, find_starts
 from flexstage.hysteresis.identification.creep_spectrum import with_spectrum
@@ -49,8 +51,10 @@ from flexstage.hysteresis.identification.model_fit import (
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.models.registry import MODELS
+from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.provenance import content_hash, provenance
 from flexstage.records import Record
+from flexstage.records.drives import train_range
 from flexstage.short_repr import short_repr
 
 #: Samples of all records that models are fitted with; those of longer ones are averaged.
@@ -128,13 +132,10 @@ def identify(
     records: Record | Sequence[Record],
     input_column: str | int,
     output_column: str | int,
+    request: IdentifyRequest | None = None,
     *,
-    model: str | Sequence[str] = "auto",
     chain: ChainValues | None = None,
-    train: tuple[int, int] | None = None,
-    resonance: tuple[float, float] | None = None,
-    temperature: tuple[float, float] | None = None,
-    drift: bool = False,
+    **asked: Any,
 ) -> Identification:
     """Identify the hysteresis of a drive and the linear chain behind it.
 
@@ -151,23 +152,13 @@ def identify(
         The column that drives.
     output_column : str or int
         The column that follows.
-    model : str or sequence of str
-        Name of a model, or of several; ``auto`` is `bouc-wen`, `maxwell-slip`,
-        `modified-prandtl-ishlinskii`, `preisach`, and any of your own. Of several, the simplest one
-        is taken that is as good as the best on held-out cycles, within noise.
+    request : IdentifyRequest, optional
+        Which models are tried, which samples are fitted, and what is known. Of several models, the
+        simplest one is taken that is as good as the best on held-out cycles, within noise.
     chain : ChainValues, optional
-        The chain where it is known; found where not given.
-    train : tuple of int, optional
-        First sample to fit, and the one after the last, of every record; the others are held out.
-        All are fitted where not given, and held-out errors come from cross-validation over cycles.
-    resonance : tuple of float, optional
-        Frequency [Hz] and damping ratio of a mode that is known, as from a model of the stage with
-        its drives in place; looked for where not given.
-    temperature : tuple of float, optional
-        Lowest and highest temperature while it was recorded [K], for the validity of the model.
-    drift : bool
-        Whether the output of each record drifts at a constant speed: it is fitted beside the model,
-        and thrown away.
+        The chain where all of it is known; found where not given.
+    **asked
+        Fields of `IdentifyRequest`, in place of those of `request`.
 
     Returns
     -------
@@ -181,7 +172,10 @@ def identify(
     ModelError
         There is no such model.
     """
-    wanted = (model,) if isinstance(model, str) else tuple(model)
+    request = request_of(IdentifyRequest, request, asked)
+    wanted, resonance = request.model, request.known_mode
+    if chain is None and (request.delay is not None or request.creep is not None):
+        chain = ChainValues(delay=request.delay or 0.0, creep_per_decade=request.creep or 0.0)
     names = automatic() if wanted == ("auto",) else wanted
     if not names:
         raise ModelError(f"no model is named: choose from auto, {', '.join(fits())}")
@@ -191,7 +185,8 @@ def identify(
                 f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
             )
     given = [records] if isinstance(records, Record) else list(records)
-    data = measurement(given, input_column, output_column, drift=drift)
+    train = train_range(request.train, given)
+    data = measurement(given, input_column, output_column, drift=request.drift)
     progress.update("linear chain", 0.0)
     every = _data(data, ChainValues(), train)  # refuses a range that leaves too little
     data, found = _chain_and_start(data, chain, train, resonance)
@@ -223,7 +218,7 @@ def identify(
         warnings=(*made.warnings, *passed_over(tried, candidates)),
         settings={**made.settings, "fitted": _fitted(given, data, train)},
     )
-    return made if temperature is None else _at(made, temperature)
+    return made if request.temperature is None else _at(made, request.temperature)
 
 
 def _chain_and_start(

@@ -77,7 +77,7 @@ def passed_over(
         return ()
     return (
         f"{', '.join(better)} would predict better, and cannot be inverted: where no command is to "
-        "be made from the model, name one by --hysteresis-model",
+        "be made from the model, name one by --model",
     )
 
 

@@ -5,14 +5,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from flexstage.centring.from_records import CentreOptions
 from flexstage.centring.procedure import trial_length, trial_position
+from flexstage.centring.requests import CentreRequest
+from flexstage.files.request import request_fields
 from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,
+    CentreFiles,
     CentreFound,
-    CentreRequest,
 )
 from flexstage.web.jobs import BackgroundJob
 
@@ -62,7 +63,7 @@ class CentringState:
     """Where the heads stand, in degrees."""
     radius: float | None = 50e-3
     """Radius of the scale [m]."""
-    kind: str = "disc"
+    kind: Literal["disc", "drum", "magnet"] = "disc"
     """Kind of scale."""
     clockwise: bool = False
     """Whether the heads travel clockwise round the scale."""
@@ -86,23 +87,22 @@ class CentringState:
         return (1, 2, 2)[len(self.measured)] if len(self.measured) < 3 else 3
 
     @property
-    def request(self) -> CentreRequest:
+    def asked(self) -> CentreFiles:
         """What is to be evaluated."""
-        columns = ",".join(self.errors)
-        options = CentreOptions(
-            error=None if self.is_reading else columns,
-            reading=columns if self.is_reading else None,
+        request = CentreRequest(
+            error=() if self.is_reading else self.errors,
+            reading=self.errors if self.is_reading else (),
             angle=self.angle,
             unit=self.unit or None,
-            heads=self.heads or None,
+            heads=request_fields(CentreRequest)["heads"].read(self.heads) if self.heads else (),
             radius=None if self.kind == "magnet" else self.radius,
             kind=self.kind,
             head_direction="cw" if self.clockwise else "ccw",
-            mount=self.mount,
+            mount_angle=self.mount,
         )
         if len(self.measured) > 2:  # enough to say how the stage moves
-            options = replace(options, stage_at=tuple(each.at for each in self.measured))
-        return CentreRequest(files=tuple(each.file for each in self.measured), options=options)
+            request = replace(request, stage_at=tuple(each.at for each in self.measured))
+        return CentreFiles(files=tuple(each.file for each in self.measured), request=request)
 
     @property
     def next_kind(self) -> Literal["start", "trial", "move"]:
@@ -112,7 +112,7 @@ class CentringState:
     @property
     def up_to_date(self) -> bool:
         """Whether what was found is of all that was measured."""
-        return self.found is not None and self.found.request == self.request
+        return self.found is not None and self.found.of == self.asked
 
     def take(self, file: Path) -> None:
         """Take a record of the scale with the stage where it stands."""

@@ -11,11 +11,11 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring import ARCSEC
-from flexstage.centring.from_records import CentreOptions, centre_records
+from flexstage.centring.from_records import centre_files
+from flexstage.centring.requests import CentreRequest
 from flexstage.errors import RecordError
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, read_whole
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import LikelyTurn, likely_turn
 from flexstage.report.figures.centring import draw_polar
 from flexstage.virtual import VirtualTable, scale_errors
@@ -30,12 +30,12 @@ _FEWEST = 8  # readings of a gauge in a turn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CentreRequest:
+class CentreFiles:
     """What is evaluated: records in sequence, and how they are read."""
 
     files: tuple[Path, ...]
     """A record of each setting."""
-    options: CentreOptions
+    request: CentreRequest
     """What they hold; with the places of the stage where there are three or more."""
 
 
@@ -43,7 +43,7 @@ class CentreRequest:
 class CentreFound:
     """What was found."""
 
-    request: CentreRequest
+    of: CentreFiles
     """Of what."""
     result: dict[str, Any]
     """As `flexstage centre --json` prints it."""
@@ -56,12 +56,9 @@ class CentreFound:
         return self.result.get("settings", [self.result])
 
 
-def evaluated(request: CentreRequest, key: str) -> CentreFound:
+def evaluated(given: CentreFiles, key: str) -> CentreFound:
     """Evaluate records; `key` makes the ids of the picture its own in a page."""
-    options = request.options
-    names = options.columns
-    read = read_files(request.files, names, units=options.units, over="point")
-    found = centre_records(read, options)
+    found = centre_files(given.files, given.request)
     numbers = sorted({1, len(found.settings)})
     ends = [found.settings[number - 1] for number in numbers]
     svg = inline(
@@ -73,7 +70,7 @@ def evaluated(request: CentreRequest, key: str) -> CentreFound:
         key,
         "Error of the scale over the turn, polar, with the fitted curve, and its harmonics",
     )
-    return CentreFound(request=request, result=found.result, svg=svg)
+    return CentreFound(of=given, result=found.result, svg=svg)
 
 
 def likely_columns(path: Path) -> LikelyTurn:

@@ -9,7 +9,8 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.web.explore.command import command_line
+from flexstage.designs import StageTemplate
+from flexstage.files.request import Request, command_line
 from flexstage.web.explore.state import Run
 from flexstage.web.page import div, quiet_button, remark
 
@@ -26,7 +27,7 @@ def show_downloads(run: Run, files: tuple[Path, ...]) -> None:
 
 def show_command(run: Run) -> None:
     """Show the command line that does the same, to be copied."""
-    text = command_line(run.facts.template, run.request)
+    text = same_command(run.facts.template, run.request)
     with div("command"):
         remark("The same at the prompt")
         ui.label(text).classes("code").props("tabindex=0")
@@ -38,6 +39,12 @@ def show_command(run: Run) -> None:
         quiet_button(icon="content_copy", on_click=copy).props("dense").props["aria-label"] = (
             "Copy the command line"
         )
+
+
+def same_command(template: StageTemplate, request: Request) -> str:
+    """Return the command line of a request about a stage with what was set of it."""
+    settings = (word for n, text in template.settings for word in ("--set", f"{n}={text}"))
+    return command_line(request, template.source, *settings)
 
 
 def _given_first(files: Iterable[Path]) -> list[Path]:

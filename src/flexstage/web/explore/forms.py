@@ -46,7 +46,7 @@ def what_it_takes(form: Form, facts: StageFacts) -> str:
     match form:
         case SweepForm():
             over = variables_of(
-                facts.template, [w.text(facts.variables[w.name]) for w in form.over]
+                facts.template, [w.variable(facts.variables[w.name]) for w in form.over]
             )
             samples = form.samples if len(form.over) > 2 else None
             points = len(usual_plan(over, form.model, samples=samples).points(over))

@@ -10,9 +10,7 @@ from nicegui import ui
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
 from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.requests.optimise import OptimiseRequest
-from flexstage.explore.requests.sweep import SweepRequest
-from flexstage.explore.requests.tolerance import ToleranceRequest
+from flexstage.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
 from flexstage.explore.sweep import Sweep
 from flexstage.quantities import number
 from flexstage.web.design.state import DesignState
@@ -319,8 +317,7 @@ _CLICKED = "(event) => { const at = event.points[0]?.customdata; if (at != null)
 
 
 def _kind(run: Run) -> str:
-    name = type(run.request).__name__.removesuffix("Request").casefold()
-    return KINDS[name]
+    return KINDS[run.request.job()]
 
 
 def _cancelled(run: Run) -> str:

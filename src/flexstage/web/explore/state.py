@@ -1,17 +1,22 @@
 """What one person has open in the view Explore: the forms, and what was found by each."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from flexstage.errors import ModelError
-from flexstage.explore.figures import Requirement
-from flexstage.explore.requests.optimise import OptimiseRequest
-from flexstage.explore.requests.sensitivity import SensitivityRequest
-from flexstage.explore.requests.sweep import SweepRequest, nothing_varied
-from flexstage.explore.requests.tolerance import ToleranceRequest
+from flexstage.explore.figures import Requirement, bounded
+from flexstage.explore.prepare import nothing_varied
+from flexstage.explore.requests import (
+    OptimiseRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.explore.variables import Variable
+from flexstage.files.request import Request
+from flexstage.studies.requests import ModelName
 from flexstage.web.design.state import Remembered, Variant
-from flexstage.web.explore.command import Request
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.work import Question
 from flexstage.web.jobs import BackgroundJob
@@ -43,11 +48,10 @@ class RangeWords:
         low = variable.low if self.low is None else self.low
         return low, variable.high if self.high is None else self.high
 
-    def text(self, variable: Variable) -> str:
-        """Return it in words."""
-        low, high = (f"{bound * variable.factor:.12g}" for bound in self.bounds(variable))
-        count = f"/{self.count}" if self.count else ""
-        return f"{self.name}={low}..{high} {variable.unit}".strip() + count
+    def variable(self, variable: Variable) -> Variable:
+        """Return the parameter with these bounds."""
+        low, high = self.bounds(variable)
+        return replace(variable, low=low, high=high, count=self.count)
 
 
 @dataclass
@@ -68,13 +72,11 @@ class LimitWords:
         value = requirement.high if requirement.low is None else requirement.low
         return cls(requirement.figure.name, sign, value)
 
-    def text(self, facts: StageFacts) -> str:
-        """Return it in words."""
+    def requirement(self, facts: StageFacts) -> Requirement:
+        """Return it as a requirement."""
         if self.value is None:
             raise ModelError(f"say which value {self.figure} shall have")
-        shown = facts.figures[self.figure].shown
-        sign = "=" if self.sign == "reach" else self.sign
-        return f"{self.figure} {sign} {self.value * shown.factor:.9g} {shown.shown_unit}".strip()
+        return bounded(facts.figures[self.figure], self.sign, self.value)
 
 
 @dataclass
@@ -87,7 +89,7 @@ class SweepForm:
     """Figures."""
     samples: int | None = None
     """Number of points; of a grid those of each parameter count."""
-    model: str = "lumped"
+    model: ModelName = "lumped"
     """The model."""
 
     def request(self, facts: StageFacts) -> SweepRequest:
@@ -95,7 +97,7 @@ class SweepForm:
         if not self.over:
             raise ModelError(nothing_varied(facts.template))
         return SweepRequest(
-            over=tuple(row.text(facts.variables[row.name]) for row in self.over),
+            over=tuple(row.variable(facts.variables[row.name]) for row in self.over),
             of=_unusual(self.of, facts),
             samples=self.samples if len(self.over) > 2 else None,
             model=self.model,
@@ -116,11 +118,11 @@ class OptimiseForm:
     """Names of what is varied."""
     bounds: dict[str, RangeWords] = field(default_factory=dict)
     """Bounds that were changed."""
-    start: str = "described"
+    start: Literal["described", "middle"] = "described"
     """Where the search starts."""
     evaluations: int | None = None
     """Evaluations of the lumped model at most."""
-    model: str = "lumped"
+    model: Literal["superelement", "lumped"] = "lumped"
     """The model whose figures count."""
 
     def request(self, facts: StageFacts) -> OptimiseRequest:
@@ -137,9 +139,9 @@ class OptimiseForm:
         return OptimiseRequest(
             maximise=tuple(goal.figure for goal in sought.get("maximise", ())),
             minimise=tuple(goal.figure for goal in sought.get("minimise", ())),
-            match=tuple(goal.text(facts) for goal in sought.get("reach", ())),
-            keep=tuple(row.text(facts) for row in self.keep),
-            over=() if usual else tuple(w.text(facts.variables[w.name]) for w in words),
+            match=tuple(goal.requirement(facts) for goal in sought.get("reach", ())),
+            keep=tuple(row.requirement(facts) for row in self.keep),
+            over=() if usual else tuple(w.variable(facts.variables[w.name]) for w in words),
             without=tuple(name for name in facts.unasked if name not in self.required),
             start=self.start,
             evaluations=self.evaluations,
@@ -161,7 +163,7 @@ class ToleranceForm:
     """Stages that are drawn."""
     target: float | None = None
     """Yield that is sought [%]."""
-    model: str = "lumped"
+    model: Literal["superelement", "lumped"] = "lumped"
     """Model that corrects the lumped one."""
 
     def request(self, facts: StageFacts) -> ToleranceRequest:
@@ -169,9 +171,9 @@ class ToleranceForm:
         return ToleranceRequest(
             samples=self.samples,
             scatter=tuple(f"{name}={text}" for name, text in self.scatter.items()),
-            require=tuple(row.text(facts) for row in self.require),
+            require=tuple(row.requirement(facts) for row in self.require),
             of=_unusual(self.of, facts),
-            target_yield=f"{self.target:g} %" if self.target else None,
+            target_yield=self.target / 100.0 if self.target else None,
             model=self.model,
         )
 
@@ -186,13 +188,13 @@ class SensitivityForm:
     """Whether neck and place of each hinge are taken by themselves."""
     step: float | None = None
     """What lengths change by [m]; 1 % of each where none is given."""
-    model: str = "lumped"
+    model: ModelName = "lumped"
     """The model."""
 
     def request(self, facts: StageFacts) -> SensitivityRequest:
         """Return what is asked for."""
         return SensitivityRequest(
-            of=_unusual(self.of, facts), hinges=self.hinges, step=self.step, model=self.model
+            of=_unusual(self.of, facts), hinges=self.hinges, per=self.step, model=self.model
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from flexstage.designs import StageTemplate
 from flexstage.explore.batches import finished_batches
@@ -13,20 +13,30 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.requests.optimise import OptimiseRequest
-from flexstage.explore.requests.sensitivity import SensitivityRequest
-from flexstage.explore.requests.sweep import SweepRequest
-from flexstage.explore.requests.tolerance import Found as LotFound
-from flexstage.explore.requests.tolerance import ToleranceRequest
+from flexstage.explore.prepare import Found as LotFound
+from flexstage.explore.prepare import (
+    problem_of,
+    ready_optimise,
+    ready_sensitivity,
+    ready_sweep,
+    ready_tolerance,
+    swept,
+)
+from flexstage.explore.requests import (
+    OptimiseRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.explore.sampling import SweepPlan
 from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.explore.workers import Workers
+from flexstage.files.request import Request
 from flexstage.files.write import write_files
 from flexstage.table import Table
-from flexstage.web.explore.command import Request
 from flexstage.web.pictures import inline
 
 if TYPE_CHECKING:
@@ -54,21 +64,17 @@ class Explored:
     """What is to be known of it and of its files."""
 
 
-def ready(template: StageTemplate, request: Request) -> Callable[..., Any]:
-    """Read the words of a request; what is wrong is told."""
-    if isinstance(request, ToleranceRequest):
-        return request.ready(template.stage())
-    return request.ready(template)
-
-
 def question_of(template: StageTemplate, request: Request) -> Question:
     """Return what a sweep or an optimisation is about; what is wrong with a request is told."""
     match request:
         case SweepRequest():
-            return request.question(template)
+            return swept(request, template)
         case OptimiseRequest():
-            return request.problem(template)
-    ready(template, request)
+            return problem_of(request, template)
+        case ToleranceRequest():
+            ready_tolerance(request, template.stage())
+        case SensitivityRequest():
+            ready_sensitivity(request, template)
     return None
 
 
@@ -78,20 +84,19 @@ def explored(folder: Path, template: StageTemplate, request: Request, key: str) 
     Finished batches are kept there until then, so that what was cancelled goes on from them. Ids in
     the pictures begin with `key`. This process does all of the work: the panel has others to serve.
     """
-    run = ready(template, request)
     with finished_batches(folder) as keep:
         match request:
             case SweepRequest():
-                result = run(workers=Workers(1), keep=keep)
+                result = ready_sweep(request, template)(workers=Workers(1), keep=keep)
                 shown = _of_sweep(result)
             case ToleranceRequest():
-                result = run(Workers(1), keep)
+                result = ready_tolerance(request, template.stage())(Workers(1), keep)
                 shown = _of_lot(*result)
             case OptimiseRequest():
-                result = run(Workers(1))
+                result = ready_optimise(request, template)(Workers(1))
                 shown = _of_front(result) if isinstance(result, Front) else _of_optimum(result)
             case SensitivityRequest():
-                result = run()
+                result = ready_sensitivity(request, template)()
                 shown = _of_sensitivities(result, request)
         written = write_files(folder, shown.files)
     pictures = tuple(

@@ -9,8 +9,11 @@ from typing import Any
 from nicegui import events, ui
 
 from flexstage.errors import FlexstageError
+from flexstage.files.request import request_fields
+from flexstage.files.schema import field_texts
 from flexstage.records import FORMATS
 from flexstage.records.contents import column_label, contents_table, length_in_words
+from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.web.figures import in_page, picture, show_table
 from flexstage.web.hysteresis.requests import Reading
 from flexstage.web.hysteresis.state import MeasuredFiles
@@ -22,17 +25,23 @@ from flexstage.web.uploads import upload
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
 _MOST = 128 * 2**20  # byte
 _PATIENT = "outlined dense stack-label debounce=700"
-#: Fields that most files do not need: name, label, what is written as an example.
-_UNUSUAL = (
-    ("rows", "Rows", "400:7200"),
-    ("resample", "Resample", "median, or 200 Hz"),
-    ("dataset", "Dataset", "name of a group or variable"),
-    ("skip_lines", "Skip lines", "0"),
-    ("delimiter", "Delimiter", "tab, comma, semicolon, space"),
-    ("decimal", "Decimal", ". or ,"),
-    ("branches", "Branches", "UP,DOWN: two columns of a table without times"),
-    ("curve", "Curve", "column that numbers reversal curves; or files, or columns"),
-)
+#: Fields that most files do not need, and what is written as an example.
+_UNUSUAL = {
+    "rows": "400:7200",
+    "resample": "median, or 200 Hz",
+    "dataset": "name of a group or variable",
+    "skip_lines": "0",
+    "delimiter": "tab, comma, semicolon, space",
+    "decimal": ". or ,",
+    "branches": "UP,DOWN: two columns of a table without times",
+    "curve": "column that numbers reversal curves; or files, or columns",
+}
+_TABLES = ("branches", "curve")
+
+
+_FIELDS = {**request_fields(DriveColumns), **request_fields(ReadOptions)}
+_LABELS = {name: field.label for name, field in _FIELDS.items()}
+_TEXTS = {**field_texts(DriveColumns), **field_texts(ReadOptions)}
 
 
 class FilesForm:
@@ -94,21 +103,22 @@ class FilesForm:
         self._back = quiet_button(on_click=self._go_back).props("dense")
         with div("entries pairs") as self._grid:
             if not self._reference:
-                self._column("input", "Input")
-                self._text("input_unit", "Input unit", "V")
-            self._column("output", "Column" if self._reference else "Output", clearable=True)
-            self._text("output_unit", "Reference unit" if self._reference else "Output unit", "um")
-            self._column("time", "Time", clearable=True)
-            self._text("sample_rate", "Sample rate", "200 Hz")
+                self._column("input")
+                self._text("input_unit", "V")
+            self._column("output", "Column" if self._reference else "", clearable=True)
+            self._text("output_unit", "um", "Reference unit" if self._reference else "")
+            self._column("time", clearable=True)
+            self._text("sample_rate", "200 Hz")
         with (
             ui.expansion("How the file is read", value=self._source.reading.unusual).classes(
                 "folded"
             ) as self._more,
             div("entries"),
         ):
-            for name, label, example in _UNUSUAL[: -2 if self._reference else None]:
-                self._text(name, label, example)
-            self._select("format", "Format", {name: name for name in FORMATS}, clearable=True)
+            for name, example in _UNUSUAL.items():
+                if not (self._reference and name in _TABLES):
+                    self._text(name, example)
+            self._select("format", {name: name for name in FORMATS}, clearable=True)
             if not self._reference:
                 upload(
                     self._page, "Another record of the same drive", _ENDINGS, self._add,
@@ -129,23 +139,24 @@ class FilesForm:
 
     # fields
 
-    def _text(self, name: str, label: str, example: str) -> None:
-        field = ui.input(label, placeholder=example, value=getattr(self._source.reading, name))
-        self._fields[name] = field.props(_PATIENT)
+    def _text(self, name: str, example: str, label: str = "") -> None:
+        field = ui.input(label or _LABELS[name], placeholder=example)
+        field.value = self._source.reading.text(name)
+        self._fields[name] = field.props(_PATIENT).tooltip(_TEXTS[name])
         field.on_value_change(lambda event: self._set(name, event))
 
-    def _select(self, name: str, label: str, options: dict[str, str], **more: Any) -> None:
-        value = getattr(self._source.reading, name)
+    def _select(self, name: str, options: dict[str, str], label: str = "", **more: Any) -> None:
+        value = self._source.reading.text(name)
         if value and value not in options:
             options = {**options, value: value}
-        field = ui.select(options, label=label, value=value or None, **more)
+        field = ui.select(options, label=label or _LABELS[name], value=value or None, **more)
         self._fields[name] = field.props("outlined dense options-dense stack-label")
         field.on_value_change(lambda event: self._set(name, event))
 
-    def _column(self, name: str, label: str, **more: Any) -> None:
+    def _column(self, name: str, label: str = "", **more: Any) -> None:
         # of curves in columns several are written, with commas
         self._select(
-            name, label, self._columns(), with_input=True, new_value_mode="add-unique",
+            name, self._columns(), label, with_input=True, new_value_mode="add-unique",
             key_generator=str, **more,
         )  # fmt: skip
 
@@ -157,11 +168,22 @@ class FilesForm:
 
     def _set(self, name: str, event: events.ValueChangeEventArguments[Any]) -> None:
         value = (event.value or "").strip()
-        if self._syncing or value == getattr(self._source.reading, name):
+        if self._syncing:
             return
-        reading = replace(self._source.reading, **{name: value})
-        # two branches are the output
-        self._source.reading = replace(reading, output="") if reading.branches else reading
+        if value == self._source.reading.text(name):
+            if self._source.wrong:  # a text was mended
+                self.look()
+            return
+        try:
+            reading = self._source.reading.changed(name, value)
+        except FlexstageError as error:  # the text stays in its field, to be mended
+            self._source.wrong = self._page.words(f"{_LABELS[name]}: {error}")
+            self._say_wrong()
+            self._changed()
+            return
+        if reading.columns.branches:  # two branches are the output
+            reading = replace(reading, columns=replace(reading.columns, output=()))
+        self._source.reading = reading
         self.look()
 
     def sync(self) -> None:
@@ -169,7 +191,7 @@ class FilesForm:
         reading, columns = self._source.reading, self._columns()
         self._syncing = True
         for name, field in self._fields.items():
-            value = getattr(reading, name)
+            value = reading.text(name)
             if name in ("input", "output", "time"):
                 known = {**columns, **({value: value} if value and value not in columns else {})}
                 field.set_options(known, value=value or None)
@@ -178,13 +200,17 @@ class FilesForm:
         self._syncing = False
         given = bool(reading.files)
         self._grid.visible = self._more.visible = given
+        self._say_wrong()
+        self._show_files()
+
+    def _say_wrong(self) -> None:
+        """Say why the files cannot be read, and offer those that could be."""
         self._wrong.visible = bool(self._source.wrong)
         self._wrong.text = self._source.wrong
         before = self._source.before
         self._back.visible = bool(self._source.wrong and before is not None)
         if before is not None:
             self._back.text = f"Back to {', '.join(before.reading.names)}"
-        self._show_files()
 
     def _show_files(self) -> None:
         self._files.clear()
@@ -202,7 +228,9 @@ class FilesForm:
 
     def _replace(self, path: Path) -> None:
         self._plain = Reading(files=(str(path),))
-        self._source.open(replace(self._like(), files=self._plain.files, rows=""))
+        like = self._like()
+        how = replace(like.how, rows=None)
+        self._source.open(replace(like, files=self._plain.files, how=how))
         self.look()
 
     def _add(self, path: Path) -> None:
@@ -271,8 +299,9 @@ class FilesForm:
     def _take(self, found: Looked) -> None:
         self._source.looked, self._source.wrong, self._plain = found, "", None
         reading = found.reading
-        if self._reference and not reading.output:
-            reading = replace(reading, output=reading.input)
+        columns = reading.columns
+        if self._reference and not columns.output:
+            reading = replace(reading, columns=replace(columns, output=columns.input))
         self._source.reading = reading
         self.sync()
         self._changed()

@@ -146,7 +146,7 @@ class ModelPanel:
         elif state.asked is not None:
             reading, search = state.asked
             name = f"identifying {MODELS[kind].title}"
-            only = replace(search, models=(kind,))
+            only = replace(search, model=(kind,))
             self._task.start(name, identified, reading, only, f"{kind}-loop")
 
     def _take_another(self, made: Identified) -> None:

@@ -1,54 +1,23 @@
 """What is asked for in the view Hysteresis: of files, of models, and of a motion."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-#: What is not said about how files are read, as `flexstage.records.reading_options` names it.
-_HOW = ("sample_rate", "time", "resample", "rows", "format", "dataset", "delimiter", "decimal")
+from flexstage.files.request import RequestField, request_fields
+from flexstage.records.read_options import DriveColumns, ReadOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Files, and how they are read: texts as the options of `flexstage identify`."""
+    """Files, and how they are read."""
 
     files: tuple[str, ...] = ()
     """The files."""
-    input: str = ""
-    """Column that drives."""
-    output: str = ""
-    """Column that follows."""
-    branches: str = ""
-    """Columns of the rising and the falling branch, in a table without times."""
-    curve: str = ""
-    """How first-order reversal curves lie in a table without times."""
-    input_unit: str = ""
-    """Unit of the input, where the file does not say it."""
-    output_unit: str = ""
-    """Unit of the output."""
-    sample_rate: str = ""
-    """Sample rate, where the file does not say it."""
-    time: str = ""
-    """Column of the times."""
-    resample: str = ""
-    """Rate of even times."""
-    rows: str = ""
-    """Samples that are read."""
-    format: str = ""
-    """Format of the file."""
-    dataset: str = ""
-    """Which of the datasets of a file."""
-    skip_lines: str = ""
-    """Lines at the start of a text that are left out."""
-    delimiter: str = ""
-    """What divides the columns of a text."""
-    decimal: str = ""
-    """The decimal sign of a text."""
-
-    @property
-    def how(self) -> dict[str, Any]:
-        """What goes to `understood`, but for the number of lines."""
-        return {name: getattr(self, name).strip() or None for name in _HOW}
+    columns: DriveColumns = DriveColumns()
+    """Which columns they are about."""
+    how: ReadOptions = ReadOptions()
+    """How they are read."""
 
     @property
     def names(self) -> list[str]:
@@ -56,37 +25,32 @@ class Reading:
         return [Path(file).name for file in self.files]
 
     @property
-    def is_table(self) -> bool:
-        """Whether it is of branches or curves, in tables without times."""
-        return bool(self.branches or self.curve)
-
-    @property
     def unusual(self) -> bool:
         """Whether anything is said that most files do not need."""
-        rest = {f.name for f in fields(self)} - {
-            "files", "input", "output", "input_unit", "output_unit", "sample_rate", "time",
-        }  # fmt: skip
-        return any(getattr(self, name) for name in rest)
+        plain = replace(self.how, sample_rate=(), time=None)
+        return self.columns.is_table or plain != ReadOptions()
 
+    def text(self, name: str) -> str:
+        """Return the text of a field of the columns or options; empty where it is as usual."""
+        part, field = self._part(name)
+        value = getattr(part, name)
+        return "" if value == field.default else ",".join(field.texts(value))
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Search:
-    """What is identified, and what is known before."""
+    def changed(self, name: str, text: str) -> "Reading":
+        """Return it with another text of a field.
 
-    models: tuple[str, ...] = ()
-    """Kinds of hysteresis models; none for those that are tried unless named."""
-    train: str = ""
-    """Samples to fit; empty for all."""
-    drift: bool = False
-    """Whether a drift of constant speed is fitted beside the model."""
-    delay: float | None = None
-    """Known delay of the output [s]."""
-    creep: float | None = None
-    """Known creep per decade of time [1]."""
-    resonance_hz: float | None = None
-    """Known resonance [Hz]."""
-    damping_ratio: float | None = None
-    """Damping ratio of that [1]."""
+        Raises
+        ------
+        RecordError, UnitError
+            The text is no value of the field.
+        """
+        part, field = self._part(name)
+        part = replace(part, **{name: field.read(text) if text.strip() else field.default})
+        return replace(self, **{"how" if isinstance(part, ReadOptions) else "columns": part})
+
+    def _part(self, name: str) -> tuple[DriveColumns | ReadOptions, RequestField]:
+        part = self.how if name in request_fields(ReadOptions) else self.columns
+        return part, request_fields(type(part))[name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

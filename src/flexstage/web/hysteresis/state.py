@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from flexstage.hysteresis import ModelFile
-from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.hysteresis.requests import IdentifyRequest
+from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.hysteresis.work import Compensated, Identified, Looked, Predicted
 from flexstage.web.jobs import BackgroundJob
 
@@ -49,13 +50,14 @@ class MeasuredFiles:
             return self.wrong
         if self.looked is None:
             return "The file is being read."
-        if not (self.reading.input or reference):
+        columns = self.reading.columns
+        if not (columns.input or reference):
             return "Choose the column that drives as Input."
-        if not (self.reading.output or self.reading.branches):
+        if not (columns.output or columns.branches):
             if reference:
                 return "Choose the Column of the wanted readings."
             return "Choose the column that follows as Output."
-        if self.looked.contents[0]["over"] == "point" and not self.reading.is_table:
+        if self.looked.contents[0]["over"] == "point" and not columns.is_table:
             return (
                 "Give the Sample rate, or the column of Time: the file does not say when its "
                 "samples were taken."
@@ -90,11 +92,11 @@ class HysteresisState:
     """Which step is shown."""
     source: MeasuredFiles = field(default_factory=MeasuredFiles)
     """The record that a model is identified from."""
-    search: Search = field(default_factory=Search)
+    search: IdentifyRequest = IdentifyRequest()
     """What is identified."""
-    asking: tuple[Reading, Search] | None = None
+    asking: tuple[Reading, IdentifyRequest] | None = None
     """With what a model is being identified."""
-    asked: tuple[Reading, Search] | None = None
+    asked: tuple[Reading, IdentifyRequest] | None = None
     """With what the models that are listed were identified."""
     tried: dict[str, Identified] = field(default_factory=dict)
     """Models of that by kind: first the one that was chosen of all."""

@@ -19,23 +19,21 @@ from flexstage.hysteresis import (
     read_model_file,
 )
 from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
-from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import command_record, reading_in_proportion
 from flexstage.hysteresis.prediction import predict_each
+from flexstage.hysteresis.requests import IdentifyRequest, rowwise
 from flexstage.records import Record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.detect import format_of
-from flexstage.records.drives import read_drive, train_range
+from flexstage.records.drives import read_drive
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
-from flexstage.records.reading_options import column, understood
 from flexstage.records.write import record_bytes
 from flexstage.report.figures.identification import draw_identification, draw_prediction
 from flexstage.report.figures.record import draw_drive_record, draw_record
 from flexstage.report.figures.tracking import draw_feedforward
-from flexstage.stage.assumptions import DAMPING_RATIO
-from flexstage.web.hysteresis.requests import Reading, Search, WantedMotion
+from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.pictures import inline
 
 if TYPE_CHECKING:
@@ -71,15 +69,13 @@ def looked_at(reading: Reading, key: str) -> Looked:
 
 def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
     """Read all of files; return how, what is in them, and the first one."""
-    how = _how(reading, len(reading.files))
-    pairs = (reading.input, reading.input_unit), (reading.output, reading.output_unit)
+    columns = reading.columns
+    pairs = (columns.input, columns.input_unit), (columns.output, columns.output_unit)
     # several columns have their units when they are read
-    how["units"] = {c: u.strip() for c, u in pairs if u.strip() and c and "," not in c}
-    rates = how.pop("rates_hz")
-    how.pop("resample_hz")
+    units = {str(c[0]): unit for c, unit in pairs if unit and len(c) == 1}
+    each = reading.how.of_each(len(reading.files))
     read = [
-        read_whole(file, sample_rate_hz=rate, **how)
-        for file, rate in zip(reading.files, rates, strict=True)
+        read_whole(file, how, units=units) for file, how in zip(reading.files, each, strict=True)
     ]
     found = tuple(contents(*one) for one in read)
     return _with_columns(reading, found[0]), found, read[0][0]
@@ -91,26 +87,29 @@ def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
     Where units and names leave a choice, the first columns that move are taken, to be seen.
     """
     times = [c for c in found["columns"] if is_time(c)]
-    if found["over"] == "point" and times and not (reading.time or reading.sample_rate):
-        reading = replace(reading, time=str(times[0]["number"]))
-    if reading.input or reading.output or reading.is_table:
+    columns, how = reading.columns, reading.how
+    if found["over"] == "point" and times and how.time is None and not how.sample_rate:
+        how = replace(how, time=times[0]["number"])
+        reading = replace(reading, how=how)
+    if columns.input or columns.output or columns.is_table:
         return reading
     moving = moving_columns(found)
     driven, follows = (some[:1] for some in likely_drive(moving))
     rest = [c for c in moving if c not in (*driven, *follows)]
     driven, rest = driven or rest[:1], rest if driven else rest[1:]
-    return replace(
-        reading,
-        input="".join(str(c["number"]) for c in driven),
-        output="".join(str(c["number"]) for c in follows or rest[:1]),
+    columns = replace(
+        columns,
+        input=tuple(c["number"] for c in driven),
+        output=tuple(c["number"] for c in follows or rest[:1]),
     )
+    return replace(reading, columns=columns)
 
 
 def _drawn(record: Record, reading: Reading) -> "Figure":
-    numbers = {str(n) for n in range(len(record.channels))}
-    if not {reading.input, reading.output} <= numbers:
+    pair = [*reading.columns.input, *reading.columns.output]
+    if len(pair) != 2 or not set(pair) <= set(range(len(record.channels))):
         return draw_record(record)
-    return draw_drive_record(record, reading.input, reading.output)
+    return draw_drive_record(record, *map(str, pair))
 
 
 def is_light(reading: Reading) -> bool:
@@ -119,24 +118,9 @@ def is_light(reading: Reading) -> bool:
     return all(p.stat().st_size < _LIGHT and format_of(p) == "text" for p in paths)
 
 
-def _how(reading: Reading, files: int) -> dict[str, Any]:
-    lines = reading.skip_lines.strip() or "0"
-    if not lines.isdecimal():
-        raise ModelError(f"--skip-lines must be a number of lines, got '{lines}'")
-    return understood(files, **reading.how, skip_lines=int(lines))
-
-
 def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
     """Read what a drive was told and what followed, as `flexstage identify` does."""
-    return read_drive(
-        [Path(file) for file in reading.files],
-        reading.input,
-        reading.output or None,
-        branches=reading.branches or None,
-        curve=reading.curve or None,
-        units=(reading.input_unit.strip() or None, reading.output_unit.strip() or None),
-        **_how(reading, len(reading.files)),
-    )
+    return read_drive([Path(file) for file in reading.files], reading.columns, reading.how)
 
 
 # the model
@@ -160,24 +144,12 @@ class Identified:
     """Loop, fit and residual, for a page."""
 
 
-def identified(reading: Reading, search: Search, key: str) -> Identified:
+def identified(reading: Reading, request: IdentifyRequest, key: str) -> Identified:
     """Identify a drive, as `flexstage identify` does."""
     records, driven, follows = read(reading)
-    chain = None
-    if search.delay is not None or search.creep is not None:
-        chain = ChainValues(delay=search.delay or 0.0, creep_per_decade=search.creep or 0.0)
-    elif reading.is_table and not reading.sample_rate:
-        chain = ChainValues()  # which rows without times do not tell
-    found = identify(
-        records,
-        driven,
-        follows,
-        model=search.models or "auto",
-        chain=chain,
-        resonance=_resonance(search),
-        drift=search.drift,
-        train=train_range(search.train or None, records),
-    )
+    if reading.columns.is_table and not reading.how.sample_rate:
+        request = rowwise(request)
+    found = identify(records, driven, follows, request)
     file = identified_file(found, records)
     names = [record.source for record in records]
     says = f"Measured and modelled loop, and residual, of {', '.join(reading.names)}"
@@ -189,17 +161,6 @@ def identified(reading: Reading, search: Search, key: str) -> Identified:
         notes=tuple(sorted({note for r in records for note in r.notes})),
         svg=inline(lambda: draw_identification(found, names), key, says),
     )
-
-
-def _resonance(search: Search) -> tuple[float, float] | None:
-    if search.resonance_hz is None:
-        return None
-    damping = DAMPING_RATIO if search.damping_ratio is None else search.damping_ratio
-    if not search.resonance_hz > 0.0:
-        raise ModelError(f"--resonance must be positive, got {search.resonance_hz:g} Hz")
-    if not 0.0 < damping < 1.0:
-        raise ModelError(f"--damping-ratio must be between 0 and 100 %, got {100.0 * damping:g} %")
-    return search.resonance_hz, damping
 
 
 def opened(path: Path) -> tuple[ModelFile, str]:
@@ -306,14 +267,11 @@ def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
 
 def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
     reading = motion.file
-    wanted = column(reading.output)
-    record = read_files(
-        [Path(reading.files[0])],
-        [wanted],
-        units=[reading.output_unit.strip() or None],
-        even=True,
-        **_how(reading, 1),
-    )[0]
+    (wanted,) = reading.columns.output
+    units = [reading.columns.output_unit]
+    (record,) = read_files(
+        [Path(reading.files[0])], [wanted], options=reading.how, units=units, even=True
+    )
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"

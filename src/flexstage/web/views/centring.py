@@ -149,7 +149,7 @@ class CentringView:
         if self._state.measured:
             with self._page.sentences():
                 key = f"centring{self._shown.id}"
-                self._task.start("evaluation", evaluated, self._state.request, key)
+                self._task.start("evaluation", evaluated, self._state.asked, key)
 
     def _take(self, found: CentreFound) -> None:
         self._state.found = found

@@ -7,10 +7,10 @@ from nicegui import ui
 
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.names import file_name
+from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import checked
-from flexstage.web.explore.command import Request
 from flexstage.web.explore.facts import StageFacts, facts_of
 from flexstage.web.explore.fields import Fields, in_form_words
 from flexstage.web.explore.forms import build_form, what_it_takes

@@ -5,7 +5,10 @@ from typing import Any
 
 from nicegui import ui
 
+from flexstage.errors import FlexstageError
+from flexstage.files.request import request_fields
 from flexstage.hysteresis import MODELS
+from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.web.hysteresis.compensation_panel import CompensationPanel
 from flexstage.web.hysteresis.example import example_record
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
@@ -34,7 +37,15 @@ _PURPOSES = (
     "A model proves itself on a record that it was not identified from, at another rate or on "
     "another day.",
 )
-_NUMBER = "outlined dense stack-label"
+_ENTRY = "outlined dense stack-label debounce=300"
+#: What may be known of a drive, and how it is written.
+_KNOWN = {
+    "train": "400:5000",
+    "resonance": "808 Hz",
+    "damping_ratio": "1 %",
+    "delay": "5 ms",
+    "creep": "1.2 %",
+}
 
 
 def build(page: Page) -> None:
@@ -57,6 +68,7 @@ class HysteresisView:
         self._model = ModelPanel(page, self._state, self._another_model)
         self._compensation = CompensationPanel(page, self._state)
         self._prediction = PredictionPanel(page, self._state)
+        self._wrong: set[str] = set()  # fields whose text is no value
 
     def build(self) -> None:
         """Make the view."""
@@ -110,32 +122,42 @@ class HysteresisView:
     def _search(self) -> None:
         search = self._state.search
         kinds = {kind: model.title for kind, model in MODELS.items()}
+        chosen = [kind for kind in search.model if kind != "auto"]
         ui.select(
             kinds, label="Hysteresis model (four are tried where none is chosen)",
-            value=list(search.models), multiple=True, clearable=True,
+            value=chosen, multiple=True, clearable=True,
         ).props("outlined dense options-dense stack-label use-chips").classes("full-width"
-        ).on_value_change(lambda event: self._set("models", tuple(event.value or ())))  # fmt: skip
-        known = replace(search, models=()) != type(search)()
+        ).on_value_change(
+            lambda event: self._set("model", tuple(event.value or ()) or ("auto",))
+        )  # fmt: skip
+        known = replace(search, model=("auto",)) != IdentifyRequest()
         with ui.expansion("What is known of the drive", value=known).classes("folded"):
             with div("entries"):
-                ui.input("Train: samples to fit", value=search.train, placeholder="400:5000").props(
-                    _NUMBER
-                ).on_value_change(lambda event: self._set("train", (event.value or "").strip()))
-                self._number("resonance_hz", "Resonance [Hz]")
-                self._number("damping_ratio", "Damping ratio [%]", 100.0)
-                self._number("delay", "Delay [ms]", 1e3)
-                self._number("creep", "Creep per decade [%]", 100.0)
+                for name, example in _KNOWN.items():
+                    self._field(name, example)
             ui.checkbox(
                 "Drift: fit one of constant speed beside the model", value=search.drift
             ).on_value_change(lambda event: self._set("drift", bool(event.value)))
 
-    def _number(self, name: str, label: str, factor: float = 1.0) -> None:
+    def _field(self, name: str, example: str) -> None:
+        field = request_fields(IdentifyRequest)[name]
         value = getattr(self._state.search, name)
-        ui.number(label, value=None if value is None else value * factor, min=0).props(
-            _NUMBER
-        ).on_value_change(
-            lambda event: self._set(name, None if event.value is None else event.value / factor)
-        )
+        shown = "" if value in (None, field.default) else ",".join(field.texts(value))
+        entry = ui.input(field.label, value=shown, placeholder=example).props(_ENTRY)
+
+        def take(event: Any) -> None:
+            text = (event.value or "").strip()
+            try:
+                self._set(name, field.read(text) if text else field.default)
+            except FlexstageError as error:
+                entry.error = in_page_words(str(error))
+                self._wrong.add(name)
+            else:
+                entry.error = None
+                self._wrong.discard(name)
+            self._looked()
+
+        entry.on_value_change(take)
 
     def _set(self, name: str, value: Any) -> None:
         self._state.search = replace(self._state.search, **{name: value})
@@ -148,7 +170,7 @@ class HysteresisView:
         self._missing.text = in_page_words(shown)
         self._missing.visible = bool(shown)
         self._asked.visible = bool(source.reading.files)
-        self._go.set_enabled(not missing)
+        self._go.set_enabled(not missing and not self._wrong)
         self._shown.visible = source.looked is not None or not source.reading.files
         self._contents.clear()
         with self._contents:

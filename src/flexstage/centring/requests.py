@@ -1,0 +1,149 @@
+"""What is asked of records of a scale on a turning table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from flexstage.errors import ModelError, RecordError
+from flexstage.files.ranges import Range, Size, Written
+from flexstage.files.request import Request
+from flexstage.records.read_options import Column, ColumnList, columns_text, read_columns
+from flexstage.units import DIMENSIONS, parse
+
+#: One pair of poles on the axis.
+MAGNET = "magnet"
+_POSITION_UNIT = "um"
+
+
+def read_orders(text: str) -> tuple[int, ...]:
+    """Return orders: "1:12", "1,2,4", or the highest alone.
+
+    Examples
+    --------
+    >>> read_orders("1:4"), read_orders("3")
+    ((1, 2, 3, 4), (1, 2, 3))
+    """
+    words = [word.strip() for word in text.replace(":", ",").split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
+        raise RecordError(f'must be such as "1:12" or "1,2,4", got \'{text}\'')
+    given = [int(word) for word in words]
+    if ":" not in text:
+        return tuple(given) if "," in text else tuple(range(1, given[0] + 1))
+    if len(given) != 2 or given[0] > given[1]:
+        raise RecordError(f"must be a range such as \"1:12\", got '{text}'")
+    return tuple(range(given[0], given[1] + 1))
+
+
+def read_positions(text: str) -> tuple[tuple[float, float], ...]:
+    """Return positions x, y of a stage [m], bare numbers in um."""
+    pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
+    if any(len(pair) != 2 for pair in pairs):
+        raise RecordError(
+            f"gives x,y for each setting, such as '0,0; 20,0; 0,20' in um, got '{text}'"
+        )
+    x, y = (
+        [parse(p[k].strip(), "length", bare_unit=_POSITION_UNIT) for p in pairs] for k in (0, 1)
+    )
+    return tuple(zip(x, y, strict=True))
+
+
+def _positions_text(positions: Sequence[tuple[float, float]]) -> str:
+    return "; ".join(f"{x!r} m,{y!r} m" for x, y in positions)
+
+
+def _orders_text(orders: Sequence[int]) -> str:
+    return ",".join(map(str, orders)) if len(orders) > 1 else f"{orders[0]}:{orders[0]}"
+
+
+_COLUMNS = Written("COLUMN,...", read=read_columns, write=columns_text)
+_ANGLE = Annotated[float, DIMENSIONS["angle"]]
+_UNIT = Annotated[str, Written("UNIT")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CentreRequest(Request):
+    """Eccentricity of a scale on a turning table, and the move that removes it."""
+
+    error: Annotated[ColumnList, _COLUMNS] = ()
+    """Numbers or names of the error columns, one for each head: angle reading minus true angle; or,
+    in a unit of length, the readings of indicators on the rim (default: with none of these options,
+    what is called angle and error).
+    """
+    reading: Annotated[ColumnList, _COLUMNS] = ()
+    """Instead of --error: columns of the readings of the heads, wrapped at a turn or not; the true
+    angle is subtracted.
+    """
+    angle: Column | None = None
+    """Number or name of the column of the true angle, wrapped or not (default: samples are evenly
+    spaced over --turns).
+    """
+    unit: _UNIT | None = None
+    """Unit of angle and error if neither the file nor --angle-unit and --error-unit give it, such
+    as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in it.
+    """
+    angle_unit: _UNIT | None = None
+    """Unit of the angle."""
+    error_unit: _UNIT | None = None
+    """Unit of the errors, or of the readings."""
+    counts: float | None = None
+    """Counts per turn, for columns in counts."""
+    heads: Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=True)] = ()
+    """Angles of the heads or indicators in the room, bare numbers in degrees, such as
+    "0,90,180,270".
+    """
+    radius: Annotated[Size, Written(bare="mm")] | None = None
+    """Radius at which the scale is read, such as "50 mm"; needed for the eccentricity."""
+    kind: Literal["disc", "drum", "magnet"] | None = None
+    """disc (default): radial lines or poles on a face, read at the radius; drum: lines or poles
+    parallel to the axis on a rim; magnet: one pair of poles on the axis, whose harmonic of order 1
+    is not eccentricity alone.
+    """
+    orders: Annotated[tuple[int, ...], Written("RANGE", read=read_orders, write=_orders_text)] = ()
+    """Orders to fit, such as "1:12" or "1,2,4" (default: 1:12, or fewer if there are few samples).
+    """
+    turns: Annotated[float, Range(low=0.9)] | None = None
+    """Number of turns in the record, if there is no --angle."""
+    sign: Annotated[int, Range(low=-1, high=1), Written("1|-1")] = 1
+    """-1 if the errors are true angle minus angle reading: all printed and drawn values change
+    their sign.
+    """
+    head_direction: Literal["ccw", "cw"] = "ccw"
+    """Direction in which the heads travel round the scale as the angle grows, seen in the frame x,
+    y that turns with the table; head angles count in this direction. Over a table that turns
+    counter-clockwise they travel cw.
+    """
+    stage_at: Annotated[
+        tuple[tuple[float, float], ...],
+        Written("X,Y;...", read=read_positions, write=_positions_text),
+    ] = ()
+    """Positions of the stage at each setting, bare numbers in um, such as "0,0; 20,0; 0,20; 20,20":
+    gives the orders that follow the moves, their gain, and the centre, for any scale and without a
+    radius.
+    """
+    mount_angle: Annotated[float, DIMENSIONS["angle"], Written(bare="deg")] = 0.0
+    """Direction of the x axis of the stage in the frame that turns with the table, such as
+    "30 deg"; a bare number is in degrees.
+    """
+    outliers: bool = True
+    """Find outliers, report them, and exclude them."""
+
+    def __post_init__(self) -> None:
+        super(CentreRequest, self).__post_init__()
+        if self.sign == 0:
+            raise ModelError("--sign must be 1 or -1, got 0")
+        if self.kind == MAGNET and self.radius is not None:
+            raise ModelError(
+                "a magnet on the axis has no radius that its error could be turned into "
+                "micrometres by, and its harmonic of order 1 is that of offsets of its signals as "
+                "well: leave --radius out, and find the gain by trial moves (--stage-at)"
+            )
+
+    @property
+    def names(self) -> tuple[str | int, ...]:
+        """The columns of errors or readings."""
+        return self.error or self.reading
+
+    @property
+    def columns(self) -> tuple[str | int, ...]:
+        """The columns that are read."""
+        return self.names if self.angle is None else (self.angle, *self.names)

@@ -1,1 +1,0 @@
-"""What is asked about many stages, in the words of the commands: read here, whoever asks."""

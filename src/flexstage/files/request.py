@@ -1,0 +1,291 @@
+"""What is asked of a job, said once: a frozen dataclass from whose fields every form of it comes.
+
+The name of a field is that of its option and key, its annotation says what a value may be and how
+it is written, the text below it is the help. A field that is a request itself is a group of them.
+"""
+
+import math
+import re
+import shlex
+import typing
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
+
+from flexstage.choose import did_you_mean, unknown
+from flexstage.errors import FlexstageError, ModelError, UnitError
+from flexstage.files.format import dimension_of, field_types, optional_part
+from flexstage.files.ranges import Range, Written, range_of, wanted, written_as
+from flexstage.units import Dimension, parse, readable_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Base of requests: what the types of the fields say is checked when one is made."""
+
+    heading: ClassVar[str] = ""
+    """Heading of its options in the help of a command; that of all options where empty."""
+    refused_as: ClassVar[type[FlexstageError]] = ModelError
+    """What is raised where a value is not what its field may hold."""
+
+    def __post_init__(self) -> None:
+        for name, (_, kind) in field_types(type(self)).items():
+            if said := wanted(kind, getattr(self, name)):
+                field = request_fields(type(self))[name]
+                got = ", ".join(field.texts(getattr(self, name)))
+                raise self.refused_as(f"{field.option} must be {said}, got {got}")
+
+    @classmethod
+    def job(cls) -> str:
+        """Return the command that carries it out: "sweep" of a `SweepRequest`."""
+        return cls.__name__.removesuffix("Request").lower()
+
+
+Asked = TypeVar("Asked", bound=Request)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequestField:
+    """A field of a request, as options, forms and command lines need it."""
+
+    name: str
+    """Its name."""
+    value: Any
+    """Type of one value, without range and spelling."""
+    many: bool
+    """Whether it holds any number of values."""
+    pair: bool
+    """Whether it holds the two ends of a range."""
+    default: Any
+    """What it is where nothing is asked; `dataclasses.MISSING` where it must be given."""
+    words: tuple[str, ...]
+    """The words that it can be; none where it is no choice of words."""
+    dimension: Dimension | None
+    """Dimension of its number."""
+    range: Range | None
+    """Range of its number."""
+    written: Written
+    """How a value is written."""
+
+    @property
+    def option(self) -> str:
+        """The option of commands: ``--name``."""
+        return f"--{self.name.strip('_').replace('_', '-')}"
+
+    @property
+    def label(self) -> str:
+        """Its name in a form."""
+        return self.name.replace("_", " ").capitalize()
+
+    @property
+    def repeated(self) -> bool:
+        """Whether its option is given once for each value."""
+        return self.many and not self.written.commas
+
+    @property
+    def metavar(self) -> str:
+        """What its value is called in the help."""
+        if self.pair and not self.written.metavar:
+            return "LOW:HIGH"
+        if self.written.metavar or self.words:
+            return self.written.metavar or "|".join(self.words)
+        if self.dimension is not None:
+            return self.dimension.name.upper()
+        return {float: "NUMBER", int: "NUMBER", Path: "FILE"}.get(self.value, "TEXT")
+
+    def read(self, text: str) -> Any:
+        """Return the value that a text says; refuse what the field cannot hold.
+
+        Raises
+        ------
+        UnitError, ModelError
+            It is none.
+        """
+        if self.many and self.written.commas:
+            return tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
+        return self._ends(text) if self.pair else self._one(text)
+
+    def _ends(self, text: str) -> tuple[Any, Any]:
+        """Return both ends of a range; one alone is both where the help says so."""
+        ends = [self._one(word.strip()) for word in re.split(r":|\.\.", text)]
+        if len(ends) == 1 and "[" in self.metavar:
+            ends *= 2
+        if len(ends) != 2 or ends[0] > ends[1]:
+            unit = "" if self.dimension is None else f" {self.dimension.units[0]}"
+            example = f'must be a range {self.metavar}, such as "10{unit}:20{unit}"'
+            raise ModelError(f"{'must rise' if len(ends) == 2 else example}, got '{text[:40]}'")
+        return ends[0], ends[1]
+
+    def _one(self, text: str) -> Any:
+        if self.written.read is not None:
+            return self.written.read(text)
+        if self.words:
+            if text not in self.words:
+                raise ModelError(
+                    f"must be {', '.join(self.words[:-1])} or {self.words[-1]}, got "
+                    f"'{text[:40]}'{did_you_mean(text, self.words)}"
+                )
+            return text
+        if self.value is Path:
+            return Path(text)
+        if self.value not in (float, int):
+            return text
+        value: float
+        if self.dimension is not None:
+            value = parse(text, self.dimension.name, bare_unit=self.written.bare)
+        else:
+            value = _number(text, "a whole number" if self.value is int else self._noun)
+        if self.range is not None and not self.range.holds(value):
+            hint = f'; write "{value:g} %"' if self.is_share and 1.0 < value <= 100.0 else ""
+            allowed = self.range.text(whole=self.value is int)
+            raise ModelError(f"must be {allowed}, got '{text}'{hint}")
+        return value
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it is a share of a whole."""
+        bounds = self.range
+        return bounds is not None and bounds.low >= 0.0 and bounds.high <= 1.0
+
+    @property
+    def _noun(self) -> str:
+        return 'a share, such as "1.2 %" or 0.012' if self.is_share else "a number"
+
+    def texts(self, value: Any) -> list[str]:
+        """Return the texts of a value, each of which `read` understands."""
+        values = value if self.many or self.pair else (value,)
+        written = [self._text(one) for one in values]
+        if self.pair:
+            return [":".join(written)]
+        return [",".join(written)] if self.many and self.written.commas else written
+
+    def _text(self, value: Any) -> str:
+        if self.written.read is not None:
+            return self.written.write(value)
+        if isinstance(value, (str, Path)) or self.dimension is None:
+            return f"{value:.12g}" if isinstance(value, float) else str(value)
+        return readable_text(value, self.dimension.name)
+
+
+@lru_cache(maxsize=256)
+def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
+    """Return the fields of a request that hold values, by their names."""
+    types = field_types(cls).items()
+    return {n: _field(n, *declared) for n, declared in types if not is_request(declared[1])}
+
+
+def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:
+    """Return the fields of a request that are requests themselves, with their types."""
+    return tuple((name, kind) for name, (_, kind) in field_types(cls).items() if is_request(kind))
+
+
+def is_request(kind: Any) -> bool:
+    """Say whether a type is that of a request."""
+    return isinstance(kind, type) and issubclass(kind, Request)
+
+
+def _field(name: str, declared: Any, kind: Any) -> RequestField:
+    written, bounds, dimension, many, pair = Written(), None, None, False, False
+    kind = optional_part(kind) or kind
+    while True:
+        written = written_as(kind) or written
+        if (found := range_of(kind)) is not None:
+            bounds = found[0]
+        if (quantity := dimension_of(kind)) is not None:
+            dimension = quantity[0]
+        if written.read is not None and typing.get_origin(kind) is not tuple:
+            kind = str
+            break
+        if typing.get_origin(kind) is Annotated:
+            kind = typing.get_args(kind)[0]
+        elif typing.get_origin(kind) is tuple:
+            inner = typing.get_args(kind)
+            kind, many, pair = inner[0], inner[-1] is Ellipsis, inner[-1] is not Ellipsis
+        else:
+            break
+    default = declared.default
+    if default is MISSING and declared.default_factory is not MISSING:
+        default = declared.default_factory()
+    return RequestField(
+        name=name,
+        value=kind,
+        many=many,
+        pair=pair,
+        default=default,
+        words=typing.get_args(kind) if typing.get_origin(kind) is Literal else (),
+        dimension=dimension,
+        range=bounds,
+        written=written,
+    )
+
+
+def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any]) -> Asked:
+    """Return a request with the fields that are named in place of its own, or the usual ones.
+
+    Where it takes several words, one, or pairs of names and values, will do.
+    """
+    known = request_fields(kind)
+    groups = [name for name, _ in request_groups(kind)]
+    for name in named:
+        if name not in known and name not in groups:
+            raise kind.refused_as(unknown("option", name, [*known, *groups]))
+    values = {n: _several(v) if n in known and known[n].many else v for n, v in named.items()}
+    return kind(**values) if given is None else replace(given, **values)
+
+
+def _several(value: Any) -> tuple[Any, ...]:
+    if isinstance(value, Mapping):
+        return tuple(f"{name}={text}" for name, text in value.items())
+    return tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
+
+
+def option_words(request: Request) -> list[str]:
+    """Return the words of a command line that ask for the same as a request.
+
+    Examples
+    --------
+    >>> from flexstage.explore.requests import SweepRequest
+    >>> option_words(SweepRequest(over=("neck=0.3..0.8 mm",), samples=40))
+    ['--over', 'neck=0.3..0.8 mm', '--samples', '40']
+    """
+    return list(_option_words(request))
+
+
+def command_line(request: Request, *subject: str) -> str:
+    """Return the command line that asks for the same about a subject, as a shell takes it.
+
+    Examples
+    --------
+    >>> from flexstage.explore.requests import SweepRequest
+    >>> command_line(SweepRequest(over=("leg_spacing=30 %",)), "parallelogram")
+    "flexstage sweep parallelogram --over 'leg_spacing=30 %'"
+    """
+    return shlex.join(["flexstage", request.job(), *subject, *option_words(request)])
+
+
+def _option_words(request: Request) -> Iterator[str]:
+    for field in request_fields(type(request)).values():
+        value = getattr(request, field.name)
+        if value == field.default or value is None:
+            continue
+        if field.value is bool:
+            yield field.option if value else f"--no-{field.option[2:]}"
+            continue
+        for text in field.texts(value):
+            yield from (field.option, text)
+    for name, _ in request_groups(type(request)):
+        yield from _option_words(getattr(request, name))
+
+
+def _number(text: str, noun: str) -> float:
+    whole = noun == "a whole number"
+    share = text.strip().endswith("%") and not whole
+    try:
+        value = int(text) if whole else float(text.strip().removesuffix("%"))
+    except ValueError:
+        raise UnitError(f"expected {noun}, got '{text[:40]}'") from None
+    if not math.isfinite(value):
+        raise UnitError(f"expected {noun} that is finite, got '{text[:40]}'")
+    return value / 100.0 if share else value

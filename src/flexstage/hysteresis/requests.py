@@ -1,0 +1,129 @@
+"""What is asked of drives: to be identified, to predict records, to follow a reference."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+from flexstage.errors import ModelError
+from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Written
+from flexstage.files.request import Request
+from flexstage.records.read_options import Rows
+from flexstage.stage.assumptions import DAMPING_RATIO
+from flexstage.units import DIMENSIONS, parse
+from flexstage.units.dimension import MEASURED
+
+_FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")]
+_SLOPE = Written("SLOPE", bare="V/s")
+_SHARE = Range(low=0.0, high=1.0, below=True)
+
+
+def read_duration(text: str) -> float | str:
+    """Return a time [s], inf for ever, or a word as it is."""
+    word = text.strip().lower()
+    if word.isalpha():
+        return float("inf") if word == "inf" else word
+    return parse(word, "time", bare_unit="s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifyRequest(Request):
+    """Identification of the hysteresis, lag, creep and resonance of a drive."""
+
+    model: Annotated[tuple[str, ...], Written("NAME", commas=True)] = ("auto",)
+    """A hysteresis model, or several separated by commas, of bouc-wen, maxwell-slip,
+    modified-prandtl-ishlinskii, preisach (auto tries these four), asymmetric-bouc-wen, dahl, duhem,
+    generalised-bouc-wen, prandtl-ishlinskii. The simplest model is chosen that predicts held-out
+    cycles as well as the best.
+    """
+    train: Rows | None = None
+    """Samples to fit, numbered as for --rows; all others are held out (default: all are fitted, and
+    held-out errors come from cross-validation over whole cycles).
+    """
+    delay: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE] | None = None
+    """Known delay of the output, such as "5 ms"; delay and creep are then not fitted."""
+    creep: Annotated[float, _SHARE, Written("SHARE")] | None = None
+    """Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted."""
+    resonance: _FREQUENCY | None = None
+    """Known resonance of the stage with its drives in place, such as "808 Hz" (default:
+    identified).
+    """
+    damping_ratio: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
+    """Damping ratio of the known resonance."""
+    temperature: (
+        Annotated[tuple[float, float], DIMENSIONS["temperature"], Written("LOW[:HIGH]", bare="K")]
+        | None
+    ) = None
+    """Temperature of the record, such as "294.5:296" in K; stored in the model file."""
+    drift: bool = False
+    """Fit a drift of constant speed beside the model, in each record, and throw it away."""
+
+    @property
+    def known_mode(self) -> tuple[float, float] | None:
+        """Frequency [Hz] and damping ratio of the known mode."""
+        return None if self.resonance is None else (self.resonance, self.damping_ratio)
+
+
+def rowwise(request: IdentifyRequest) -> IdentifyRequest:
+    """Return a request about rows without times, which tell neither delay nor creep."""
+    known = request.delay is not None or request.creep is not None
+    return request if known else replace(request, delay=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompensateRequest(Request):
+    """Command by which a drive follows a reference."""
+
+    relative: bool = False
+    """Count the reference from the lowest reading that the drive reaches, and not from the zero of
+    the sensor.
+    """
+    voltage: (
+        Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")] | None
+    ) = None
+    """Voltage range of the command, such as "0:120" (default: the range on which the model was
+    identified).
+    """
+    slew: (
+        Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")] | None
+    ) = None
+    """Largest slope of the voltage, such as "2000 V/s"."""
+    current: Annotated[float, MEASURED["current"], POSITIVE] | None = None
+    """Largest current of the amplifier, such as "50 mA"."""
+    capacitance: Annotated[float, DIMENSIONS["capacitance"], POSITIVE] | None = None
+    """Capacitance of the stack, such as "6.4 uF": limits the slope with --current."""
+    reference_bandwidth: _FREQUENCY | None = None
+    """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the
+    model).
+    """
+    start: Annotated[
+        float | Literal["conditioned", "rest"],
+        Written("conditioned|rest|TIME", read=read_duration),
+    ] = "conditioned"
+    """State before the start: conditioned by cycles over the whole range that end at its low end,
+    with creep as before the record of the model; rest: unused; or a time, such as "30 s" or inf:
+    conditioned, and then in motion as in the reference for that time.
+    """
+
+    def __post_init__(self) -> None:
+        super(CompensateRequest, self).__post_init__()
+        require_start(self.start, "conditioned, rest")
+        if self.current is not None and self.capacitance is None:
+            raise ModelError("--current needs --capacitance: a current charges the stack")
+        if self.capacitance is not None and self.current is None:
+            raise ModelError("--capacitance needs --current: both together limit the slope")
+
+    @property
+    def largest_rate(self) -> float | None:
+        """Largest rate of the command that the amplifier can follow [V/s]."""
+        rates = [] if self.slew is None else [self.slew]
+        if self.current is not None and self.capacitance is not None:
+            rates.append(self.current / self.capacitance)
+        return min(rates, default=None)
+
+
+def require_start(start: float | str, words: str) -> None:
+    """Refuse what a drive cannot have done before a record."""
+    if start in words.split(", ") or (not isinstance(start, str) and start >= 0.0):
+        return
+    raise ModelError(
+        f"--start must be {words} or a time that is not negative, such as 30 s, got '{start}'"
+    )

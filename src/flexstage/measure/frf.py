@@ -1,0 +1,135 @@
+"""From records of vibration to responses and modes: one way for all who ask."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from flexstage.errors import ModelError
+from flexstage.measure.modal.fit import fit_modes
+from flexstage.measure.modal.result import ModalFit
+from flexstage.measure.modal.ring_down import RingDown, ring_down
+from flexstage.measure.requests import FrfRequest
+from flexstage.measure.spectra.checks import HitOptions
+from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
+from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
+from flexstage.records import Record, responses_in_columns
+from flexstage.records.files import read_files
+from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read_options import ReadOptions
+
+_NEEDED = "records over time need --input and --output: name the columns"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrequencyResponse:
+    """Responses that records give, or hold, and the modes in them."""
+
+    records: Sequence[Record]
+    """The records."""
+    response: MeasuredResponse
+    """The response; the first of several."""
+    estimate: ResponseEstimate | None
+    """How it was estimated; None of a response that was measured."""
+    fit: ModalFit | None
+    """The modes; None where none were asked for."""
+
+
+def frf_of_files(
+    files: Sequence[Path], request: FrfRequest, how: ReadOptions = ReadOptions()
+) -> FrequencyResponse | tuple[Sequence[Record], RingDown]:
+    """Return what `frf` finds in files; columns that units and names tell are taken of them."""
+    taken = ""
+    if not (request.ring_down or request.response or (request.input and request.output)):
+        columns = (request.input, request.output)
+        driven, follows, taken = taken_drive(files[0], columns, how, vibration=True)
+        request = replace(request, input=driven, output=follows)
+    existing = not (request.input or request.output or request.ring_down)
+    if existing and (how.sample_rate or how.time is not None or how.resample):
+        raise ModelError(_NEEDED)
+    units = [request.input_unit] * len(request.input) + [request.output_unit] * len(request.output)
+    read = read_files(
+        files,
+        [*request.input, *request.output],
+        options=how,
+        units=units,
+        over="table" if existing else "any",
+    )
+    if existing:
+        read = [_tabled(record, request) for record in read]
+    read[0] = replace(read[0], notes=tuple(filter(None, (taken, *read[0].notes))))
+    return frf(read, request)
+
+
+def frf(
+    records: Sequence[Record], request: FrfRequest
+) -> FrequencyResponse | tuple[Sequence[Record], RingDown]:
+    """Return responses and modes of records; of a free decay the record and its modes.
+
+    With a delay or a lag modes are in phase unless complex ones are asked for: a delay turns the
+    phase as complex modes do.
+    """
+    if request.ring_down:
+        return records, _decayed(records, request)
+    estimate, added = None, 0.0
+    if records[0].over == "frequency":
+        responses = [response_from_record(record) for record in records]
+    else:
+        if not request.input or not request.output:
+            raise ModelError(_NEEDED)
+        estimate = estimate_response(
+            records,
+            request.input,
+            request.output,
+            estimator=request.estimator,
+            excitation=request.excitation,
+            window=request.window,
+            segment=request.segment,
+            resolution_hz=request.resolution,
+            hits=None
+            if request.exponential is None
+            else HitOptions(exponential=request.exponential),
+        )
+        responses, added = [estimate.response], estimate.added_damping_rate
+    found = None
+    if request.fit_modes != 0:
+        found = fit_modes(
+            responses,
+            band=request.band,
+            count=request.fit_modes,
+            frequency_guess=request.near or None,
+            weighting="variance" if request.weight == "noise" else request.weight,
+            delay=request.fit_delay or None,
+            lag=request.fit_lag,
+            real_modes=(request.fit_delay or request.fit_lag) and not request.complex,
+            added_damping_rate=added,
+        )
+    return FrequencyResponse(records=records, response=responses[0], estimate=estimate, fit=found)
+
+
+def _tabled(record: Record, request: FrfRequest) -> Record:
+    """Return a record over frequency, as it is or from columns of a table."""
+    if record.over != "frequency":
+        return responses_in_columns(
+            record,
+            list(request.response) or None,
+            output_unit=request.output_unit,
+            input_unit=request.input_unit,
+        )
+    if request.response:
+        raise ModelError(
+            f"'{record.source}' says itself which responses it holds: leave --response out, and "
+            "choose some by --dataset"
+        )
+    return record
+
+
+def _decayed(records: Sequence[Record], request: FrfRequest) -> RingDown:
+    if len(records) != 1 or not request.output:
+        raise ModelError("--ring-down needs one file and --output: name the columns that decay")
+    if records[0].over != "time":
+        raise ModelError(
+            f"--ring-down needs samples over time, and '{records[0].source}' is over "
+            f"{records[0].over}: leave the option out, or give a record of the decay"
+        )
+    count = request.fit_modes
+    return ring_down(records[0], request.output, count=None if count == "auto" else count)

@@ -1,0 +1,197 @@
+"""How measured files are read: what they do not say themselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
+
+from flexstage.errors import FlexstageError, RecordError
+from flexstage.files.ranges import POSITIVE, Whole, Written
+from flexstage.files.request import Request
+from flexstage.units import parse
+
+#: The first sample of a part of a file, and the one before which it stops.
+RowRange = tuple[int | None, int | None]
+_MEDIAN = "median"
+
+
+def read_column(text: str) -> str | int:
+    """Return what names a column: its number, or its name.
+
+    Examples
+    --------
+    >>> read_column("4"), read_column("position")
+    (4, 'position')
+    """
+    plain = text.strip()
+    return int(plain) if plain.isdecimal() else plain
+
+
+def read_columns(text: str) -> tuple[str | int, ...]:
+    """Return what names several columns, with commas between.
+
+    Examples
+    --------
+    >>> read_columns("4, position")
+    (4, 'position')
+    """
+    return tuple(read_column(word) for word in text.split(",") if word.strip())
+
+
+def read_rows(text: str) -> RowRange:
+    """Return a range of samples: the first, and the one before which to stop.
+
+    Examples
+    --------
+    >>> read_rows("400:")
+    (400, None)
+    """
+    words = [word.strip() for word in text.split(":")]
+    if len(words) != 2 or not all(word == "" or word.isdecimal() for word in words):
+        raise RecordError(f"must be a range of samples such as 400:7200, got '{text}'")
+    start, stop = (int(word) if word else None for word in words)
+    if start is not None and stop is not None and start >= stop:
+        raise RecordError(f"must rise, got '{text}'")
+    return start, stop
+
+
+def write_rows(rows: RowRange) -> str:
+    """Return the text of a range of samples."""
+    return ":".join("" if end is None else str(end) for end in rows)
+
+
+def _read_rates(text: str) -> tuple[float, ...]:
+    return tuple(parse(word, "frequency", bare_unit="Hz") for word in text.split(","))
+
+
+def _read_new_rates(text: str) -> tuple[float | None, ...]:
+    return tuple(
+        None if word.strip() == _MEDIAN else parse(word, "frequency", bare_unit="Hz")
+        for word in text.split(",")
+    )
+
+
+def _write_rates(rates: Sequence[float | None]) -> str:
+    return ",".join(_MEDIAN if rate is None else repr(rate).removesuffix(".0") for rate in rates)
+
+
+def columns_text(columns: Sequence[str | int]) -> str:
+    """Return the text of several columns."""
+    return ",".join(map(str, columns))
+
+
+def _read_delimiter(text: str) -> str:
+    # a shell passes a backslash and a letter where a tab is meant
+    return text.replace("\\t", "\t")
+
+
+#: Number or name of a column.
+Column = Annotated[str | int, Written("COLUMN", read=read_column)]
+#: Numbers or names of columns.
+ColumnList = Annotated[
+    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text)
+]
+#: Columns of which a command takes one, but of curves in columns of their own.
+_ONE = Written("COLUMN", read=read_columns, write=columns_text)
+#: A range of samples.
+Rows = Annotated[RowRange, Written("START:STOP", read=read_rows, write=write_rows)]
+_Rate = Annotated[float, POSITIVE]
+_Rates = Annotated[tuple[_Rate, ...], Written("RATE", read=_read_rates, write=_write_rates)]
+_NewRates = Annotated[
+    tuple[_Rate | None, ...],
+    Written("RATE|median", read=_read_new_rates, write=_write_rates),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadOptions(Request):
+    """How measured files are read; what they say themselves need not be repeated."""
+
+    heading: ClassVar[str] = "Reading files"
+    refused_as: ClassVar[type[FlexstageError]] = RecordError
+
+    sample_rate: _Rates = ()
+    """Sample rate, such as "200" or "10 kHz"; one for each file if separated by commas."""
+    time: Column | None = None
+    """Number or name of the time column."""
+    resample: _NewRates = ()
+    """Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer than the
+    samples, or at that of the median step; one for each file if separated by commas.
+    """
+    rows: Rows | None = None
+    """Samples to read, numbered from 0; either end may be omitted."""
+    format: Annotated[str, Written("NAME")] | None = None
+    """Format: text, matlab, hdf5, tdms, numpy, universal, gcs or cmm (default: by content and
+    ending).
+    """
+    dataset: Annotated[str, Written("NAME")] | None = None
+    """Group, variable, array, function or feature of a file that contains several; several
+    separated by commas.
+    """
+    skip_lines: Whole = 0
+    """Lines to skip at the start of a text file."""
+    delimiter: Annotated[str, Written(read=_read_delimiter)] | None = None
+    """Column separator of a text file."""
+    decimal: Literal[".", ","] | None = None
+    """Decimal sign of a text file."""
+
+    def __post_init__(self) -> None:
+        for name in ("sample_rate", "resample"):
+            if isinstance(rate := getattr(self, name), (int, float)):  # of one file
+                object.__setattr__(self, name, (float(rate),))
+        super(ReadOptions, self).__post_init__()
+
+    @property
+    def rate(self) -> float | None:
+        """The sample rate of one file [Hz]; None where none is given."""
+        return self.sample_rate[0] if self.sample_rate else None
+
+    def of_each(self, files: int) -> "tuple[ReadOptions, ...]":
+        """Return how each of some files is read, with its own rates."""
+        for name in ("sample_rate", "resample"):
+            if len(given := getattr(self, name)) not in (0, 1, files):
+                raise RecordError(
+                    f"--{name.replace('_', '-')} needs one rate, or one for each of {files} files, "
+                    f"got {len(given)}"
+                )
+        return tuple(
+            replace(
+                self,
+                sample_rate=self.sample_rate[k : k + 1] or self.sample_rate[:1],
+                resample=self.resample[k : k + 1] or self.resample[:1],
+            )
+            for k in range(files)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveColumns(Request):
+    """Which columns of files are what a drive was told, and what followed."""
+
+    refused_as: ClassVar[type[FlexstageError]] = RecordError
+
+    input: Annotated[ColumnList, _ONE] = ()
+    """Number or name of the input column (default: the one in V, or called so)."""
+    output: Annotated[ColumnList, _ONE] = ()
+    """Number or name of the output column (default: the one in a unit of length or angle, or called
+    so).
+    """
+    branches: Annotated[
+        tuple[str | int, ...], Written("UP,DOWN", read=read_columns, write=columns_text)
+    ] = ()
+    """Instead of --output: columns of the rising and the falling branch, in a table with one row
+    for each input and no times.
+    """
+    curve: Annotated[str, Written("COLUMN|files|columns")] | None = None
+    """First-order reversal curves, measured on the way back to saturation: the column of their
+    numbers or reversal points; "files" if each file is one curve, "columns" if --output lists one
+    column for each.
+    """
+    input_unit: Annotated[str, Written("UNIT")] | None = None
+    """Unit of the input, such as "V" or "N"."""
+    output_unit: Annotated[str, Written("UNIT")] | None = None
+    """Unit of the output, such as "um" or "m/s^2"."""
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it is of branches or curves, in tables without times."""
+        return bool(self.branches or self.curve)
