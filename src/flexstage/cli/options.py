@@ -121,7 +121,10 @@ def _default(field: RequestField) -> Any:
         return None
     if field.value is bool or field.default is None:
         return field.default
-    # as a text, which the help shows, and which is read as any other
+    # as a text, which the help shows, and which is read as any other; the units library is slow
+    if field.dimension is not None and isinstance(field.default, float):
+        unit = field.dimension.si if field.default else field.dimension.units[0]
+        return f"{field.default:g} {unit}"
     return " ".join(field.texts(field.default))
 
 
