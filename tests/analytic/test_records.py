@@ -552,7 +552,7 @@ def test_wrong_options(tmp_path: Path) -> None:
     refuse(path, "2 columns in the file, got 1 names", names=["u"], sample_rate=2.0)
     refuse(path, "the format must be one of text", format="xml", sample_rate=2.0)
     refuse(path, "it has no datasets", dataset="run", sample_rate=2.0)
-    refuse(path, "decimal sign", decimal="'", sample_rate=2.0)
+    refuse(path, "decimal must be one of", decimal="'", sample_rate=2.0)
     refuse(path, "divided by one sign", delimiter=", ", sample_rate=2.0)
     refuse(path, "divided by one sign", delimiter=".", sample_rate=2.0)
     refuse(path, "lines to skip", skip_lines=-1, sample_rate=2.0)
