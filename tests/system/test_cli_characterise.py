@@ -399,7 +399,7 @@ def test_bad_options(capsys, tmp_path):
         ("--column has no meaning with --virtual",
          ("--virtual", "3", "--stage", "parallelogram", "--column", "across=1")),
         ("no built-in design", (path, *ROLES, "--stage", "vgtu-pieso")),
-        ("model 'lumbed' is not known",
+        ("did you mean 'lumped'",
          (path, *ROLES, "--stage", "parallelogram", "--models", "lumbed")),
         ("unknown kind 'wave': choose from motion", (path, *ROLES, "--test", "wave")),
         ("evaluated from one file, got 2", (path, other, *ROLES)),

@@ -174,7 +174,7 @@ def _formats(text: str) -> list[str]:
 
 def _analysed(stage: "Stage", model: str, plane: str) -> "tuple[Analysis, StageModel | None]":
     from flexstage.studies import run_model
-    from flexstage.studies.models import ModelOptions
+    from flexstage.studies.requests import ModelOptions
 
     run = run_model(stage, model, ModelOptions(plane=plane))  # type: ignore[arg-type]
     return run.analysis, run.mesh

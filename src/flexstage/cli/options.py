@@ -13,12 +13,9 @@ import typer
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.request import (
-    Request,
-    RequestField,
-    request_fields,
-    request_groups,
-)
+from flexstage.files.ranges import written_as
+from flexstage.files.request import Request, RequestField, request_fields, request_groups
+from flexstage.studies.requests import ModelName
 
 if TYPE_CHECKING:
     from flexstage.explore import Workers
@@ -221,20 +218,8 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
-_MODELS = (
-    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
-    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
-    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
-    "large displacement"
-)
-ModelOption = Annotated[
-    str,
-    option("NAME", f"{_MODELS}."),
-]
-ModelsOption = Annotated[
-    str,
-    option("NAME", f"{_MODELS}; several separated by commas, or all.", "--model"),
-]
+_model = written_as(ModelName)
+ModelOption = Annotated[str, option("NAME", _model.help if _model else "")]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
@@ -256,21 +241,6 @@ PlaneOption = Annotated[
         "Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
-
-
-def model_names(text: str) -> list[str]:
-    """Return the models that the option `--model` names, each once, whether there are such or not.
-
-    Examples
-    --------
-    >>> model_names("plane, lumped,plane")
-    ['plane', 'lumped']
-    """
-    if text.strip() == "all":
-        from flexstage.studies import MODELS
-
-        return list(MODELS)
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def quantity(text: str, dimension: str, *, bare_unit: str | None = None) -> float:

@@ -182,9 +182,15 @@ class RequestField:
 
 @lru_cache(maxsize=256)
 def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
-    """Return the fields of a request that hold values, by their names."""
-    types = field_types(cls).items()
-    return {n: _field(n, *declared) for n, declared in types if not is_request(declared[1])}
+    """Return the fields of a request that hold values, by their names.
+
+    One that is not compared says how the work is done, which no command line asks for.
+    """
+    return {
+        name: _field(name, declared, kind)
+        for name, (declared, kind) in field_types(cls).items()
+        if declared.compare and not is_request(kind)
+    }
 
 
 def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:

@@ -20,7 +20,8 @@ from flexstage.progress import subtask
 from flexstage.report.figures.drawn_stage import draw_checked
 from flexstage.report.tables import percent
 from flexstage.stage import Issue
-from flexstage.studies.models import ModelOptions, analyse_model, run_model
+from flexstage.studies.models import analyse_model, run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.table import Cell, Table, table
 from flexstage.web.design.state import SHARE, Variant
 from flexstage.web.pictures import inline
