@@ -29,7 +29,8 @@ from flexstage.web.preferences import Preferences
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
-    from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
+    from flexstage.stage.drawing.drawn_stage import DrawnStage
+    from flexstage.stage.drawing.requests import DrawingOptions
     from flexstage.system import Analysis
 
 #: What is shown of every axis and of the whole, as far as a stage has it.
