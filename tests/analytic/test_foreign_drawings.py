@@ -36,7 +36,9 @@ _WITHOUT_UNIT = ("R12 polylines", "six digits")
 
 def _read(document, path, stage: Stage, unit: str | None = None) -> DrawnStage:
     document.saveas(path)
-    told = DrawingOptions(thickness=stage.thickness, material=stage.material.name, drawing_unit=unit)
+    told = DrawingOptions(
+        thickness=stage.thickness, material=stage.material.name, drawing_unit=unit
+    )
     return read_drawing(path, told)
 
 
