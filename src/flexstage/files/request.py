@@ -151,7 +151,8 @@ class RequestField:
         if self.range is not None and not self.range.holds(value):
             hint = f'; write "{value:g} %"' if self.is_share and 1.0 < value <= 100.0 else ""
             allowed = self.range.text(whole=self.value is int)
-            raise ModelError(f"must be {allowed}, got '{text}'{hint}")
+            unit = "" if self.dimension is None else f" {self.dimension.si}"
+            raise ModelError(f"must be {allowed}{unit}, got '{text}'{hint}")
         return value
 
     @property

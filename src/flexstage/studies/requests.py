@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from flexstage.files.ranges import INNER_SHARE, Seed, Written
 from flexstage.files.request import Request
+from flexstage.hinges.requests import Plane
 
 if TYPE_CHECKING:
     from flexstage.cache.cache import Cache
@@ -26,8 +27,6 @@ ModelName = Annotated[_Model, Written(help=_WHAT)]
 ModelNames = Annotated[
     tuple[Literal[_Model, "all"], ...], Written("NAMES", commas=True, help=_WHAT)
 ]
-#: Plane state of the notches.
-Plane = Literal["auto", "stress", "strain"]
 
 
 def models_of(names: Sequence[str]) -> list[str]:
@@ -46,7 +45,7 @@ class ModelOptions(Request):
     """What is asked of a model beyond its stage."""
 
     plane: Plane = "auto"
-    """Plane state of the notches; auto decides by the ratio of width to neck."""
+    """Plane state of the notches."""
     accuracy: Annotated[float, INNER_SHARE, Written("SHARE")] | None = None
     """Refine the mesh of the plane or solid model until --quantity changes by less than this share,
     such as 0.1%.
@@ -86,7 +85,7 @@ class StudyRequest(Request):
     model: ModelNames = ("lumped", "superelement", "plane", "superelement-3d")
     """Models with commas between, or all."""
     plane: Plane = "auto"
-    """Plane state of the notches; auto decides by the ratio of width to neck."""
+    """Plane state of the notches."""
     identification: bool = True
     """Identify and compensate the hysteresis of piezo drives on a simulated stage."""
     virtual: bool = True
