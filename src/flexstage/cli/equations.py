@@ -24,12 +24,12 @@ _ASYMMETRY = 0.02
 @from_docstring
 def equations(
     stage: StageArgument,
-    taken: StageOptions = AS_DESCRIBED,
     form: Annotated[str, one_of(("text", "latex", "svg"))] = "text",
     reduce: Annotated[str, one_of(("auto", "symmetry", "condense", "none"))] = "auto",
     axis: str | None = None,
     damping: Annotated[str, one_of(("rayleigh", "hinge", "none"))] = "rayleigh",
     out: OutputFile = None,
+    taken: StageOptions = AS_DESCRIBED,
     json: JsonOption = False,
 ) -> None:
     """Derive the equations of motion in symbols.

@@ -28,10 +28,11 @@ if TYPE_CHECKING:
 @from_docstring
 def import_(
     drawing: Annotated[Path, typer.Argument()],
-    taken: DrawingOptions,
+    *,
     out: OutputFile = None,
     force: bool = False,
     figure: FigureFile = None,
+    taken: DrawingOptions,
     json: JsonOption = False,
 ) -> None:
     """Make a stage file of a drawing: find its bodies and necks.

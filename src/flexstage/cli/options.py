@@ -224,10 +224,6 @@ QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
 AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
-InputUnitOption = Annotated[str | None, option("UNIT", 'Unit of the input, such as "V" or "N".')]
-OutputUnitOption = Annotated[
-    str | None, option("UNIT", 'Unit of the output, such as "um" or "m/s^2".')
-]
 SlewOption = Annotated[
     str | None, option("SLOPE", 'Largest slope of the voltage, such as "2000 V/s".')
 ]
@@ -300,19 +296,6 @@ def relative(text: str) -> float:
         raise typer.BadParameter(
             f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
         )
-    return value
-
-
-def positive_frequency(text: str, option: str) -> float:
-    """Return the frequency that an option gives [Hz]; a bare number is in Hz.
-
-    Examples
-    --------
-    >>> positive_frequency("0.8 kHz", "--resonance")
-    800.0
-    """
-    value = quantity(text, "frequency", bare_unit="Hz")
-    refuse(not value > 0.0, f"{option} must be a positive frequency, got '{text}'")
     return value
 
 
