@@ -120,8 +120,10 @@ def _default(field: RequestField) -> Any:
         return field.default
     # as a text, which the help shows, and which is read as any other; the units library is slow
     if field.dimension is not None and isinstance(field.default, float):
-        unit = field.dimension.si if field.default else field.dimension.units[0]
-        return f"{field.default:g} {unit}"
+        units, si = field.dimension.units, field.dimension.si
+        if field.default and f"m{si}" in units and abs(field.default) < 0.1:
+            return f"{1e3 * field.default:g} m{si}"
+        return f"{field.default:g} {si if field.default else units[0]}"
     return " ".join(field.texts(field.default))
 
 
