@@ -32,13 +32,16 @@ def refused(steps: str) -> str:
     [
         (
             "test: motion, along: x, confidence: 5",
-            "a number between 0 and 1, got '5'",
+            "a number between 0.5 and 1, got '5'",
         ),
         (
             "test: motion, along: x, smallest_step: -3 nm",
             "expected a length above 0 m",
         ),
-        ("test: response, output: [x], modes: 2.5", "whole number from 1 to 100, got '2.5'"),
+        (
+            "test: response, output: [x], modes: 2.5",
+            "whole number from 1 to 100 (counted where not given), got '2.5'",
+        ),
         ("test: response, output: [x], band: [70 Hz, 3 Hz]", "must rise from 0 Hz or more, got 70"),
         ("test: response", "name its sensors as 'output'"),
         ("test: motion", "does not say which sensor reads along"),

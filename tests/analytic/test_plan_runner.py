@@ -420,7 +420,7 @@ def test_records_and_models_are_entered_into_the_catalogue(tmp_path):
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     text = TEXT + (
-        "  - {name: pi, identify: {of: [motion], output: x, models: [prandtl-ishlinskii]}}\n"
+        "  - {name: pi, identify: {of: [motion], output: x, model: [prandtl-ishlinskii]}}\n"
     )
     address = str(tmp_path / "runs.sqlite")
     found = run_plan(made(text), SimpleInstrument(noise=1e-9), tmp_path / "run", catalogue=address)

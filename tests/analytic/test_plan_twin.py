@@ -85,7 +85,7 @@ def test_the_inverse_and_control_leave_little_of_the_loop(tmp_path):
         "  - {name: memory, excite: {kind: designed, axis: x, rates: [2 Hz, 10 Hz], hold: 2 s,"
         " duration: 10 s}}\n"
         "  - {name: memories, measure: {of: memory, along: x}}\n"
-        "  - {name: preisach, identify: {of: [memories], output: x, resonance: in-place}}\n"
+        "  - {name: preisach, identify: {of: [memories], output: x, characterised_by: in-place}}\n"
         "  - {name: open, verify: {model: preisach, along: x, reference: {settle: 1, cycles: 2}}}\n"
         "  - {name: closed, verify: {model: preisach, along: x, ways: [feedback, both, learning],"
         " trials: 3, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"

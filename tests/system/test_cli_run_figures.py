@@ -26,7 +26,7 @@ steps:
   - {name: again, characterise: {of: [place]}}
   - {name: falls, excite: {kind: falling, axis: x, rate: 2 Hz, full: 2, falling: 3}}
   - {name: memory, measure: {of: falls, along: x}}
-  - {name: model, identify: {of: [memory], output: x, models: [preisach]}}
+  - {name: model, identify: {of: [memory], output: x, model: [preisach]}}
   - name: held
     verify:
       {model: model, along: x, ways: [feedback], reference: {rate: 5 Hz, settle: 1, cycles: 2}}

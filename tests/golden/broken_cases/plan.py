@@ -18,7 +18,7 @@ steps:
   - name: record
     excite: {kind: designed, axis: x, rates: [0.5 Hz, 5 Hz], seed: 3}
   - {name: taken, measure: {of: record, along: x}}
-  - {name: model, identify: {of: [taken], output: x, models: [preisach]}}
+  - {name: model, identify: {of: [taken], output: x, model: [preisach]}}
   - {name: check, verify: {model: model, along: x, ways: [open loop, inverse]}}
   - {name: figures, characterise: {of: [motion]}}
 notes: [made on a quiet day]
@@ -116,8 +116,8 @@ EDITS: Edits = {
     "a step that is not there": ("of: loops", "of: lops"),
     "a step that comes later": ("of: loops", "of: record"),
     "a sensor that is not there": ("yaw: tilt", "yaw: tlt"),
-    "a model that is not there": ("models: [preisach]", "models: [preisch]"),
-    "a text for models": ("models: [preisach]", "models: preisach"),
+    "a model that is not there": ("model: [preisach]", "model: [preisch]"),
+    "a text for model": ("model: [preisach]", "model: preisach"),
     "a record of another verb": ("of: [taken]", "of: [loops]"),
     "a sensor that was not recorded": ("of: [taken], output: x", "of: [taken], output: tilt"),
     "a model of a step of another verb": ("verify: {model: model", "verify: {model: taken"),

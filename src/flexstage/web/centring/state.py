@@ -98,7 +98,7 @@ class CentringState:
             radius=None if self.kind == "magnet" else self.radius,
             kind=self.kind,
             head_direction="cw" if self.clockwise else "ccw",
-            mount_angle=self.mount,
+            mounting_angle=self.mount,
         )
         if len(self.measured) > 2:  # enough to say how the stage moves
             request = replace(request, stage_at=tuple(each.at for each in self.measured))
