@@ -1,52 +1,34 @@
 """Fields that several forms of the view Explore have."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from nicegui import ui
 
 from flexstage.comparison import MODEL_WORDS
+from flexstage.explore.requests import OptimiseRequest
 from flexstage.explore.variables import Variable
+from flexstage.files.ranges import Range
+from flexstage.files.request import request_fields
+from flexstage.files.schema import field_texts
+from flexstage.units import DIMENSIONS
 from flexstage.web.explore.facts import StageFacts
-from flexstage.web.explore.state import LimitWords, RangeWords
+from flexstage.web.explore.state import Form, LimitWords, RangeWords
 from flexstage.web.page import div, in_page_words, quiet_button
 from flexstage.web.preferences import Preferences
-
-# what a sentence says of options, and what the form calls it
-_FIELDS = {
-    "--over NAME=RANGE varies one": "a tick under “Parameters and bounds” varies one",
-    "--without NAME leaves one out": "without its tick it is left out",
-    "--start middle": "“Start” at the middle of all bounds",
-    "--model superelement": f"the model of {MODEL_WORDS['superelement']}",
-    "--maximise or --minimise a figure, or --match values": "“maximise”, “minimise” or “reach”",
-    "--keep": "“What is required”",
-    "--match": "“reach”",
-    "--over": "“What is varied”",
-    "--samples": "“Number of points”",
-    "--require": "“What a good stage has”",
-    "--target-yield": "“Yield to reach”",
-    "--hinges": "“Neck and place of each hinge”",
-    "--scatter": "“Scatter of the workshop”",
-}
-
-
-def in_form_words(sentence: str) -> str:
-    """Return what the library says with the fields of a form in place of options.
-
-    Examples
-    --------
-    >>> in_form_words("widen them, or start from their middle with --start middle")
-    'widen them, or start from their middle with “Start” at the middle of all bounds'
-    """
-    for option, words in _FIELDS.items():
-        sentence = sentence.replace(option, words)
-    return in_page_words(sentence)
-
 
 _FIELD = "outlined dense options-dense"
 _SIGNS = {">=": "≥", "<=": "≤", "=": "="}
 #: What is sought of a figure.
-WAYS = {"maximise": "maximise", "minimise": "minimise", "reach": "reach"}
+WAYS = {
+    name: request_fields(OptimiseRequest)[name].label for name in ("maximise", "minimise", "match")
+}
+
+
+def told(form: Form, name: str) -> str:
+    """Return what a field of a request is, as the help of its command says it."""
+    return in_page_words(field_texts(type(form.request))[name])
 
 
 class Fields:
@@ -71,7 +53,7 @@ class Fields:
             for name in names
         }
 
-    def figures(self, form: Any, names: Iterable[str]) -> None:
+    def figures(self, form: Form, names: Iterable[str]) -> None:
         """Show which figures are looked at."""
         options = self.headings(names)
         field = ui.select(options, value=list(form.of), multiple=True, label="Figures")
@@ -91,22 +73,55 @@ class Fields:
         field.on_value_change(take)
         show()
 
-    def model(self, form: Any, finer: str) -> None:
+    def model(self, form: Form, finer: str) -> None:
         """Show by which model: rigid bodies, or condensed ones, which cost more."""
         remarks = {"lumped": "quick, some per cent off", "superelement": finer}
         options = {name: f"{MODEL_WORDS[name]}: {remark}" for name, remark in remarks.items()}
-        self.choice("Model", form, "model", options)
+        self.choice(form, "model", options)
 
-    def choice(self, label: str, form: Any, name: str, options: dict[str, str]) -> None:
-        """Show a field of a form that is one of some words."""
-        field = ui.select(options, value=getattr(form, name), label=label)
-        field.props(_FIELD).classes("full-width")
+    def choice(self, form: Form, name: str, options: dict[str, str]) -> None:
+        """Show a field of a request that is one of some words."""
+        asked = request_fields(type(form.request))[name]
+        field = ui.select(options, value=getattr(form.request, name), label=asked.label)
+        field.props(_FIELD).classes("full-width").on_value_change(self.taken(form, name))
+
+    def tick(self, form: Form, name: str, words: str) -> None:
+        """Show a field of a request that is so or is not."""
+        label = f"{request_fields(type(form.request))[name].label}: {words}"
+        box = ui.checkbox(label, value=getattr(form.request, name)).props("dense")
+        box.tooltip(told(form, name)).on_value_change(self.taken(form, name))
+
+    def asked(self, form: Form, name: str, placeholder: str = "") -> ui.number:
+        """Show a field of a request that is a number; one that is emptied is as usual."""
+        field = request_fields(type(form.request))[name]
+        unit, factor = ("%", 100.0) if field.is_share else ("", 1.0)
+        if field.dimension == DIMENSIONS["length"]:
+            unit, factor = self.preferences.length_unit()
+        bounds = field.range or Range()
+        ends = {"min": bounds.low * factor, "max": bounds.high * factor}
+        limits = {end: value for end, value in ends.items() if math.isfinite(value)}
+        value = getattr(form.request, name)
+        whole = field.value is int
+
+        def take(value: float | None) -> None:
+            form.take(name, field.default if value is None else value if whole else value / factor)
+
+        shown = self.number(
+            f"{field.label} [{unit}]" if unit else field.label,
+            value if value is None or whole else float(f"{value * factor:.6g}"),
+            take, whole=whole, placeholder=placeholder, **limits,
+        ).props("stack-label").classes("full-width")  # fmt: skip
+        shown.tooltip(told(form, name))
+        return shown
+
+    def taken(self, form: Form, name: str) -> Callable[[Any], None]:
+        """Return what takes a value from a field."""
 
         def take(event: Any) -> None:
-            setattr(form, name, event.value)
+            form.take(name, event.value)
             self.changed()
 
-        field.on_value_change(take)
+        return take
 
     def number(
         self,
