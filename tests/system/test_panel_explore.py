@@ -17,7 +17,12 @@ from flexstage.cli import app
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.prepare import ready_sweep, swept
-from flexstage.explore.requests import SensitivityRequest, SweepRequest, ToleranceRequest
+from flexstage.explore.requests import (
+    ExploreRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.explore.results import (
     front_results,
     optimum_results,
@@ -25,7 +30,6 @@ from flexstage.explore.results import (
     sweep_results,
     tolerance_results,
 )
-from flexstage.files.request import Request
 from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
@@ -48,7 +52,7 @@ def facts() -> StageFacts:
     return facts_of(GUIDE.changed(NECK, 0.00047, 0.0005))
 
 
-def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
+def by_the_command(facts: StageFacts, request: ExploreRequest) -> dict[str, Any]:
     """What the command line that the page shows prints as JSON."""
     words = shlex.split(same_command(facts.template, request))[1:]
     found = CliRunner().invoke(app, [*words, "--json", "--quiet", "--workers", "1"])
@@ -58,7 +62,7 @@ def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
     return json.loads(found.stdout)
 
 
-def found_by_the_page(folder: Path, facts: StageFacts, request: Request) -> Any:
+def found_by_the_page(folder: Path, facts: StageFacts, request: ExploreRequest) -> Any:
     """What the job of the page returns."""
     return explored(folder, facts.template, request, "found").result
 
