@@ -1,6 +1,5 @@
 """Fields that several forms of the view Explore have."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -9,14 +8,11 @@ from nicegui import ui
 from flexstage.comparison import MODEL_WORDS
 from flexstage.explore.requests import OptimiseRequest
 from flexstage.explore.variables import Variable
-from flexstage.files.ranges import Range
 from flexstage.files.request import request_fields
-from flexstage.files.schema import field_texts
-from flexstage.units import DIMENSIONS
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.state import Form, LimitWords, RangeWords
-from flexstage.web.page import div, in_page_words, quiet_button
-from flexstage.web.preferences import Preferences
+from flexstage.web.page import Page, div, quiet_button
+from flexstage.web.request_form import RequestForm
 
 _FIELD = "outlined dense options-dense"
 _SIGNS = {">=": "≥", "<=": "≤", "=": "="}
@@ -26,24 +22,18 @@ WAYS = {
 }
 
 
-def told(form: Form, name: str) -> str:
-    """Return what a field of a request is, as the help of its command says it."""
-    return in_page_words(field_texts(type(form.request))[name])
-
-
 class Fields:
     """What fields of a form need: the stage, units, and what is called when one was changed.
 
     Parameters
     ----------
-    facts, preferences, changed
-        The stage, units and look, and the function.
+    facts, page, changed
+        The stage, the page, and the function.
     """
 
-    def __init__(
-        self, facts: StageFacts, preferences: Preferences, changed: Callable[[], object]
-    ) -> None:
-        self.facts, self.preferences, self.changed = facts, preferences, changed
+    def __init__(self, facts: StageFacts, page: Page, changed: Callable[[], object]) -> None:
+        self.facts, self._page, self.changed = facts, page, changed
+        self.preferences = page.preferences
 
     def headings(self, names: Iterable[str]) -> dict[str, str]:
         """Return what figures are called, with their units."""
@@ -77,51 +67,16 @@ class Fields:
         """Show by which model: rigid bodies, or condensed ones, which cost more."""
         remarks = {"lumped": "quick, some per cent off", "superelement": finer}
         options = {name: f"{MODEL_WORDS[name]}: {remark}" for name, remark in remarks.items()}
-        self.choice(form, "model", options)
+        self.of(form).choice("model", options).classes("full-width")
 
-    def choice(self, form: Form, name: str, options: dict[str, str]) -> None:
-        """Show a field of a request that is one of some words."""
-        asked = request_fields(type(form.request))[name]
-        field = ui.select(options, value=getattr(form.request, name), label=asked.label)
-        field.props(_FIELD).classes("full-width").on_value_change(self.taken(form, name))
+    def of(self, form: Form) -> RequestForm:
+        """Return what makes the fields of its request."""
 
-    def tick(self, form: Form, name: str, words: str) -> None:
-        """Show a field of a request that is so or is not."""
-        label = f"{request_fields(type(form.request))[name].label}: {words}"
-        box = ui.checkbox(label, value=getattr(form.request, name)).props("dense")
-        box.tooltip(told(form, name)).on_value_change(self.taken(form, name))
-
-    def asked(self, form: Form, name: str, placeholder: str = "") -> ui.number:
-        """Show a field of a request that is a number; one that is emptied is as usual."""
-        field = request_fields(type(form.request))[name]
-        unit, factor = ("%", 100.0) if field.is_share else ("", 1.0)
-        if field.dimension == DIMENSIONS["length"]:
-            unit, factor = self.preferences.length_unit()
-        bounds = field.range or Range()
-        ends = {"min": bounds.low * factor, "max": bounds.high * factor}
-        limits = {end: value for end, value in ends.items() if math.isfinite(value)}
-        value = getattr(form.request, name)
-        whole = field.value is int
-
-        def take(value: float | None) -> None:
-            form.take(name, field.default if value is None else value if whole else value / factor)
-
-        shown = self.number(
-            f"{field.label} [{unit}]" if unit else field.label,
-            value if value is None or whole else float(f"{value * factor:.6g}"),
-            take, whole=whole, placeholder=placeholder, **limits,
-        ).props("stack-label").classes("full-width")  # fmt: skip
-        shown.tooltip(told(form, name))
-        return shown
-
-    def taken(self, form: Form, name: str) -> Callable[[Any], None]:
-        """Return what takes a value from a field."""
-
-        def take(event: Any) -> None:
-            form.take(name, event.value)
+        def take(name: str, value: Any) -> None:
+            form.take(name, value)
             self.changed()
 
-        return take
+        return RequestForm(self._page, lambda: form.request, take)
 
     def number(
         self,

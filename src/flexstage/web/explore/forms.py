@@ -94,7 +94,7 @@ def _sweep(form: Form, fields: Fields) -> None:
             if len(form.over) < min(_MOST, len(names)):
                 quiet_button("Vary one more", icon="add", on_click=more).props("dense")
             if len(form.over) > 2:
-                fields.asked(form, "samples", "256")
+                fields.of(form).number("samples", "256")
 
     def choose(row: RangeWords, name: str | None) -> None:
         if name and name not in {other.name for other in form.over}:
@@ -151,8 +151,10 @@ def _optimise(form: Form, request: OptimiseRequest, fields: Fields) -> None:
     _count(form, fold)
     fields.model(form, "corrects the rigid ones, takes some minutes")
     starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
-    fields.choice(form, "start", starts)
-    fields.asked(form, "evaluations", str(SearchOptions().budget(len(form.chosen))))
+    own = fields.of(form)
+    own.choice("start", starts).classes("full-width")
+    usual = SearchOptions().budget(len(form.chosen))
+    own.number("evaluations", str(usual)).classes("full-width")
 
 
 def _count(form: Form, fold: ui.expansion) -> None:
@@ -182,8 +184,9 @@ def _tolerance(form: Form, fields: Fields) -> None:
     of_lots = [name for name in facts.figures if name in facts.of_lots]
     PanelHeading("Require: what a good stage has", 3)
     fields.limits(form.limits, of_lots, "One more requirement")
-    fields.asked(form, "samples")
-    fields.asked(form, "target_yield", "none: the tolerances as they are")
+    own = fields.of(form)
+    own.number("samples").classes("full-width")
+    own.number("target_yield", "none: the tolerances as they are").classes("full-width")
     _scatter(form, fields)
     fields.figures(form, of_lots)
     fields.model(form, "corrects the rigid ones, one analysis more")
@@ -210,7 +213,8 @@ def _scatter(form: Form, fields: Fields) -> None:
 
 
 def _sensitivity(form: Form, fields: Fields) -> None:
-    fields.tick(form, "hinges", "neck and place of each, in place of the parameters")
-    fields.asked(form, "per", "1 % of each; 10 µm of hinges")
+    own = fields.of(form)
+    own.tick("hinges", "neck and place of each, in place of the parameters")
+    own.number("per", "1 % of each; 10 µm of hinges").classes("full-width")
     fields.figures(form, fields.facts.figures)
     fields.model(form, "closer, two analyses of each parameter")

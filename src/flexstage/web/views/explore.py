@@ -96,7 +96,7 @@ class ExploreView:
         with self._form:
             PanelHeading(KINDS[state.kind])
             remark(type(state.form.request).__doc__ or "")
-            fields = Fields(facts, self._page.preferences, self._changed)
+            fields = Fields(facts, self._page, self._changed)
             with div("form"):
                 build_form(state.form, fields)
             with div("go"):
