@@ -382,7 +382,7 @@ SCREWS = """\
 plan: 1
 stage: vgtu-mechanical
 sensors: {x: {channel: 1, calibration: 0.002}, y: {channel: 2}}
-defaults: {rate: 100 Hz, command_rate: 100 Hz}
+defaults: {sample_rate: 100 Hz, command_rate: 100 Hz}
 steps:
   - {name: loops, excite: {kind: cycles, axis: x, rate: 0.25 Hz, cycles: 3}}
   - {name: motion, measure: {of: loops, test: motion, along: x, smallest_step: 0.5 um}}

@@ -15,12 +15,12 @@ stage: vgtu-piezo
 sensors: {x: {channel: 1}}
 steps:
   - {name: blows, excite: {kind: blows, axis: x, hits: 3}}
-  - {name: blow, measure: {of: blows, test: response, rate: 10 kHz, band: [200 Hz, 800 Hz]}}
+  - {name: blow, measure: {of: blows, test: response, sample_rate: 10 kHz, band: [200 Hz, 800 Hz]}}
   - name: sines
     excite:
       {kind: multisine, axis: x, band: [500 Hz, 1400 Hz], amplitude: 1 V, period: 0.2 s, periods: 3}
   - name: place
-    measure: {of: sines, test: response, output: [x], rate: 10 kHz, band: [500 Hz, 1400 Hz]}
+    measure: {of: sines, test: response, output: [x], sample_rate: 10 kHz, band: [500 Hz, 1400 Hz]}
   - {name: free, characterise: {of: [blow]}}
   - {name: in-place, characterise: {of: [place]}}
   - {name: again, characterise: {of: [place]}}

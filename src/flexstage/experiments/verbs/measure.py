@@ -31,12 +31,12 @@ class Recording(Verb):
 
     moving: ClassVar[bool] = True
 
-    rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] | None = None
+    sample_rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] | None = None
     """Rate of samples [Hz]; that of the plan where not given."""
 
-    def sample_rate(self, plan: "Plan") -> float:
+    def rate(self, plan: "Plan") -> float:
         """Return the rate of samples [Hz]."""
-        return self.rate or plan.defaults.rate
+        return self.sample_rate or plan.defaults.sample_rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +98,7 @@ class Measure(Recording, Roles, Evaluation):
             return replace(step, what=f"force and response of {source.what}", signals=2)
         return replace(
             step,
-            what=f"{self.test or 'for identification'}, {self.sample_rate(context.plan):g} Hz",
+            what=f"{self.test or 'for identification'}, {self.rate(context.plan):g} Hz",
             duration=source.command_duration,
             samples=source.samples,
             signals=len({*self.roles.values(), *self.output, *self.also}),
@@ -114,7 +114,7 @@ class Measure(Recording, Roles, Evaluation):
         if not signals:
             raise PlanError(f"step '{name}' records nothing: name a sensor")
         stream = context.folder / "records" / f"{name}.stream"
-        rate = self.sample_rate(context.plan)
+        rate = self.rate(context.plan)
         return [command.record(context.instrument, signals, rate, stream, about)]
 
     def result(

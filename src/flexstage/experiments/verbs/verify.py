@@ -97,7 +97,7 @@ class Verify(Recording):
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
         plan, wanted = context.plan, self.reference
         reference_rate(wanted, plan.defaults.command_rate, context.base_rate_hz)
-        require_whole_cycles(name, wanted, self.sample_rate(plan))
+        require_whole_cycles(name, wanted, self.rate(plan))
         stroke = estimated_stroke(context.stage, self.axis_of(plan))
         # the trials of learning are counted, the last of which is kept
         runs = len(self.ways) + (self.trials - 1.0) * ("learning" in self.ways)
@@ -113,7 +113,7 @@ class Verify(Recording):
     def run(self, context: "RunContext", name: str) -> list[Path]:
         from flexstage.experiments.ways import follow, tracking_setup
 
-        require_whole_cycles(name, self.reference, self.sample_rate(context.plan))
+        require_whole_cycles(name, self.reference, self.rate(context.plan))
         own = tracking_setup(context, name, self)
         return [follow(context, own, way) for way in self.ways]
 
