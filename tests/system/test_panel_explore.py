@@ -188,7 +188,7 @@ def test_forms_say_what_they_lack(facts: StageFacts) -> None:
         forms["optimise"].whole(facts)
     lot = forms["tolerance"]
     lot.take("samples", 0)
-    with pytest.raises(ModelError, match=r"--samples must be .* from 2 .*, got 0"):
+    with pytest.raises(ModelError, match=r"samples must be .* from 2 .*, got 0"):
         lot.whole(facts)
     lot.take("samples", 60)
     lot.whole(facts)

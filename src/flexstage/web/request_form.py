@@ -35,7 +35,7 @@ class RequestForm:
         """Show a field that is one of some words, or several of them."""
         asked, value = self._asked(name)
         options = list(asked.words) if options is None else options
-        many = isinstance(value, tuple)
+        many = asked.holds_tuple
         field = ui.select(
             options,
             # a word of its own may stand for nothing
