@@ -35,7 +35,13 @@ from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.downloads import same_command
 from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.state import ExploreState, Form, LimitWords, RangeWords, usual_forms
+from flexstage.web.explore.state import (
+    ExploreForm,
+    ExploreState,
+    LimitWords,
+    RangeWords,
+    usual_forms,
+)
 from flexstage.web.explore.work import explored
 from flexstage.web.preferences import Preferences
 from tests.panel import looked_at, simulated
@@ -78,7 +84,7 @@ def same(found: Any, expected: dict[str, Any]) -> None:
     assert said == expected
 
 
-def vary(form: Form, *names: str) -> None:
+def vary(form: ExploreForm, *names: str) -> None:
     """Choose which parameters may change."""
     for row in form.over:
         row.is_chosen = row.name in names

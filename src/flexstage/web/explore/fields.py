@@ -10,7 +10,7 @@ from flexstage.explore.requests import OptimiseRequest
 from flexstage.explore.variables import Variable
 from flexstage.files.request import request_fields
 from flexstage.web.explore.facts import StageFacts
-from flexstage.web.explore.state import Form, LimitWords, RangeWords
+from flexstage.web.explore.state import ExploreForm, LimitWords, RangeWords
 from flexstage.web.page import Page, div, quiet_button
 from flexstage.web.request_form import RequestForm
 
@@ -43,7 +43,7 @@ class Fields:
             for name in names
         }
 
-    def figures(self, form: Form, names: Iterable[str]) -> None:
+    def figures(self, form: ExploreForm, names: Iterable[str]) -> None:
         """Show which figures are looked at."""
         options = self.headings(names)
         field = ui.select(options, value=list(form.of), multiple=True, label="Figures")
@@ -63,13 +63,13 @@ class Fields:
         field.on_value_change(take)
         show()
 
-    def model(self, form: Form, finer: str) -> None:
+    def model(self, form: ExploreForm, finer: str) -> None:
         """Show by which model: rigid bodies, or condensed ones, which cost more."""
         remarks = {"lumped": "quick, some per cent off", "superelement": finer}
         options = {name: f"{MODEL_WORDS[name]}: {remark}" for name, remark in remarks.items()}
         self.of(form).choice("model", options).classes("full-width")
 
-    def of(self, form: Form) -> RequestForm:
+    def of(self, form: ExploreForm) -> RequestForm:
         """Return what makes the fields of its request."""
 
         def take(name: str, value: Any) -> None:

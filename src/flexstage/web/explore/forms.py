@@ -23,7 +23,7 @@ from flexstage.virtual.imperfections import Scatter
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.fields import WAYS, Fields
 from flexstage.web.explore.state import (
-    Form,
+    ExploreForm,
     RangeWords,
 )
 from flexstage.web.page import PanelHeading, div, quiet_button, remark
@@ -31,7 +31,7 @@ from flexstage.web.page import PanelHeading, div, quiet_button, remark
 _MOST = 8  # parameters of a sweep
 
 
-def build_form(form: Form, fields: Fields) -> None:
+def build_form(form: ExploreForm, fields: Fields) -> None:
     """Make the fields of a form."""
     form.wrong.clear()  # the fields are made anew from what was taken
     match form.request:
@@ -64,7 +64,7 @@ def what_it_takes(request: ExploreRequest, facts: StageFacts) -> str:
             return "some seconds" if lumped else "two analyses of each parameter"
 
 
-def _sweep(form: Form, fields: Fields) -> None:
+def _sweep(form: ExploreForm, fields: Fields) -> None:
     facts = fields.facts
     PanelHeading("Over: what is varied", 3)
     box = div("rows")
@@ -126,7 +126,7 @@ def _sweep(form: Form, fields: Fields) -> None:
     fields.model(form, f"closer, about {usual_cost('superelement'):g} s a point")
 
 
-def _optimise(form: Form, request: OptimiseRequest, fields: Fields) -> None:
+def _optimise(form: ExploreForm, request: OptimiseRequest, fields: Fields) -> None:
     facts = fields.facts
     PanelHeading("What is sought", 3)
     fields.limits(form.goals, facts.figures, "One more goal", WAYS, at_least=1)
@@ -157,11 +157,11 @@ def _optimise(form: Form, request: OptimiseRequest, fields: Fields) -> None:
     own.number("evaluations", str(usual)).classes("full-width")
 
 
-def _count(form: Form, fold: ui.expansion) -> None:
+def _count(form: ExploreForm, fold: ui.expansion) -> None:
     fold.text = f"Over: {len(form.chosen)} of {len(form.over)} parameters, and their bounds"
 
 
-def _chosen(form: Form, fields: Fields, fold: ui.expansion, box: ui.element) -> None:
+def _chosen(form: ExploreForm, fields: Fields, fold: ui.expansion, box: ui.element) -> None:
     """Show what may change, once it is asked for: a stage has many parameters."""
     if not fold.value or list(box):
         return
@@ -179,7 +179,7 @@ def _chosen(form: Form, fields: Fields, fold: ui.expansion, box: ui.element) -> 
                 fields.bounds(row, fields.facts.variables[row.name])
 
 
-def _tolerance(form: Form, fields: Fields) -> None:
+def _tolerance(form: ExploreForm, fields: Fields) -> None:
     facts = fields.facts
     of_lots = [name for name in facts.figures if name in facts.of_lots]
     PanelHeading("Require: what a good stage has", 3)
@@ -192,7 +192,7 @@ def _tolerance(form: Form, fields: Fields) -> None:
     fields.model(form, "corrects the rigid ones, one analysis more")
 
 
-def _scatter(form: Form, fields: Fields) -> None:
+def _scatter(form: ExploreForm, fields: Fields) -> None:
     """Show the standard deviations of the workshop, as they are typed."""
     assert isinstance(form.request, ToleranceRequest)
     given = dict(pair.split("=", 1) for pair in form.request.scatter)
@@ -212,7 +212,7 @@ def _scatter(form: Form, fields: Fields) -> None:
             field.classes("full-width").on_value_change(partial(take, kind.name))
 
 
-def _sensitivity(form: Form, fields: Fields) -> None:
+def _sensitivity(form: ExploreForm, fields: Fields) -> None:
     own = fields.of(form)
     own.tick("hinges", "neck and place of each, in place of the parameters")
     own.number("per", "1 % of each; 10 µm of hinges").classes("full-width")

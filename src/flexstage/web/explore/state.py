@@ -77,7 +77,7 @@ class LimitWords:
 
 
 @dataclass
-class Form:
+class ExploreForm:
     """What a form holds: what is asked for, and beside it what may not be whole yet."""
 
     request: ExploreRequest
@@ -142,25 +142,25 @@ class Form:
         return replace(request, of=() if tuple(self.of) == facts.usual else tuple(self.of))
 
 
-def usual_forms(facts: StageFacts) -> dict[str, Form]:
+def usual_forms(facts: StageFacts) -> dict[str, ExploreForm]:
     """Return the forms as they are filled at first: a first run is one press."""
     usual = facts.usual
     required = [r for r in facts.required if r.figure.name in facts.of_lots]
     return {
-        "sweep": Form(
+        "sweep": ExploreForm(
             SweepRequest(), of=[*usual], over=[RangeWords(facts.neck)] if facts.neck else []
         ),
-        "optimise": Form(
+        "optimise": ExploreForm(
             OptimiseRequest(model="lumped"),
             goals=[LimitWords(facts.frequency, "maximise")],
             over=[RangeWords(n, is_chosen=n in facts.flexure) for n in facts.variables],
         ),
-        "tolerance": Form(
+        "tolerance": ExploreForm(
             ToleranceRequest(model="lumped"),
             of=[*usual],
             limits=[LimitWords.of(r) for r in required],
         ),
-        "sensitivity": Form(SensitivityRequest(), of=[*usual]),
+        "sensitivity": ExploreForm(SensitivityRequest(), of=[*usual]),
     }
 
 
@@ -212,7 +212,7 @@ class ExploreState:
     """One of `KINDS`."""
     facts: Remembered[StageFacts] = field(default_factory=Remembered)
     """What is known of each stage."""
-    forms: dict[str, Form] = field(default_factory=dict)
+    forms: dict[str, ExploreForm] = field(default_factory=dict)
     """The forms of the stage at hand, by what they are for."""
     forms_of: Variant | None = None
     """The stage that the forms were filled for."""
@@ -220,7 +220,7 @@ class ExploreState:
     """What was started last, of each kind."""
 
     @property
-    def form(self) -> Form:
+    def form(self) -> ExploreForm:
         """The form that is shown."""
         return self.forms[self.kind]
 
