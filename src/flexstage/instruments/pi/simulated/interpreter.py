@@ -198,8 +198,8 @@ class Interpreter:
                 self._state.recorder.trigger = 0
                 self._state.recorder.now()
             return action()
-        except RefusedError as error:
-            client.error = error.reason
+        except RefusedError as refused:
+            client.error = refused.reason
         except ControllerError:
             client.error = Refusal.HARDWARE
         except FlexstageError:
