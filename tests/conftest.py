@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from tests.longest import LONGEST
 from tests.shared_data import ABSENT
-from tests.tiers import LONGEST
 
 # The same examples on every machine and day: a change is to blame for what fails, not chance. New
 # ones are searched for by `make evidence`, with the profile of that name; a find becomes an example

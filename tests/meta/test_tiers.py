@@ -4,7 +4,8 @@ from pathlib import Path
 
 from scipy.stats import binom
 
-from tests.tiers import LONGEST, limits
+from tests.longest import LONGEST
+from tests.tiers import limits
 
 TESTS = Path(__file__).parents[1]
 
