@@ -60,61 +60,51 @@ class PlaneIntegrals:
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
         # at once, as the mesh is used by one thread at a time
-        #: Rows, columns and values of the integrals of derivatives of shape functions.
-        self.pattern = self._pattern()
-        #: Shape functions in the order in which a plate eliminates them.
-        self.order_of_elimination = self._sorted()
+        #: Shape functions in the order in which a plate eliminates them; rows, columns and values
+        #: of the integrals of their derivatives, by rows and columns in this order.
+        self.order_of_elimination, self.pattern = self._integrals()
         #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
         self.places = self._places()
 
-    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-        """Return integrals of derivatives of shape functions: rows, columns, values.
+    def _integrals(
+        self,
+    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.int64], NDArray[np.int64], Array]]:
+        """Return the order of elimination, and integrals of derivatives of shape functions.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
         metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
-        there are any. Shapes (k,), (k,) and (k, 9) or (k, 18).
+        there are any. Rows, columns and values have shapes (k,), (k,) and (9, k) or (18, k).
+
+        The order of the shape functions is one for all fields on them, found in a twentieth of the
+        time.
         """
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
-        shape = (self.width, self.width)
         weights = (1.0,) if self.strained is None else (1.0, self.strained)
         pairs = [(m, n) for m in range(3) for n in range(m, 3)]
-        found: dict[int, Array] = {}
-        matrix = sp.csr_matrix(shape)
+        found: dict[tuple[int, int, int], Array] = {}
         for (w, weight), (m, n) in product(enumerate(weights), pairs):
             if w and n == 2:  # plane strain adds nothing to what is no derivative
                 continue
             form = ng.BilinearForm(self.scalar)
             form += weight * tests[m] * trials[n] * ng.dx
             form.Assemble()
-            rows, columns, values = (np.asarray(a) for a in form.mat.COO())
-            scale = METRE ** -((m == 2) + (n == 2))
-            matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
-            matrix.sort_indices()
-            found[9 * w + 3 * m + n] = np.asarray(matrix.data, dtype=float)
-            if n != m:  # the pattern is that of its transpose
-                turned = matrix.T.tocsr()
-                turned.sort_indices()
-                found[9 * w + 3 * n + m] = np.asarray(turned.data, dtype=float)
-        nothing = np.zeros_like(found[0])
-        rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
-        every = [found.get(i, nothing) for i in range(9 * len(weights))]
-        return rows, matrix.indices.astype(np.int64), np.column_stack(every)
-
-    def _sorted(self) -> NDArray[np.intp]:
-        """Sort the pattern by rows and columns in order of elimination; return that order.
-
-        The order of the shape functions is one for all fields on them, found in a twentieth of the
-        time.
-        """
-        rows, columns, values = self.pattern
-        mass = sp.csc_matrix((values[:, 8], (rows, columns)), shape=(self.width,) * 2)
+            values, columns, ends = (np.asarray(a) for a in form.mat.CSR())
+            found[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
+        rows = np.repeat(np.arange(self.width), np.diff(ends.astype(np.int64)))
+        mass = sp.csc_matrix((found[0, 2, 2], columns, ends.astype(np.int64)))
         order = np.argsort(factorised(mass, ordered=False).perm_c)
         rank = np.argsort(order)
-        by = np.lexsort((rank[columns], rank[rows]))
-        self.pattern = rows[by], columns[by], values[by]
-        return order
+        # a matrix that is turned has its entries in order, and the pattern is that of the transpose
+        turned = sp.coo_matrix((np.arange(rows.size), (rank[rows], rank[columns]))).tocsc()
+        by = turned.tocsr().data
+        planes = np.zeros((9 * len(weights), by.size))
+        for (w, m, n), integral in found.items():
+            planes[9 * w + 3 * m + n] = integral[by]
+            if n != m:
+                planes[9 * w + 3 * n + m] = integral[turned.data]
+        return order, (rows[by], columns[by].astype(np.int64), planes)
 
     def _places(self) -> Array:
         one = np.zeros(self.width)
@@ -239,7 +229,7 @@ class LayeredPlate:
             ]
         )
         through = np.einsum("amq,bnq,q->abmn", derived, derived, weights)
-        regions = self.plane.pattern[2].shape[1] // 9
+        regions = len(self.plane.pattern[2]) // 9
         factors = np.zeros((regions, len(parts), len(parts), 3, 3))
         for i, (a, _, _) in enumerate(parts):
             for j, (b, _, _) in enumerate(parts):
@@ -282,7 +272,7 @@ class LayeredPlate:
             # some at a time, so that what is between stays in the processor's memory
             for kept in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
                 at = corner[kept, None, None] + length[of_row[kept], None, None] * rows + columns
-                data[at] = (planes[kept] @ factors).reshape(at.shape)
+                data[at] = (planes[:, kept].T @ factors).reshape(at.shape)
                 indices[at] = first[of_column[kept], None, None] + columns
         matrix = sp.csr_matrix((data, indices, ends), shape=(self.size, self.size))
         matrix.eliminate_zeros()
@@ -295,7 +285,7 @@ class LayeredPlate:
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
         kept = (row >= 0) & (column >= 0)
-        values = np.broadcast_to(self.material.density * planes[:, 8], kept.shape)
+        values = np.broadcast_to(self.material.density * planes[8], kept.shape)
         shape = (self.size, self.size)
         return sp.csr_matrix((values[kept], (row[kept], column[kept])), shape=shape)
 
