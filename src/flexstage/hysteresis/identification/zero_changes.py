@@ -214,7 +214,8 @@ class _Fit:
         # columns that are fitted, as sums of all: with creep, beside them, and a change of creep
         mix = np.zeros((2 * m + k, m + k + 1))
         mix[:m, :m], mix[2 * m :, m:-1] = np.eye(m), np.eye(k)
-        creep = self._begin
+        creep, weights = self._begin, np.zeros(m)
+        found, total = np.zeros(k), np.zeros(2 * m + k)
         for turn in range(6):
             mix[m : 2 * m, :m] = creep * np.eye(m)
             now = mix if turn else mix[:, :-1]
