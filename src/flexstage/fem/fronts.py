@@ -15,7 +15,7 @@ _BRANCH = 9  # places of a branch of the tree that are eliminated at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Front:
+class EliminationFront:
     """Places that are eliminated at once, from `first` to before `end`."""
 
     first: int
@@ -72,9 +72,9 @@ class Fronts:
         follows &= sizes[:-1] > _BRANCH
         firsts = np.flatnonzero(np.append(True, ~follows & (tops[1:] != tops[:-1]))).tolist()
         ends = [*firsts[1:], size]
-        #: Front of each place.
+        #: EliminationFront of each place.
         self.owner = np.repeat(np.arange(len(firsts)), np.subtract(ends, firsts))
-        self.fronts: list[Front] = []
+        self.fronts: list[EliminationFront] = []
         branches: list[list[int]] = [[] for _ in firsts]
         for i, (first, end) in enumerate(zip(firsts, ends, strict=True)):
             last = old[end - 1]
@@ -87,7 +87,7 @@ class Fronts:
                 bounds = [0, *cuts.tolist(), at.size]
                 stretches = zip(bounds[:-1], bounds[1:], at[bounds[:-1]].tolist(), strict=True)
                 acting.append((j, list(stretches)))
-            self.fronts.append(Front(first, end, beside, acting))
+            self.fronts.append(EliminationFront(first, end, beside, acting))
             if beside.size:
                 branches[self.owner[beside[0]]].append(i)
         rows, columns = self.rank[rows], self.rank[columns]
