@@ -72,7 +72,7 @@ class Fronts:
         follows &= sizes[:-1] > _BRANCH
         firsts = np.flatnonzero(np.append(True, ~follows & (tops[1:] != tops[:-1]))).tolist()
         ends = [*firsts[1:], size]
-        #: EliminationFront of each place.
+        #: Front of each place.
         self.owner = np.repeat(np.arange(len(firsts)), np.subtract(ends, firsts))
         self.fronts: list[EliminationFront] = []
         branches: list[list[int]] = [[] for _ in firsts]
