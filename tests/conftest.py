@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from tests.longest import LONGEST
 from tests.shared_data import ABSENT
 
 # The same examples on every machine and day: a change is to blame for what fails, not chance. New
@@ -65,6 +66,28 @@ def pytest_collection() -> Iterator[None]:
         # tests make much that lives to their end: looking for what does not pays less often
         gc.set_threshold(10_000, 10, 20)
         gc.enable()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Processes side by side begin with the longest tests, so that none waits at the end for one.
+
+    Each gets a part of the list, and at its end those that remain to others.
+    """
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    place = {name: k for k, name in enumerate(LONGEST)}
+    first = sorted((i for i in items if i.name in place), key=lambda item: place[item.name])
+    if processes == 1 or len(items) < 2 * processes * len(first):
+        return
+    rest = [item for item in items if item.name not in place]
+    left, parts = len(items), []
+    for k in range(processes):
+        size = left // (processes - k)
+        own = first[k::processes]
+        parts += [*own, *rest[: size - len(own)]]
+        del rest[: size - len(own)]
+        left -= size
+    items[:] = parts
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -1,6 +1,7 @@
 """Stages with any notch, for the tests of drawings."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from flexstage.hinges.power import PowerFunction
 from flexstage.hinges.v_fillet import VFillet
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
+from flexstage.stage.curve import Curve, distance
 
 Pair = tuple[float, float]
 
@@ -126,3 +128,21 @@ def guide(profile: Profile, turn: float = 0.31, shift: Pair = (7.3e-3, -4.1e-3))
         bodies=bodies,
         hinges=tuple(hinges),
     )
+
+
+def least_distance(pairs: Iterable[tuple[Curve, Curve]]) -> float:
+    """The least of the exact distances of pairs of curves.
+
+    Pairs that cannot be as near as the nearest so far are left out: no point of a curve is further
+    from its middle than half its length.
+    """
+    apart = [
+        (math.dist(a.point(0.5), b.point(0.5)) - 0.5 * (a.length + b.length), a, b)
+        for a, b in pairs
+    ]
+    least = math.inf
+    for bound, a, b in sorted(apart, key=lambda pair: pair[0]):
+        if bound > least:
+            break
+        least = min(least, distance(a, b))
+    return least

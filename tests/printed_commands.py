@@ -1,16 +1,24 @@
 """The command lines of README and manual: found, run, compared with what is printed below them.
 
 A page runs from top to bottom in one empty folder: its Python, the files that it says, and its
-commands, each as a process of its own with its defaults.
+commands with their defaults. Those of flexstage alone run in this process, which has loaded what
+they need; what a shell makes of a line, and what stays, runs in a process of its own.
 """
 
+import contextlib
+import io
 import os
 import re
+import shlex
 import signal
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
+
+import pytest
+
+from flexstage.cli import main
 
 #: Largest difference of a printed number from the one that comes, in units of its last digit.
 _DIGIT = 2.0
@@ -93,6 +101,14 @@ def _near(wanted: str, came: str, noise: float) -> bool:
     return abs(values[0] - values[1]) <= _DIGIT * digit * (1.0 + 1e-9) + noise * abs(values[0])
 
 
+def _alone(line: str) -> list[str]:
+    """Return the words of a command of flexstage that no shell is needed for, or none."""
+    bare = re.sub(r"""'[^']*'|"[^"$`\\]*\"""", "", line)
+    shells = re.search(r"[$`*?~(){};<>|&\\]", bare)
+    words = [] if shells else shlex.split(line)
+    return words[1:] if words[:1] == ["flexstage"] else []
+
+
 class Shell:
     """Runs commands in a folder, and ends what it left running."""
 
@@ -105,10 +121,33 @@ class Shell:
         """Run one to its end; where it changes the folder, those after it run there."""
         if line.startswith("cd "):
             self.folder = self.folder / line[3:].strip()
+        words = _alone(line)
+        if words:
+            return self._here(words)
         return subprocess.run(
             ["bash", "-c", "true" if line.startswith("cd ") else line], cwd=self.folder,
             env=self.environment, capture_output=True, text=True, timeout=limit, check=False,
         )  # fmt: skip
+
+    def _here(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        """Run a command of flexstage in this process, as one that was started anew would."""
+        # a stream of bytes below, as that of a process
+        out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+        status: object = 1
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            for name, value in self.environment.items():
+                patch.setenv(name, value)
+            patch.chdir(self.folder)
+            try:
+                main(words)
+            except SystemExit as end:
+                status = end.code
+        said = [stream.buffer.getvalue().decode() for stream in (out, err)]  # type: ignore[attr-defined]
+        return subprocess.CompletedProcess(words, int(str(status or 0)), *said)
 
     def serve(self, line: str) -> str:
         """Start one that stays, in place of the one before; return its first line."""

@@ -16,7 +16,7 @@ from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour
 from flexstage.stage.curve import Curve, crossings, distance, point_distance
-from tests.drawing_stages import NOTCHES, PLATES, guide, quick
+from tests.drawing_stages import NOTCHES, PLATES, guide, least_distance, quick
 
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
 ALL = pytest.mark.parametrize("stage", [quick(n, s) for n, s in STAGES.items()])
@@ -87,7 +87,7 @@ def test_the_two_sides_of_a_notch_are_as_far_apart_as_its_neck_is_thick(stage: S
                     x, y = Curve(*segment).point(0.5)
                     across = -s * (x - hinge.at[0]) + c * (y - hinge.at[1])
                     sides[across > 0.0].append(Curve(*segment))
-        thickness = min(distance(a, b) for a in sides[0] for b in sides[1])
+        thickness = least_distance(itertools.product(*sides))
         assert thickness == pytest.approx(hinge.profile.neck_thickness, abs=1e-15)
 
 

@@ -16,8 +16,8 @@ from flexstage.hinges import AsDrawn, Elliptical, RightCircular
 from flexstage.hinges.leaf import Leaf
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
-from flexstage.stage.curve import Curve, distance, point_distance
-from tests.drawing_stages import NOTCHES, PLATES, guide, quick
+from flexstage.stage.curve import Curve, point_distance
+from tests.drawing_stages import NOTCHES, PLATES, guide, least_distance, quick
 
 KERF = 0.31e-3
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}
@@ -132,13 +132,14 @@ def test_nowhere_is_the_path_nearer_to_the_part_than_half_the_cut(name: str) -> 
         return shapely.LineString([c.point(t) for t in shares])
 
     tree = shapely.STRtree([line(c) for c in sides])
-    least = math.inf
-    for path in paths:
-        for c in curves(path.loop):
-            for j in tree.query(line(c), predicate="dwithin", distance=2.0 * KERF):
-                least = min(least, distance(c, sides[j]))
+    near = (
+        (c, sides[j])
+        for path in paths
+        for c in curves(path.loop)
+        for j in tree.query(line(c), predicate="dwithin", distance=2.0 * KERF)
+    )
     # exact distances of lines and arcs; 1e-12 m is the rounding of their centres
-    assert least == pytest.approx(0.5 * KERF, abs=1e-12)
+    assert least_distance(near) == pytest.approx(0.5 * KERF, abs=1e-12)
 
 
 @ALL
@@ -258,7 +259,7 @@ def test_start_holes_lie_in_the_waste_and_lead_straight_to_the_path(name: str) -
             on_path = abs(math.dist(cut.entry, circle.centre) - circle.radius)
         assert on_path < 1e-12
         lead = Curve(cut.start, cut.entry)
-        assert min(distance(lead, s) for s in sides) > 0.5 * KERF - 1e-9
+        assert least_distance((lead, s) for s in sides) > 0.5 * KERF - 1e-9
         # the wire enters beside the notches, not on them
         notches = [
             Curve(*s)

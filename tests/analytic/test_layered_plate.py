@@ -9,6 +9,7 @@ import pytest
 
 from flexstage.elasticity import face
 from flexstage.errors import ModelError
+from flexstage.fem.fronts import FrontalFactor
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MeshSettings, face_mesh
 from flexstage.fem.substructure import REFERENCE
@@ -151,3 +152,20 @@ def test_elimination_in_the_order_of_the_unknowns_fills_little(out_of_plane: boo
     stiffness = part.stiffness[loose][:, loose]
     own, other = (factorised(stiffness, ordered=ordered) for ordered in (True, False))
     assert own.L.nnz < 1.2 * other.L.nnz
+
+
+def test_solutions_by_dense_fronts_meet_the_stiffness(part: LayeredPlate) -> None:
+    """Where notches have fields that bodies have not; of a plate that three springs hold."""
+    stiffness, loads = part.stiffness, np.random.default_rng(2).normal(size=(part.size, 3))
+    for pin in part.pins:
+        stiffness[pin, pin] *= 10.0
+    factor = part.factorised(part.pins, 10.0)
+    assert isinstance(factor, FrontalFactor)
+    found = factor.solve(loads)
+    forces = abs(stiffness) @ np.abs(found)
+    assert np.abs(stiffness @ found - loads).max() < 1e-13 * forces.max()
+
+
+def test_a_plate_that_is_not_stiff_everywhere_is_refused(part: LayeredPlate) -> None:
+    with pytest.raises(ModelError, match=r"stiffness of a body is singular, .* thin walls"):
+        part.factorised(part.pins, 0.0)

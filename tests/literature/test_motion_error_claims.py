@@ -27,7 +27,7 @@ MEASURED = {
 def strokes(stage: Stage):
     """Every axis over its stroke by plane finite elements with finite displacements."""
     model = plane_model(stage)
-    return [follow_stroke(model, axis, steps=4) for axis in analyse(stage, model.system).axes]
+    return [follow_stroke(model, axis, steps=3) for axis in analyse(stage, model.system).axes]
 
 
 @pytest.fixture(scope="module", params=sorted(MEASURED))

@@ -1,8 +1,19 @@
 """What the tiers of the tests promise."""
 
+from pathlib import Path
+
 from scipy.stats import binom
 
+from tests.longest import LONGEST
 from tests.tiers import limits
+
+TESTS = Path(__file__).parents[1]
+
+
+def test_the_longest_tests_are_there() -> None:
+    text = "".join(path.read_text("utf-8") for path in TESTS.rglob("test_*.py"))
+    missing = [name for name in LONGEST if f"def {name.partition('[')[0]}(" not in text]
+    assert not missing
 
 
 def test_limits_of_fewer_repetitions_leave_out_what_they_say() -> None:

@@ -29,7 +29,9 @@ from flexstage.records import Record
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Stage, check
 from flexstage.studies import run_study, study_results
 from flexstage.studies.results import results_json
+from tests.computed_once import computed_once
 from tests.result_schema import require_valid
+from tests.virtual_stages import set_once
 
 BASES = {"mechanical": MECHANICAL.parameters, "piezo": PIEZO.parameters}
 
@@ -368,7 +370,10 @@ def takes_long(name: str) -> bool:
 )
 def test_a_study_does_not_depend_on_names(name: str) -> None:
     stage = design(name)
-    assert studied(renamed(stage)) == studied(stage)
+    # what is identified of a record that is alike to the last bit, is alike; so is a stack of
+    # the same loop
+    with computed_once("flexstage.studies.compensation", "identify"), set_once():
+        assert studied(renamed(stage)) == studied(stage)
 
 
 def test_hysteresis_is_found_whatever_axis_and_probe_are_called(

@@ -282,6 +282,7 @@ def test_show_writes_a_drawing(elsewhere: Path, name: str) -> None:
     assert left_behind(elsewhere) == [name]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
     assert run("show", "vgtu-piezo") == 0
     assert left_behind(elsewhere) == ["vgtu-piezo.svg"]

@@ -68,6 +68,7 @@ def test_match_prints_one_object_as_json(run):
     assert found["files"] == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_missed_is_said_first_and_fails(run, tmp_path):
     words = ("--maximise", "natural_frequency.x", "--keep", "natural_frequency.x >= 900 Hz")
     words += (*OVER, *LUMPED, *FEW)

@@ -13,6 +13,7 @@ from tests.system.test_cli_json import commands
 
 #: What differs in writing and not in meaning.
 ONE_MEANING = {
+    "--column": "a column; of a test with its role, and several times",
     "--material": "a material of the catalogue; of a part also by its constants, by solid",
     "--model": "a model of the mechanics; a twin has the two that run in real time",
     "--output": "the output, or the outputs where a command takes several",

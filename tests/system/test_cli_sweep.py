@@ -205,6 +205,7 @@ def test_bad_input_is_one_sentence(run, words, sentence):
     assert sentence in err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_sweep_goes_on(run, tmp_path, monkeypatch):
     words = "sweep", "parallelogram", *NECK, "--of", "frequency", "--folder", "out", "--json"
     words = *words, "--workers", "1"

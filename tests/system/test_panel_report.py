@@ -29,6 +29,7 @@ LITTLE = StudyRequest.of_models("lumped")
 GUIDE = Variant(StageTemplate.of("parallelogram"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report_holds_what_the_study_found(tmp_path: Path) -> None:
     report = write_report(tmp_path, GUIDE, LITTLE, cache=False)
     assert report.files == ["report.html", "results.json"]

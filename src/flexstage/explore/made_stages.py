@@ -64,8 +64,8 @@ class Process:
         return max((table.error for table in self.tables), default=0.0)
 
 
-# a lot and the search for its tolerances begin with the same one
-@lru_cache(maxsize=4)
+# a lot, the search for its tolerances and other lots of the same stage begin with the same one
+@lru_cache(maxsize=16)
 def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Process:
     """Prepare a stage and its process: `reach` is how many standard deviations are covered.
 

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.fem.block_lanczos import softest_modes
-from flexstage.fem.layered_plate import LayeredPlate, factorised
+from flexstage.fem.layered_plate import LayeredPlate
 
 _ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
 _SPRING = 1e3  # as many times as stiff as the mesh is there
@@ -45,17 +45,14 @@ class Constrained:
         self.rigid = part.rigid
         self.weighted = part.mass_times(self.rigid)
         self._balance = np.zeros((part.size, 0)), np.zeros((part.size, 0))
-        stiffness = part.stiffness
         if floating:
-            # balanced loads leave nothing to stiff springs at three unknowns, whichever they are
-            for pin in part.pins:
-                stiffness[pin, pin] *= _SPRING
             factor = np.linalg.cholesky(self.rigid.T @ self.weighted)
             self._balance = (
                 np.linalg.solve(factor, self.rigid.T).T,
                 np.linalg.solve(factor, self.weighted.T).T,
             )
-        self._factor = factorised(stiffness)
+        # balanced loads leave nothing to stiff springs at three unknowns, whichever they are
+        self._factor = part.factorised(part.pins if floating else None, _SPRING)
         X = self.loose(P.T)
         if mixed is not None:
             mix = mixed(P @ X)

@@ -7,6 +7,7 @@ for the other.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 from netgen.occ import Glue, TopoDS_Shape
 
@@ -291,7 +292,7 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
     """Tell whether an edge is of the outer part of a notch, between its cut and its root."""
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
     cut = STRAINED * half
-    for p in (*_ends(edge), _middle(edge)):
+    for p in chain(_ends(edge), map(_middle, [edge])):  # most edges fail at an end
         along, across = hinge.from_plane(p)
         if not cut - _NEAR < abs(along) < half + _NEAR or abs(across) > height:
             return False

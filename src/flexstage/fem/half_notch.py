@@ -17,7 +17,7 @@ from flexstage.elasticity import face
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
+from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
 from flexstage.fem.neck_motions import (
     NeckMotion,
@@ -264,7 +264,7 @@ def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
 
 
 def _responses(plate: LayeredPlate, rows: Array) -> Array:
-    return factorised(plate.stiffness).solve(np.ascontiguousarray(rows.T))
+    return plate.factorised().solve(np.ascontiguousarray(rows.T))
 
 
 def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:

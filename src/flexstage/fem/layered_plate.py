@@ -1,6 +1,6 @@
 """A part of a plate on a mesh of its plane: stiffness, mass, loads, readings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -14,11 +14,17 @@ from scipy.sparse.linalg import SuperLU, splu
 from flexstage.arrays import Array
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
+from flexstage.fem.fronts import FrontalFactor, Fronts
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.material import Material
 
 _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
+
+_SINGULAR = (
+    "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
+    "move freely: look at `flexstage check`, and for thin walls about holes"
+)
 
 
 def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
@@ -36,10 +42,7 @@ def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
     except RuntimeError as error:
         if "singular" not in str(error):
             raise
-        raise ModelError(
-            "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
-            "move freely: look at `flexstage check`, and for thin walls about holes"
-        ) from None
+        raise ModelError(_SINGULAR) from None
 
 
 class PlaneIntegrals:
@@ -60,61 +63,60 @@ class PlaneIntegrals:
         self.scalar = ng.H1(mesh, order=order, dirichlet=held)
         self.width = int(self.scalar.ndof)
         # at once, as the mesh is used by one thread at a time
-        #: Rows, columns and values of the integrals of derivatives of shape functions.
-        self.pattern = self._pattern()
-        #: Shape functions in the order in which a plate eliminates them.
-        self.order_of_elimination = self._sorted()
+        #: Shape functions in the order in which a plate eliminates them; rows, columns and values
+        #: of the integrals of their derivatives, by rows and columns in this order.
+        self.order_of_elimination, self.pattern = self._integrals()
         #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
         self.places = self._places()
 
-    def _pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-        """Return integrals of derivatives of shape functions: rows, columns, values.
+    def _integrals(
+        self,
+    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.int64], NDArray[np.int64], Array]]:
+        """Return the order of elimination, and integrals of derivatives of shape functions.
 
         Values 3 m + n are of derivative m of the test function and n of the trial function, in
         metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
-        there are any. Shapes (k,), (k,) and (k, 9) or (k, 18).
+        there are any. Rows, columns and values have shapes (k,), (k,) and (9, k) or (18, k).
+
+        The order of the shape functions is one for all fields on them, found in a twentieth of the
+        time.
         """
         p, q = self.scalar.TnT()
         tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
-        shape = (self.width, self.width)
         weights = (1.0,) if self.strained is None else (1.0, self.strained)
         pairs = [(m, n) for m in range(3) for n in range(m, 3)]
-        found: dict[int, Array] = {}
-        matrix = sp.csr_matrix(shape)
+        found: dict[tuple[int, int, int], Array] = {}
+        columns = ends = np.zeros(0, dtype=np.intp)
         for (w, weight), (m, n) in product(enumerate(weights), pairs):
             if w and n == 2:  # plane strain adds nothing to what is no derivative
                 continue
             form = ng.BilinearForm(self.scalar)
             form += weight * tests[m] * trials[n] * ng.dx
             form.Assemble()
-            rows, columns, values = (np.asarray(a) for a in form.mat.COO())
-            scale = METRE ** -((m == 2) + (n == 2))
-            matrix = sp.csr_matrix((scale * values, (rows, columns)), shape=shape)
-            matrix.sort_indices()
-            found[9 * w + 3 * m + n] = np.asarray(matrix.data, dtype=float)
-            if n != m:  # the pattern is that of its transpose
-                turned = matrix.T.tocsr()
-                turned.sort_indices()
-                found[9 * w + 3 * n + m] = np.asarray(turned.data, dtype=float)
-        nothing = np.zeros_like(found[0])
-        rows = np.repeat(np.arange(self.width), np.diff(matrix.indptr))
-        every = [found.get(i, nothing) for i in range(9 * len(weights))]
-        return rows, matrix.indices.astype(np.int64), np.column_stack(every)
-
-    def _sorted(self) -> NDArray[np.intp]:
-        """Sort the pattern by rows and columns in order of elimination; return that order.
-
-        The order of the shape functions is one for all fields on them, found in a twentieth of the
-        time.
-        """
-        rows, columns, values = self.pattern
-        mass = sp.csc_matrix((values[:, 8], (rows, columns)), shape=(self.width,) * 2)
+            values, *places = (np.asarray(a) for a in form.mat.CSR())
+            found[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
+            columns, ends = (a.astype(np.intp) for a in places)
+        rows = np.repeat(np.arange(self.width), np.diff(ends))
+        mass = sp.csc_matrix((found[0, 2, 2], columns, ends))
         order = np.argsort(factorised(mass, ordered=False).perm_c)
         rank = np.argsort(order)
-        by = np.lexsort((rank[columns], rank[rows]))
-        self.pattern = rows[by], columns[by], values[by]
-        return order
+        # a matrix that is turned has its entries in order, and the pattern is that of the transpose
+        turned = sp.coo_matrix((np.arange(rows.size), (rank[rows], rank[columns]))).tocsc()
+        by, across = (np.asarray(a.data, dtype=np.intp) for a in (turned.tocsr(), turned))
+        planes = np.zeros((9 * len(weights), by.size))
+        for (w, m, n), integral in found.items():
+            planes[9 * w + 3 * m + n] = integral[by]
+            if n != m:
+                planes[9 * w + 3 * n + m] = integral[across]
+        return order, (rows[by], columns[by], planes)
+
+    @cached_property
+    def fronts(self) -> Fronts:
+        """The fronts in which a plate with many fields is eliminated."""
+        rank = np.argsort(self.order_of_elimination)
+        rows, columns, _ = self.pattern
+        return Fronts(rank[rows], rank[columns], self.width)
 
     def _places(self) -> Array:
         one = np.zeros(self.width)
@@ -239,7 +241,7 @@ class LayeredPlate:
             ]
         )
         through = np.einsum("amq,bnq,q->abmn", derived, derived, weights)
-        regions = self.plane.pattern[2].shape[1] // 9
+        regions = len(self.plane.pattern[2]) // 9
         factors = np.zeros((regions, len(parts), len(parts), 3, 3))
         for i, (a, _, _) in enumerate(parts):
             for j, (b, _, _) in enumerate(parts):
@@ -260,12 +262,9 @@ class LayeredPlate:
         .. math:: \int \lambda\,\partial_k u_k\,\partial_l v_l
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)
         """
-        through = self._through[np.ix_(self._fields, self._fields)]
-        of_row, of_column, planes = self.plane.pattern
-        # of each place how many unknowns it has, and the first of them
-        height = np.count_nonzero(self._numbers >= 0, axis=0)
-        first = self._numbers[self._fields[0]]
+        of_row, of_column, _ = self.plane.pattern
         # rows of one place follow one another and are equally long, one block beside the other
+        height, first = self._heights
         width = height[of_column]
         length = np.bincount(of_row, width, self.plane.width).astype(np.intp)
         order = self.plane.order_of_elimination
@@ -275,19 +274,62 @@ class LayeredPlate:
         start[order] = np.cumsum(length[order]) - length[order]
         corner = ends[np.maximum(first[of_row], 0)] + before - start[of_row]
         data, indices = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=np.int32)
-        for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
-            every = np.flatnonzero((height[of_row] == a) & (width == b))
-            rows, columns = np.arange(a)[:, None], np.arange(b)
-            factors = through[:a, :b].reshape(a * b, -1).T
-            # some at a time, so that what is between stays in the processor's memory
-            for kept in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
-                at = corner[kept, None, None] + length[of_row[kept], None, None] * rows + columns
-                data[at] = (planes[kept] @ factors).reshape(at.shape)
-                indices[at] = first[of_column[kept], None, None] + columns
+        for some, block, rows, columns in self._blocks(np.arange(of_row.size)):
+            at = corner[some, None, None] + length[of_row[some], None, None] * rows + columns
+            data[at] = block
+            indices[at] = first[of_column[some], None, None] + columns
         matrix = sp.csr_matrix((data, indices, ends), shape=(self.size, self.size))
         matrix.eliminate_zeros()
         # it is symmetric: its rows are its columns
         return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
+
+    @property
+    def _heights(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Of each place how many unknowns it has, and the first of them."""
+        return np.count_nonzero(self._numbers >= 0, axis=0), self._numbers[self._fields[0]]
+
+    def _blocks(
+        self, taken: NDArray[np.intp]
+    ) -> Iterator[tuple[NDArray[np.intp], Array, NDArray[np.intp], NDArray[np.intp]]]:
+        """Go through blocks of the stiffness, of two places each, that are taken of the pattern.
+
+        Some of the same shape at a time, so that what is between stays in the processor's memory:
+        which of those that are taken, the blocks, and the numbers of their rows and columns.
+        """
+        through = self._through[np.ix_(self._fields, self._fields)]
+        of_row, of_column, planes = self.plane.pattern
+        height, _ = self._heights
+        high, wide = height[of_row[taken]], height[of_column[taken]]
+        for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
+            every = np.flatnonzero((high == a) & (wide == b))
+            factors = through[:a, :b].reshape(a * b, -1).T
+            for some in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
+                blocks = (planes[:, taken[some]].T @ factors).reshape(-1, a, b)
+                yield some, blocks, np.arange(a)[:, None], np.arange(b)
+
+    def factorised(
+        self, springs: NDArray[np.intp] | None = None, stiffer: float = 1.0
+    ) -> SuperLU | FrontalFactor:
+        """Factorise the stiffness, with springs at some unknowns that make it so much stiffer."""
+        at = np.zeros(0, dtype=np.intp) if springs is None else springs
+        if not self.through.in_space:  # two fields are too few for dense fronts
+            stiffness = self.stiffness
+            for i in at:
+                stiffness[i, i] *= stiffer
+            return factorised(stiffness)
+        fronts = self.plane.fronts
+        height, first = (a[self.plane.order_of_elimination] for a in self._heights)
+        turned = np.argsort(fronts.rank)
+        factor = FrontalFactor(fronts, first[turned], height[turned])
+        for some, block, rows, columns in self._blocks(fronts.taken):
+            start, apart = factor.start[some, None, None], factor.apart[some, None, None]
+            factor.data[start + apart * rows + columns] = block
+        factor.data[factor.diagonal[at]] *= stiffer
+        try:
+            factor.factorise()
+        except np.linalg.LinAlgError:
+            raise ModelError(_SINGULAR) from None
+        return factor
 
     @cached_property
     def _mass(self) -> sp.csr_matrix:
@@ -295,7 +337,7 @@ class LayeredPlate:
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
         kept = (row >= 0) & (column >= 0)
-        values = np.broadcast_to(self.material.density * planes[:, 8], kept.shape)
+        values = np.broadcast_to(self.material.density * planes[8], kept.shape)
         shape = (self.size, self.size)
         return sp.csr_matrix((values[kept], (row[kept], column[kept])), shape=shape)
 
@@ -430,8 +472,10 @@ class LayeredPlate:
         slopes = [
             self.plane.linear(lambda v, d=d: plane * ng.Grad(v)[d]) / METRE for d in (0, 1)
         ]  # of mm^2 over mm
-        whole = self.plane.linear(lambda v: plane * v) / METRE**2
         along = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
+        if not self.through.in_space:
+            return np.asarray(pressure * along)
+        whole = self.plane.linear(lambda v: plane * v) / METRE**2
         across = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == 2:

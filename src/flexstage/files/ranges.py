@@ -105,23 +105,49 @@ def range_of(kind: Any) -> tuple[Range, bool] | None:
 
 def wanted(kind: Any, value: Any) -> str:
     """Say what a value of a type must be that it is not; nothing where all is well."""
+    check = _check_of(kind)
+    return "" if check is None else check(value)
+
+
+# hashes of types take longer than the checks themselves: one look-up a type, or a class
+@lru_cache(maxsize=1024)
+def _check_of(kind: Any) -> Callable[[Any], str] | None:
+    """Return what says what a value of a type must be; None where it may be anything."""
     if (inner := optional_part(kind)) is not None:
-        return "" if value is None else wanted(inner, value)
+        given = _check_of(inner)
+        return None if given is None else lambda value: "" if value is None else given(value)
     bare = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else None
-    if typing.get_origin(bare) is tuple and (said := wanted(bare, value)):
-        return said
+    if typing.get_origin(bare) is tuple and (each := _check_of(bare)) is not None:
+        return each
     if typing.get_origin(kind) is tuple:
-        part = typing.get_args(kind)[0]
-        return next((said for v in value if (said := wanted(part, v))), "")
+        part = _check_of(typing.get_args(kind)[0])
+        if part is None:
+            return None
+        return lambda values: next((said for v in values if (said := part(v))), "")
     if typing.get_origin(kind) is Literal:
         words = typing.get_args(kind)
-        return "" if value in words else f"one of {', '.join(words)}"
+        return lambda value: "" if value in words else f"one of {', '.join(words)}"
     if (found := range_of(kind)) is None:
-        return ""
+        return None
     range_, whole = found
-    numbers = value if isinstance(value, tuple) else (value,)
-    held = all(range_.holds(n) and (not whole or n == int(n)) for n in numbers)
-    return "" if held else range_.text(whole=whole)
+
+    def check(value: Any) -> str:
+        numbers = value if isinstance(value, tuple) else (value,)
+        held = all(range_.holds(n) and (not whole or n == int(n)) for n in numbers)
+        return "" if held else range_.text(whole=whole)
+
+    return check
+
+
+@lru_cache(maxsize=512)
+def _checks_of(cls: type) -> tuple[tuple[str, Callable[[Any], str], bool], ...]:
+    """Return the fields of a class that are checked, how, and whether their numbers are whole."""
+    made = []
+    for name, (_, kind) in field_types(cls).items():
+        found = range_of(optional_part(kind) or kind)
+        if (check := _check_of(kind)) is not None:
+            made.append((name, check, found is not None and found[1]))
+    return tuple(made)
 
 
 def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
@@ -129,12 +155,11 @@ def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
 
     A whole number that was given as 3.0 becomes 3.
     """
-    for name, (_, kind) in field_types(type(thing)).items():
+    for name, check, whole in _checks_of(type(thing)):
         value = getattr(thing, name)
-        if said := wanted(kind, value):
+        if said := check(value):
             raise error(f"{name} of {of} must be {said}, got {_show(value)}")
-        found = range_of(optional_part(kind) or kind)
-        if found is not None and found[1] and isinstance(value, float):
+        if whole and isinstance(value, float):
             object.__setattr__(thing, name, int(value))
 
 

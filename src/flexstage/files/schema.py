@@ -2,6 +2,7 @@
 
 import ast
 import collections.abc
+import functools
 import inspect
 import math
 import textwrap
@@ -226,6 +227,8 @@ def field_texts(cls: type) -> dict[str, str]:
     return texts
 
 
+# the module of a class is parsed to find it
+@functools.lru_cache(maxsize=512)
 def _own_texts(cls: type) -> dict[str, str]:
     with _ONE_PARSES:
         definition = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]

@@ -58,6 +58,8 @@ _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#
 # a remark behind numbers; a sign of percent is one only before a word
 _REMARK = re.compile(r"(?:(?<=[\s,;])|^)(?:#|//|!|%(?=\s*[^\W\d]))")
 _REMARK_OR_SEMICOLON = re.compile(_REMARK.pattern + r"|(?<=\s);")
+# a remark begins with one of these, which most lines have not
+_MARK = re.compile("[#/!%;]")
 
 _LONGEST_HEADING = 5000
 #: Rows that are looked at to learn how all are written.
@@ -100,7 +102,7 @@ def is_missing(field: str) -> bool:
 
 def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
     """Return the fields of a line, and what stands behind the mark of a remark, if any."""
-    if '"' not in line and delimiter not in COMMENT_MARKS[:2]:
+    if _MARK.search(line) and '"' not in line and delimiter not in COMMENT_MARKS[:2]:
         found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
         if found is not None:
             return split_line(line[: found.start()], delimiter), line[found.start() :].strip()

@@ -21,11 +21,7 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.projection import (
-    normal_equations,
-    orthonormal,
-    solve,
-)
+from flexstage.hysteresis.identification.projection import Normal, orthonormal, solve
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.units import readable, readable_unit
 
@@ -132,9 +128,9 @@ class _Fit:
         self._penalty = method.smoothing(own, moving) * own.input_scale**2
         plain = [filtered(c, s, r, self._bare) for c, s, r in self._each()]
         self._plain = np.concatenate(plain)
-        self._creep = self._crept(short, None)
-        self._begin = data.chain.creep_per_decade
         self.y = np.concatenate([s.y[r.at] for s, r in zip(short, self.rows, strict=True)])
+        self._take_creep(self._crept(short, None))
+        self._begin = data.chain.creep_per_decade
         self.ends = np.cumsum([0, *(r.at.size for r in self.rows)])
         self._nuisance = self._own([s.nuisance[r.at] for _, s, r in self._each()])
         self.trends = self._own([_trend(r)[:, None] for r in self.rows])
@@ -165,8 +161,14 @@ class _Fit:
             every.append((self.sections, chain.spectrum))
         for sections, spectrum in every:
             made = copy(self)
-            made._creep = self._crept(sections, spectrum)
+            made._take_creep(self._crept(sections, spectrum))
             yield made
+
+    def _take_creep(self, creep: Array) -> None:
+        """Take these columns for a unit of creep; products of all columns are found once."""
+        self._creep = creep
+        self._columns = np.column_stack((self._plain, creep))
+        self._gram, self._right = self._columns.T @ self._columns, self._columns.T @ self.y
 
     def _own(self, columns: list[Array]) -> Array:
         """Columns of each record, zero in the others, shape (n, all columns)."""
@@ -204,22 +206,32 @@ class _Fit:
     def solve(self, extra: Array) -> _Solved:
         """Find density and creep in turn, with columns of any sign beside them."""
         beside = np.column_stack((extra, self._nuisance))
-        creep, weights = self._begin, np.zeros(0)
-        left, found = self.y, np.zeros(0)
-        for _ in range(6):
-            columns = self._plain + creep * self._creep
-            more = self._creep @ weights if weights.size else np.zeros((self.y.size, 0))
-            every = np.column_stack((beside, more))
-            normal = normal_equations(columns, every, self.y)
-            solution = solve(normal, smoothing=self._penalty * normal.count)
-            left = self.y - columns @ solution.coefficients - every @ solution.nuisance
-            found, first = solution.nuisance, not weights.size
-            weights = solution.coefficients
-            if first:
+        m, k, n = self._plain.shape[1], beside.shape[1], self.y.size
+        across = self._columns.T @ beside
+        gram = np.block([[self._gram, across], [across.T, beside.T @ beside]])
+        right = np.concatenate((self._right, beside.T @ self.y))
+        square = float(self.y @ self.y)
+        # columns that are fitted, as sums of all: with creep, beside them, and a change of creep
+        mix = np.zeros((2 * m + k, m + k + 1))
+        mix[:m, :m], mix[2 * m :, m:-1] = np.eye(m), np.eye(k)
+        creep, weights = self._begin, np.zeros(m)
+        found, total = np.zeros(k), np.zeros(2 * m + k)
+        for turn in range(6):
+            mix[m : 2 * m, :m] = creep * np.eye(m)
+            now = mix if turn else mix[:, :-1]
+            normal = Normal(
+                gram=now.T @ gram @ now, right=now.T @ right, square=square, count=n, columns=m
+            )
+            solution = solve(normal, smoothing=self._penalty * n)
+            weights, found = solution.coefficients, solution.nuisance
+            total = now @ np.concatenate((weights, found))
+            mix[m : 2 * m, -1] = weights
+            if not turn:
                 continue
             last, creep = creep, float(np.clip(creep + found[-1], 0.0, _THRESHOLDS.creep))
             if abs(creep - last) < 1e-5:
                 break
+        left = self.y - self._columns @ total[: 2 * m] - beside @ total[2 * m :]
         return _Solved(left=left, weights=weights, creep=creep, extra=found[: extra.shape[1]])
 
     def next_jump(self, known: list[int]) -> int | None:

@@ -56,6 +56,10 @@ class Pace:
         """
         raise NotImplementedError
 
+    def before_error(self) -> None:
+        """Let a question for the error of a command come, which sees nothing of the device."""
+        self.before_command()
+
     def pass_time(self, seconds: float) -> None:
         """Let simulated time pass because a client wants to wait; only where it is fast."""
         raise NotImplementedError
@@ -180,22 +184,35 @@ class FastTime(Pace):
     """
 
     fast = True
+    #: Time of questions that saw nothing of the device: it passes with the next command [s].
+    _owed = 0.0
 
     def before_command(self, poll: bool = False) -> None:
         """Let the time of a command pass."""
         with self.lock:
-            self._device.advance(_COMMAND)
+            self._advance(_COMMAND)
+            if not poll:
+                return
             before = self._state()
-            if not poll or not any(before[0]):
+            if not any(before[0]):
                 return
             passed = 0.0
             while passed < _PATIENCE and self._state() == before:
                 self._device.advance(_LOOK)
                 passed += _LOOK
 
+    def before_error(self) -> None:
+        with self.lock:
+            self._owed += _COMMAND
+
     def pass_time(self, seconds: float) -> None:
         with self.lock:
-            self._device.advance(duration(seconds))
+            self._advance(duration(seconds))
+
+    def _advance(self, seconds: float) -> None:
+        """Let time pass, after that which is owed."""
+        owed, self._owed = self._owed, 0.0
+        self._device.advance(owed + seconds)
 
     def _state(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
         """Return what goes on, first whatever will end by itself, then where axes stand."""

@@ -158,7 +158,7 @@ class Interpreter:
                 client,
                 lambda: self._run(client, command, words[1:], stopped),
                 poll=command.poll,
-                record=command.name != "ERR?",
+                error=command.name == "ERR?",
             )
 
     def _run(
@@ -183,17 +183,23 @@ class Interpreter:
         action: Callable[[], Reply],
         *,
         poll: bool = False,
-        record: bool = False,
+        error: bool | None = None,
     ) -> Reply:
-        """Bring the device to now and do something, with errors turned into numbers."""
+        """Bring the device to now and do something, with errors turned into numbers.
+
+        It is a line where it is said whether it asks for an `error`.
+        """
         try:
-            self.pace.before_command(poll)
-            if record and self._state.recorder.trigger == 2:
+            if error:
+                self.pace.before_error()
+            else:
+                self.pace.before_command(poll)
+            if error is False and self._state.recorder.trigger == 2:
                 self._state.recorder.trigger = 0
                 self._state.recorder.now()
             return action()
-        except RefusedError as error:
-            client.error = error.reason
+        except RefusedError as refused:
+            client.error = refused.reason
         except ControllerError:
             client.error = Refusal.HARDWARE
         except FlexstageError:
