@@ -146,7 +146,7 @@ def test_every_field_has_a_text_and_its_default_is_one_that_is_read(kind: type[R
     ("name", "text", "said"),
     [
         ("by", "3", "has no unit"),
-        ("by", "0 mm", "must be above 0, got '0 mm'"),
+        ("by", "0 mm", "must be above 0 m, got '0 mm'"),
         ("by", "3 Hz", "is not a unit of length"),
         ("times", "10", "a whole number from 1 to 9, got '10'"),
         ("times", "2.5", "expected a whole number, got '2.5'"),
