@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from flexstage.export.request import ExportRequest
+    from flexstage.export.stage_export import StageExport
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,16 +16,16 @@ class ExportFormat:
     about: str
     """What it is, in a few words."""
     writer: str
-    """Function of this room that writes it: from an `ExportRequest` the content of its files by
+    """Function of this room that writes it: from a `StageExport` the content of its files by
     name. Its module is imported when it is first used.
     """
     in_time: bool = False
     """Whether it runs in time, by the hysteresis of the stacks."""
 
-    def write(self, request: "ExportRequest") -> dict[str, bytes]:
+    def write(self, given: "StageExport") -> dict[str, bytes]:
         """Return the content of the files by name."""
         module, _, function = f"flexstage.export.{self.writer}".rpartition(".")
-        return getattr(import_module(module), function)(request)
+        return getattr(import_module(module), function)(given)
 
 
 #: The formats by name.

@@ -69,6 +69,22 @@ def rowwise(request: IdentifyRequest) -> IdentifyRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicRequest(Request):
+    """A stage that runs in time, sample by sample."""
+
+    time_step: Annotated[
+        float, DIMENSIONS["time"], Range(low=1e-12, high=1e6), Written(bare="s")
+    ] = 1e-4
+    """Time between samples."""
+    bandwidth: _FREQUENCY | None = None
+    """Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier)."""
+    current: Annotated[float, MEASURED["current"], POSITIVE, Written(bare="A")] | None = None
+    """Largest current of the amplifier, such as "50 mA"."""
+    keep_modes: Annotated[int, Range(low=1)] | None = None
+    """Number of modes to keep (default: all)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CompensateRequest(Request):
     """Command by which a drive follows a reference."""
 
