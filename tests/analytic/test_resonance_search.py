@@ -32,10 +32,10 @@ def record(
 ) -> Record:
     made = excitation(
         (0.0, 113.0),
-        sample_rate_hz=RATE,
-        rates_hz=(1.1, 9.0),
-        natural_frequency_hz=412.0,
-        resonance=multisine,
+        sample_rate=RATE,
+        rates=(1.1, 9.0),
+        frequency=412.0,
+        multisine=multisine,
         hold=2.0,
         duration=duration,
     )

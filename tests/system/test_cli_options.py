@@ -92,10 +92,10 @@ def test_results_by_either_name_are_the_same(capsys: pytest.CaptureFixture[str])
         capsys, *notch, "--half-angle", "40 deg"
     )
     drive = ("excite", "--voltage", "0:100", "--duration", "20 s", "--json")
-    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance", "--hold", "0 s")
-    new = printed(capsys, *drive, "--loop-rates", "0.5,5", "--no-multisine", "--hold-time", "0 s")
+    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance")
+    new = printed(capsys, *drive, "--rates", "0.5,5", "--no-multisine")
     assert old == new
-    assert new != printed(capsys, *drive, "--loop-rates", "0.5,2", "--no-multisine")
+    assert new != printed(capsys, *drive, "--rates", "0.5,2", "--no-multisine")
 
 
 def test_behind_a_double_dash_no_name_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,9 +5,8 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_origin
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
@@ -19,9 +18,6 @@ from flexstage.files.request import (
     request_fields,
     request_groups,
 )
-
-if TYPE_CHECKING:
-    from flexstage.explore import Workers
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -117,8 +113,8 @@ def _type_of(field: RequestField) -> Any:
 def _default(field: RequestField) -> Any:
     if field.default is MISSING:
         return inspect.Parameter.empty
-    if field.default == ():
-        return None
+    if field.default == () or field.dimension is not None:
+        return None  # a quantity is written by a library that is loaded for the help alone
     if field.value is bool or field.default is None:
         return field.default
     # as a text, which the help shows, and which is read as any other
@@ -169,9 +165,17 @@ def request_texts(command: Any) -> dict[str, str]:
         for name, text in field_texts(kind).items():
             if name in own:
                 end = "; may be repeated." if own[name].repeated else "."
-                texts[name] = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
+                text = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
+                texts[name] = text + _usual(own[name])
         left += [group for _, group in request_groups(kind)]
     return texts
+
+
+def _usual(field: RequestField) -> str:
+    """Return the quantity that an option has where it is not given, as its help says it."""
+    if field.dimension is None or field.default in (None, MISSING, ()):
+        return ""
+    return f"  [default: {' '.join(field.texts(field.default))}]"
 
 
 def _described(
@@ -341,32 +345,3 @@ def positive_frequency(text: str, option: str) -> float:
     value = quantity(text, "frequency", bare_unit="Hz")
     refuse(not value > 0.0, f"{option} must be a positive frequency, got '{text}'")
     return value
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorkerOptions:
-    """Who does the work.
-
-    Parameters
-    ----------
-    workers
-        --workers N: Number of processes that share long work (default: one for each core); 1 is
-        this process alone. The numbers are the same whatever it is.
-    scheduler
-        --scheduler ADDRESS: Have a Dask cluster do the work, by the address of its scheduler, such
-        as tls://HOST:8786.
-    """
-
-    panel: ClassVar[str] = "Workers"
-    workers: int | None = None
-    scheduler: str | None = None
-
-    def open(self) -> "AbstractContextManager[Workers]":
-        """Return the workers, for a `with` block."""
-        from flexstage.explore import open_workers
-
-        return open_workers(self.workers, self.scheduler)
-
-
-#: None of them given.
-USUAL_WORKERS = WorkerOptions()

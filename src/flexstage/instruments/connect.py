@@ -59,9 +59,9 @@ def connect(
     in their order where not given. `timeout` is the longest silence of a controller [s]. Close the
     instrument when done.
 
-    Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``rate`` of
-    its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``, and
-    ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
+    Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``servo_rate``
+    of its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``,
+    and ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
 
     Examples
     --------

@@ -16,15 +16,14 @@ from flexstage.instruments.connect import (
 )
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
-from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
+from flexstage.instruments.pi.simulated.request import TwinRequest
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
+from flexstage.instruments.pi.simulated.twin import simulated_controller
 from flexstage.instruments.transport import InProcess
 from flexstage.stage import Stage
-from flexstage.virtual.build import virtual_stage
 
-_OPTIONS = ("seed", "model", "rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
+_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
 #: Lines that a simulation takes are longer than those of a controller.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
@@ -49,22 +48,23 @@ def open_twin(
             "out, as in twin://?seed=3"
         )
     silence = longest_silence(timeout, _LONGEST_WAIT)
-    fast = flag(options, "fast", True, address)
-    seed = whole_number(options, "seed", 0, address)
-    made = virtual_stage(
-        stage,
+    request = TwinRequest(
+        seed=whole_number(options, "seed", 0, address),
         model=one_of(options, "model", ("lumped", "superelement"), address),  # pyright: ignore[reportArgumentType]
-        seed=seed,
-        sample_rate_hz=number(options, "rate", 10e3, address),
+        servo_rate=number(options, "servo_rate", 10e3, address),
         amplifier=one_of(options, "amplifier", ("voltage", "charge"), address),  # pyright: ignore[reportArgumentType]
+        fast=flag(options, "fast", True, address),
+        identity="flexstage",
+        serial_number=options.get("serial_number", ""),
+    )
+    controller = simulated_controller(
+        stage,
+        request,
         quiet=flag(options, "quiet", False, address),
         scatter=flag(options, "scatter", True, address),
     )
-    serial_number = options.get("serial_number") or f"twin-{seed}"
-    device = VirtualController(made, serial_number=serial_number)
-    pace = FastTime(device) if fast else Pacemaker(device)
-    pace.start()
-    conversation = Loopback(Interpreter(device, pace), ends_time=True)
+    controller.pace.start()
+    conversation = Loopback(controller, ends_time=True)
     link = InProcess(conversation, name=f"twin of {stage.name}")
     transfer = TransferLimits(line_limit=_LONG_LINES)
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
