@@ -18,7 +18,7 @@ from flexstage.export.formats import FORMATS
 from flexstage.export.request import ExportRequest
 
 if TYPE_CHECKING:
-    from flexstage.export.stage_export import StageExport
+    from flexstage.export.request import StageExport
 
 _SHOWN = 8  # files of a format in the table
 
@@ -39,10 +39,11 @@ def export(
     out
         Folder of the files; several formats get a subfolder each.
     """
-    from flexstage.export.stage_export import StageExport, in_folders
+    from flexstage.export.request import in_folders
     from flexstage.files.write import write_files
+    from flexstage.studies.models import stage_export
 
-    given = StageExport(stage=taken.stage(stage), request=request)
+    given = stage_export(taken.stage(stage), request)
     with progress_bar("export", quiet=quiet):
         made = given.files()
     # all formats at once: where one cannot be written, none is

@@ -165,8 +165,8 @@ def request_texts(command: Any) -> dict[str, str]:
         for name, text in field_texts(kind).items():
             if name in own:
                 end = "; may be repeated." if own[name].repeated else "."
-                text = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
-                texts[name] = text + _usual(own[name])
+                said = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
+                texts[name] = said + _usual(own[name])
         left += [group for _, group in request_groups(kind)]
     return texts
 
@@ -228,10 +228,6 @@ _MODELS = (
     "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
     "large displacement"
 )
-ModelOption = Annotated[
-    str,
-    option("NAME", f"{_MODELS}."),
-]
 ModelsOption = Annotated[
     str,
     option("NAME", f"{_MODELS}; several separated by commas, or all.", "--model"),
@@ -240,16 +236,6 @@ QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
 AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
-InputUnitOption = Annotated[str | None, option("UNIT", 'Unit of the input, such as "V" or "N".')]
-OutputUnitOption = Annotated[
-    str | None, option("UNIT", 'Unit of the output, such as "um" or "m/s^2".')
-]
-SlewOption = Annotated[
-    str | None, option("SLOPE", 'Largest slope of the voltage, such as "2000 V/s".')
-]
-CurrentOption = Annotated[
-    str | None, option("CURRENT", 'Largest current of the amplifier, such as "50 mA".')
-]
 PlaneOption = Annotated[
     str,
     one_of(
@@ -306,14 +292,6 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
     return value
 
 
-def voltage_range(text: str) -> tuple[float, float]:
-    """Return the two ends of a range of voltages that an option gives [V]."""
-    words = text.split(":")
-    refuse(len(words) != 2, f"--voltage must be a range such as \"0:120\", got '{text}'")
-    low, high = (quantity(word, "voltage", bare_unit="V") for word in words)
-    return low, high
-
-
 def relative(text: str) -> float:
     """Return the share that an option gives [1], as a percentage or as a plain number.
 
@@ -331,17 +309,4 @@ def relative(text: str) -> float:
         raise typer.BadParameter(
             f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
         )
-    return value
-
-
-def positive_frequency(text: str, option: str) -> float:
-    """Return the frequency that an option gives [Hz]; a bare number is in Hz.
-
-    Examples
-    --------
-    >>> positive_frequency("0.8 kHz", "--resonance")
-    800.0
-    """
-    value = quantity(text, "frequency", bare_unit="Hz")
-    refuse(not value > 0.0, f"{option} must be a positive frequency, got '{text}'")
     return value

@@ -21,7 +21,7 @@ from flexstage.cli.output import (
 from flexstage.errors import RecordError
 from flexstage.files.plain import picked
 from flexstage.files.request import option_words
-from flexstage.instruments.catalogue.requests import CalibrationsRequest, RunsRequest
+from flexstage.instruments.requests import CalibrationsRequest, RunsRequest
 
 if TYPE_CHECKING:
     from flexstage.instruments.catalogue.entries import CalibrationEntry, RunEntry

@@ -22,7 +22,7 @@ from flexstage.cli.output import (
 from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.pi.simulated.request import TwinRequest
+from flexstage.instruments.requests import TwinRequest
 from flexstage.web.options import is_loopback
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def twin(
     refuse(alone, "--play and --out go together, and --axis with them", typer.BadParameter)
     described = taken.stage(stage)
     if play is not None and out is not None:
-        from flexstage.instruments.pi.simulated.twin import played
+        from flexstage.instruments.pi.simulated.address import played
         from flexstage.records.write import record_bytes
 
         kind = record_format(out)
@@ -67,8 +67,8 @@ def twin(
         return
     host, port = request.host, request.port
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
+        from flexstage.instruments.pi.simulated.address import simulated_controller
         from flexstage.instruments.pi.simulated.server import GcsServer
-        from flexstage.instruments.pi.simulated.twin import simulated_controller
 
         controller = simulated_controller(described, request)
         server = GcsServer(controller, listener=listener)

@@ -2,11 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from flexstage.export.stage_export import StageExport
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +16,6 @@ class ExportFormat:
     """
     in_time: bool = False
     """Whether it runs in time, by the hysteresis of the stacks."""
-
-    def write(self, given: "StageExport") -> dict[str, bytes]:
-        """Return the content of the files by name."""
-        module, _, function = f"flexstage.export.{self.writer}".rpartition(".")
-        return getattr(import_module(module), function)(given)
 
 
 #: The formats by name.

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,

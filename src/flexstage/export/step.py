@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.errors import StageError
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import compare
 from flexstage.errors import ModelError, StageError
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 
 

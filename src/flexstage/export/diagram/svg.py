@@ -9,7 +9,7 @@ from flexstage.export.diagram.legend import LINES, foot
 from flexstage.export.diagram.page import Frame, PageLayout, Segment, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import SMALL, PlacedBlock, Point, inset, symbol, text
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.export.svg import document, element, moved, number, path, wrapped
 from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel

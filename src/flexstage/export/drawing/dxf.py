@@ -10,7 +10,7 @@ from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.offset import offset_contours
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage

@@ -15,7 +15,7 @@ from flexstage.export.drawing.plate_view import (
     round_openings,
     scale_bar,
 )
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.export.svg import text_width, wrapped
 from flexstage.stage import Probe, Stage
 

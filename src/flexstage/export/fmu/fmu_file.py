@@ -16,9 +16,9 @@ from flexstage.export.fmu.compiled import OPTIONS, binary_folder, compiler, shar
 from flexstage.export.fmu.description import MAIN, model_description
 from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, fmu_layout
+from flexstage.export.request import StageExport
 from flexstage.export.source.arrays import c_array, c_comment, c_flags
 from flexstage.export.source.render import render_source
-from flexstage.export.stage_export import StageExport
 from flexstage.hysteresis.dynamic_model import DynamicModel
 
 _SHARED = ("fmu_export.h", "me.h", "fmu_body.h", "fmi_calls.h")

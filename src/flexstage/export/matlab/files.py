@@ -11,8 +11,8 @@ import numpy as np
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.control_object import linear_part, rest_shape, state_names
+from flexstage.export.request import StageExport
 from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
-from flexstage.export.stage_export import StageExport
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe

@@ -19,9 +19,9 @@ from flexstage.export.realtime.comment import (
     opening,
     rounding_bound,
 )
+from flexstage.export.request import StageExport
 from flexstage.export.source.arrays import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
-from flexstage.export.stage_export import StageExport
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _LONGEST = 40

@@ -9,12 +9,12 @@ from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
+from flexstage.export.request import StageExport
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.system import System
-from flexstage.export.stage_export import StageExport
 from flexstage.hysteresis.dynamic_model import DynamicModel
 
 # Longest name of a model: names of functions and variables are made of it.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.stage_export import StageExport
+from flexstage.export.request import StageExport
 from flexstage.export.vtu.body_cells import body_cells
 from flexstage.export.vtu.format import (
     PackedCells,

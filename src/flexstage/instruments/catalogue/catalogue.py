@@ -30,7 +30,6 @@ from flexstage.instruments.catalogue.entries import (
     RunEntry,
     StageEntry,
 )
-from flexstage.instruments.catalogue.requests import CalibrationsRequest, OfStage, RunsRequest
 from flexstage.instruments.catalogue.tables import (
     CALIBRATIONS,
     METADATA,
@@ -44,6 +43,7 @@ from flexstage.instruments.catalogue.tables import (
     question,
     values_of,
 )
+from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 
 _T = TypeVar("_T")
 # others may enter the same stage between the question for it and the answer

@@ -19,7 +19,7 @@ from flexstage.files.write import write_whole
 from flexstage.report.figures.drawn_stage import draw_checked
 from flexstage.report.tables import percent
 from flexstage.stage import Issue
-from flexstage.studies.models import analyse_model
+from flexstage.studies.models import analyse_model, stage_export
 from flexstage.table import Cell, Table, table
 from flexstage.web.design.state import SHARE, Variant
 from flexstage.web.pictures import inline
@@ -135,10 +135,9 @@ def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tupl
 
     Several files are one archive (ZIP).
     """
-    from flexstage.export.request import ExportRequest
-    from flexstage.export.stage_export import StageExport, in_folders
+    from flexstage.export.request import ExportRequest, in_folders
 
-    given = StageExport(stage=variant.stage(), request=ExportRequest(to=tuple(formats)))
+    given = stage_export(variant.stage(), ExportRequest(to=tuple(formats)))
     files = in_folders(given.files(leave_out=len(formats) > 1))
     if len(files) == 1:
         ((only, content),) = files.items()
