@@ -13,7 +13,7 @@ from scipy.io import loadmat
 from flexstage.characteristic import Characteristics
 from flexstage.cli import main
 from flexstage.designs import design
-from flexstage.export.formats import FORMATS
+from flexstage.export.request import FORMATS
 from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
 from flexstage.stage.file import write_stage
 

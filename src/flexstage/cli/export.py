@@ -14,8 +14,7 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.export.formats import FORMATS
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import FORMATS, ExportRequest
 
 if TYPE_CHECKING:
     from flexstage.export.request import StageExport

@@ -1,4 +1,4 @@
-"""A stage for other programs: what is asked, and the models that are made for it."""
+"""A stage for other programs: the formats, what is asked, and the models that are made for it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, cast
 
 from flexstage.errors import ModelError, StageError
-from flexstage.export.formats import FORMATS
 from flexstage.files.names import file_name
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Size, Written
 from flexstage.files.request import Request
@@ -25,6 +24,42 @@ if TYPE_CHECKING:
     HysteresisByDrive = Mapping[str, DriveModel] | Literal["usual", "none"]
 
 
+@dataclass(frozen=True, slots=True)
+class ExportFormat:
+    """A format."""
+
+    about: str
+    """What it is, in a few words."""
+    writer: str
+    """Function of this room that writes it: from a `StageExport` the content of its files by
+    name. Its module is imported when it is first used.
+    """
+    in_time: bool = False
+    """Whether it runs in time, by the hysteresis of the stacks."""
+
+
+#: The formats by name.
+FORMATS: Mapping[str, ExportFormat] = {
+    "diagram": ExportFormat(
+        "structural diagram of each axis, SVG", "diagram.svg.export", in_time=True
+    ),
+    "simulink": ExportFormat(
+        "MATLAB script that builds a Simulink model", "simulink.files.export", in_time=True
+    ),
+    "fmu": ExportFormat("Functional Mock-up Unit", "fmu.fmu_file.export", in_time=True),
+    "mat": ExportFormat("matrices for MATLAB and Octave", "matlab.files.export", in_time=True),
+    "c": ExportFormat(
+        "C header with a step function for a real-time target",
+        "realtime.files.export",
+        in_time=True,
+    ),
+    "step": ExportFormat("solid, STEP", "step.export"),
+    "dxf": ExportFormat("contours for cutting, DXF", "drawing.dxf.export"),
+    "drawing": ExportFormat("drawing with dimensions, SVG", "drawing.sheet.export"),
+    "vtu": ExportFormat("statics and modes for ParaView", "vtu.fields.export"),
+    "uff": ExportFormat("modes and responses, universal file", "modal_file.export"),
+    "csv": ExportFormat("characteristics, CSV", "tables.export"),
+}
 _ALL = "all"
 
 
@@ -82,16 +117,6 @@ class ExportRequest(Request):
     """How it runs in time."""
 
     @property
-    def formats(self) -> tuple[str, ...]:
-        """Names of the formats."""
-        return tuple(FORMATS) if self.every_format else self.to
-
-    @property
-    def every_format(self) -> bool:
-        """Whether every format is asked for that the stage allows."""
-        return self.to == (_ALL,)
-
-    @property
     def fmi_versions(self) -> tuple[Literal["2.0", "3.0"], ...]:
         """Versions of FMI of the FMU."""
         return ("2.0", "3.0") if self.fmi == "both" else (self.fmi,)
@@ -116,8 +141,9 @@ class StageExport:
         A format that the stage does not allow is refused; or left out with a remark where every
         format is asked for, or that is wanted. A stage that fits no format is refused.
         """
-        names = self.request.formats
-        leave_out = leave_out or self.request.every_format
+        names = self.request.to
+        if names == (_ALL,):
+            names, leave_out = tuple(FORMATS), True
         if not leave_out and any(FORMATS[name].in_time for name in names):
             self.require_hysteresis()
         made: dict[str, dict[str, bytes]] = {}

@@ -3,18 +3,13 @@
 import threading
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from flexstage.designs import design
-from flexstage.errors import LimitError, ModelError, NotConnectedError
-from flexstage.instruments.connect import (
-    flag,
-    longest_silence,
-    number,
-    one_of,
-    options_of,
-    whole_number,
-)
+from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnectedError
+from flexstage.files.request import request_fields
+from flexstage.instruments.connect import flag, longest_silence, options_of, whole_number
 from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
@@ -60,9 +55,7 @@ def open_twin(
     silence = longest_silence(timeout, _LONGEST_WAIT)
     request = TwinRequest(
         seed=whole_number(options, "seed", 0, address),
-        model=one_of(options, "model", ("lumped", "superelement"), address),  # pyright: ignore[reportArgumentType]
-        servo_rate=number(options, "servo_rate", 10e3, address),
-        amplifier=one_of(options, "amplifier", ("voltage", "charge"), address),  # pyright: ignore[reportArgumentType]
+        **_asked(options, ("model", "servo_rate", "amplifier"), address),
         fast=flag(options, "fast", True, address),
         identity="flexstage",
         serial_number=options.get("serial_number", ""),
@@ -78,6 +71,17 @@ def open_twin(
     link = InProcess(conversation, name=f"twin of {stage.name}")
     transfer = TransferLimits(line_limit=_LONG_LINES)
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
+
+
+def _asked(options: Mapping[str, str], names: tuple[str, ...], address: str) -> dict[str, Any]:
+    """Return options of an address that are written as those of a twin."""
+    asked = {}
+    for name in (name for name in names if name in options):
+        try:
+            asked[name] = request_fields(TwinRequest)[name].read(options[name])
+        except FlexstageError as error:
+            raise ModelError(f"'{name}' of '{address}': {error}") from None
+    return asked
 
 
 def simulated_controller(
