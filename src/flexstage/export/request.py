@@ -221,14 +221,17 @@ class StageExport:
         from flexstage.hysteresis import LogCreep, Sensor, dynamic_model
 
         asked = self.request.time
-        sensor = asked.sensor_bandwidth and Sensor(bandwidth_hz=asked.sensor_bandwidth)
+        sensors = {}
+        if asked.sensor_bandwidth is not None:
+            sensor = Sensor(bandwidth_hz=asked.sensor_bandwidth)
+            sensors = {p.name: sensor for p in system.probes}
         return dynamic_model(
             self.stage,
             system,
             asked,
             hysteresis=self._hysteresis,
             creep=None if asked.creep is None else LogCreep(rate_per_decade=asked.creep),
-            sensors={p.name: sensor for p in system.probes} if sensor else {},
+            sensors=sensors,
         )
 
 

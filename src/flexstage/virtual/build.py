@@ -141,7 +141,7 @@ def virtual_stage(
         seed=seed,
         quiet=quiet,
         scatter=scatter,
-        sensors=SensorBench(**EDDY_CURRENT_SENSORS if screws else {}),
+        sensors=replace(SensorBench(), **EDDY_CURRENT_SENSORS) if screws else SensorBench(),
         hammer=Hammer(built, seed),
         notes=tuple(built.notes),
     )

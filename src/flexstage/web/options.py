@@ -4,7 +4,7 @@ import ipaddress
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from flexstage.errors import ModelError
 from flexstage.files.ranges import Range, Written
@@ -101,8 +101,8 @@ class PanelOptions(ServeRequest):
         for file in filter(None, (request.certificate, request.key)):
             if not file.is_file():
                 raise ModelError(f"there is no file '{file}': TLS needs its certificate and key")
-        asked = {name: getattr(request, name) for name in request_fields(ServeRequest)}
-        return cls(**asked | {"folder": request.folder.absolute()})
+        asked: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
+        return cls(**{**asked, "folder": request.folder.absolute()})
 
     @property
     def is_loopback(self) -> bool:
