@@ -18,7 +18,8 @@ import numpy as np
 
 from flexstage.fem import MeshSettings, necks, plane_model, solid_model
 from flexstage.stage import Stage
-from flexstage.studies.models import ModelOptions, run_model
+from flexstage.studies.models import run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.system import Analysis, MechanicalSystem, analyse
 from tests.random_stages import random_stages
 

@@ -7,7 +7,8 @@ from filelock import FileLock
 
 from flexstage.cache import Memory, open_cache
 from flexstage.designs import design
-from flexstage.studies.models import ModelOptions, ModelRun, run_model
+from flexstage.studies.models import ModelRun, run_model
+from flexstage.studies.requests import ModelOptions
 
 
 def solved(name: str, model: str) -> ModelRun:

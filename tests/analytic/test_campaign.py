@@ -613,16 +613,14 @@ def test_too_few_cycles() -> None:
         ("test 't': a band must rise", {"band": (900.0, 300.0)}),
         ("confidence of test 't' must be between 0.5 and 1, got 1", {"confidence": 1.0}),
         ("smallest_step of test 't' must be above 0, got 0", {"smallest_step": 0.0}),
-        (
-            "reading of test 't' must be above 0",
-            {"reading": ReadOptions(sample_rate=-3.0)},
-        ),
     ],
 )
 def test_tests_that_cannot_be(said, changes) -> None:
     given = {"name": "t", "kind": "hold", "axis": "x", "records": ("a",)}
     with pytest.raises(ModelError, match=said):
         Test(**(given | changes))
+    with pytest.raises(RecordError, match="sample_rate must be above 0, got -3"):
+        ReadOptions(sample_rate=-3.0)
 
 
 def test_campaigns_that_cannot_be() -> None:

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.cli.reading import read_records
 from flexstage.errors import RecordError
 from flexstage.records import Record, read_record
+from flexstage.records.files import read_files
+from flexstage.records.read_options import ReadOptions
 from tests.measuring_files import function_58, report
 
 COLUMNS = "t (s),x (um)\n0.5,3.25\n0.75,4.5\n1.0,7\n"
@@ -30,12 +31,11 @@ def files(tmp_path: Path) -> dict[str, Path]:
     return paths
 
 
-def read(paths: list[Path], columns: list[str] | None = None, **options: Any) -> list[Record]:
-    said: dict[str, Any] = dict.fromkeys(
-        ("sample_rate", "time", "format", "dataset", "rows", "delimiter", "decimal")
-    )
-    said |= {"skip_lines": 0, "units": [None for _ in columns or ()]}
-    return read_records(paths, columns, **(said | options))
+def read(
+    paths: list[Path], columns: list[str] | None = None, over: Any = "time", **options: Any
+) -> list[Record]:
+    how = ReadOptions(**options)
+    return read_files(paths, columns, options=how, units=[None] * len(columns or ()), over=over)
 
 
 @pytest.mark.parametrize("wanted", ["time", "point", "frequency"])

@@ -7,8 +7,10 @@ from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.step import step_files
 from flexstage.stage import check
-from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
-from flexstage.studies.models import ModelOptions, run_model
+from flexstage.stage.drawing.drawn_stage import read_drawing
+from flexstage.stage.drawing.requests import DrawingOptions
+from flexstage.studies.models import run_model
+from flexstage.studies.requests import ModelOptions
 from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import (
     FIGURES,

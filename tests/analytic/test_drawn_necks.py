@@ -9,7 +9,8 @@ import pytest
 from flexstage.errors import StageError
 from flexstage.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
-from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
+from flexstage.stage.drawing.drawn_stage import read_drawing
+from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.stage.drawing.thickness import _Samples, _too_coarse
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide

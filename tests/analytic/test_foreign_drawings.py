@@ -8,7 +8,8 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.stage import Circle, Stage
-from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage, read_drawing
+from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
+from flexstage.stage.drawing.requests import DrawingOptions
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import require_same
@@ -35,7 +36,9 @@ _WITHOUT_UNIT = ("R12 polylines", "six digits")
 
 def _read(document, path, stage: Stage, unit: str | None = None) -> DrawnStage:
     document.saveas(path)
-    told = DrawingOptions(thickness=stage.thickness, material=stage.material.name, unit=unit)
+    told = DrawingOptions(
+        thickness=stage.thickness, material=stage.material.name, drawing_unit=unit
+    )
     return read_drawing(path, told)
 
 
@@ -133,7 +136,7 @@ def test_lines_of_six_digits_give_round_places_and_drilled_holes(tmp_path) -> No
             document.modelspace().add_line(a, b)
     path = tmp_path / "part.dxf"
     document.saveas(path)
-    stage = read_drawing(path, DrawingOptions(unit="mm")).stage
+    stage = read_drawing(path, DrawingOptions(drawing_unit="mm")).stage
     assert [(h.profile.kind, h.at) for h in stage.hinges] == [
         ("circular", (26e-3, 42e-3)),
         ("circular", (74e-3, 42e-3)),
@@ -258,7 +261,7 @@ def test_a_drawing_without_a_unit_is_refused(tmp_path) -> None:
     document.header["$INSUNITS"] = 0
     _square(document.modelspace())
     assert "give --drawing-unit" in _refused(document, tmp_path / "part.dxf")
-    assert "unknown unit" in _refused(document, tmp_path / "part.dxf", unit="foot")
+    assert "unknown unit" in _refused(document, tmp_path / "part.dxf", drawing_unit="foot")
 
 
 def test_a_neck_with_two_different_halves_is_refused_with_the_place(tmp_path) -> None:

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.cli.reading import read_drive
 from flexstage.errors import RecordError
+from flexstage.files.request import request_fields, request_of
 from flexstage.records import Channel, Record, read_record
 from flexstage.records.curves import from_branches
+from flexstage.records.drives import read_drive
+from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 
 #: Plays with a curved gain: a memory that is wiped out, of no class that is fitted.
@@ -33,13 +35,20 @@ def write(path: Path, heading: str, rows: list[str]) -> Path:
     return path
 
 
+COLUMNS = {"input": "u", "output": "y", "input_unit": "V"}
+
+
 def read(*files: Path, **given: object) -> Record:
-    how = {
-        "input": "u", "output": "y", "branches": None, "curve": None, "units": ("V", None),
-        "sample_rate": None, "time": None, "resample": None, "format": None, "dataset": None,
-        "rows": None, "skip_lines": 0, "delimiter": None, "decimal": None,
-    } | given  # fmt: skip
-    records, driven, follows = read_drive(list(files), how.pop("input"), how.pop("output"), **how)
+    """Read a table as the texts of options say."""
+    how, columns = ({}, dict(COLUMNS))
+    for name, value in given.items():
+        (how if name in request_fields(ReadOptions) else columns)[name] = value
+    said = {name: text for name, text in columns.items() if text is not None}
+    records, driven, follows = read_drive(
+        list(files),
+        request_of(DriveColumns, None, said),
+        request_of(ReadOptions, None, how),
+    )
     record = records[0]
     assert [c.name for c in record.channels] == [driven, follows]
     assert record.uniform

@@ -93,7 +93,7 @@ def test_text_without_heading_or_units(tmp_path: Path) -> None:
 
 
 def test_one_column_of_decimal_commas_or_two_of_integers(tmp_path: Path) -> None:
-    one = read_record(text(tmp_path, "pos (um)\n1,25\n2,5\n"), sample_rate_hz=3.0)
+    one = read_record(text(tmp_path, "pos (um)\n1,25\n2,5\n"), sample_rate=3.0)
     assert values(one, "pos") == [[1.25e-6, 2.5e-6]]
     two = read_record(text(tmp_path, "a,b\n1,25\n2,5\n"), sample_rate=3.0)
     assert values(two, "a", "b") == [[1.0, 2.0], [25.0, 5.0]]
@@ -130,7 +130,7 @@ def test_skipped_lines_and_chosen_rows(tmp_path: Path) -> None:
 
 
 def test_brackets_that_are_no_unit_stay_in_the_name(tmp_path: Path) -> None:
-    record = read_record(text(tmp_path, "drive (ch1),pos (axis X)\n1,2\n3,4\n"), sample_rate_hz=2.0)
+    record = read_record(text(tmp_path, "drive (ch1),pos (axis X)\n1,2\n3,4\n"), sample_rate=2.0)
     assert [(c.name, c.unit) for c in record.channels] == [
         ("drive (ch1)", ""),
         ("pos (axis X)", ""),
@@ -517,8 +517,8 @@ def refuse(path: Path, match: str, **options: object) -> None:
 
 def test_samples_that_are_no_numbers(tmp_path: Path) -> None:
     path = text(tmp_path, "u,y\n1,2\n3,NaN\n5,\n7,8\n")
-    refuse(path, r"'y' is missing .* at sample 1, and 2 of its 4", sample_rate_hz=2.0)
-    refuse(text(tmp_path, "1 1e999\n2 3\n"), "'column 1' is infinite", sample_rate_hz=2.0)
+    refuse(path, r"'y' is missing .* at sample 1, and 2 of its 4", sample_rate=2.0)
+    refuse(text(tmp_path, "1 1e999\n2 3\n"), "'column 1' is infinite", sample_rate=2.0)
     refuse(text(tmp_path, "time (s),u\n0,1\nnan,2\n2,3\n"), "'time' is missing")
 
 
@@ -543,27 +543,25 @@ def test_times_that_do_not_rise(tmp_path: Path) -> None:
 def test_wrong_options(tmp_path: Path) -> None:
     path = text(tmp_path, "u (V),y\n1,2\n3,4\n")
     refuse(path, "there is no column 'z': the record has 0: u, 1: y", time="z")
-    refuse(path, "there is no column '2'", units={"2": "V"}, sample_rate_hz=2.0)
-    refuse(path, "given two units", units={"0": "V", "u": "V"}, sample_rate_hz=2.0)
-    refuse(path, "'y': unknown unit 'parsec'", units={"y": "parsec"}, sample_rate_hz=2.0)
-    refuse(path, "sample rate must be positive", sample_rate_hz=-3.0)
-    refuse(path, "sample rate must be positive", sample_rate_hz=np.inf)
+    refuse(path, "there is no column '2'", units={"2": "V"}, sample_rate=2.0)
+    refuse(path, "given two units", units={"0": "V", "u": "V"}, sample_rate=2.0)
+    refuse(path, "'y': unknown unit 'parsec'", units={"y": "parsec"}, sample_rate=2.0)
+    refuse(path, "sample_rate must be above 0, got -3", sample_rate=-3.0)
+    refuse(path, "sample_rate must be above 0, got inf", sample_rate=np.inf)
     refuse(path, "is in V, and cannot be the time", time="u")
-    refuse(path, "2 columns in the file, got 1 names", names=["u"], sample_rate_hz=2.0)
-    refuse(path, "the format must be one of text", format="xml", sample_rate_hz=2.0)
-    refuse(path, "it has no datasets", dataset="run", sample_rate_hz=2.0)
-    refuse(path, "decimal sign", decimal="'", sample_rate_hz=2.0)
-    refuse(path, "divided by one sign", delimiter=", ", sample_rate_hz=2.0)
-    refuse(path, "divided by one sign", delimiter=".", sample_rate_hz=2.0)
-    refuse(path, "lines to skip", skip_lines=-1, sample_rate_hz=2.0)
-    refuse(path, "no column 'z'", columns=["z"], sample_rate_hz=2.0)
-    refuse(path, "fewer than two", rows=(1, 2), sample_rate_hz=2.0)
+    refuse(path, "2 columns in the file, got 1 names", names=["u"], sample_rate=2.0)
+    refuse(path, "the format must be one of text", format="xml", sample_rate=2.0)
+    refuse(path, "it has no datasets", dataset="run", sample_rate=2.0)
+    refuse(path, "decimal must be one of", decimal="'", sample_rate=2.0)
+    refuse(path, "divided by one sign", delimiter=", ", sample_rate=2.0)
+    refuse(path, "divided by one sign", delimiter=".", sample_rate=2.0)
+    refuse(path, "lines to skip", skip_lines=-1, sample_rate=2.0)
+    refuse(path, "no column 'z'", columns=["z"], sample_rate=2.0)
+    refuse(path, "fewer than two", rows=(1, 2), sample_rate=2.0)
     np.save(tmp_path / "a.npy", U)
-    refuse(tmp_path / "a.npy", "no text file", skip_lines=2, sample_rate_hz=2.0)
+    refuse(tmp_path / "a.npy", "no text file", skip_lines=2, sample_rate=2.0)
     savemat(tmp_path / "a.mat", {"u": U, "fs": 350.0})
-    refuse(
-        tmp_path / "a.mat", "given as 340 Hz, and 'fs' of the file says 350", sample_rate_hz=340.0
-    )
+    refuse(tmp_path / "a.mat", "given as 340 Hz, and 'fs' of the file says 350", sample_rate=340.0)
 
 
 def test_columns_are_found_by_name_and_number() -> None:
@@ -691,7 +689,7 @@ def test_text_beside_numbers_is_left_out(
 ) -> None:
     lines = [heading, *(row.format(*pair) for row, pair in zip(rows, ROWS, strict=True))]
     record = read_record(
-        text(tmp_path, "\n".join(lines) + "\n"), sample_rate_hz=10.0, columns=["u", "y"]
+        text(tmp_path, "\n".join(lines) + "\n"), sample_rate=10.0, columns=["u", "y"]
     )
     assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
     assert any(note.startswith("left out") and left_out in note for note in record.notes)

@@ -14,7 +14,8 @@ from flexstage.fem.geometry import patches
 from flexstage.fem.ports import drive_vector
 from flexstage.fem.stroke import FiniteStroke, bar_buckling_load, two_notch_bars, with_stroke
 from flexstage.lumped import hinge_springs, stroke_path
-from flexstage.studies.models import ModelOptions, run_model
+from flexstage.studies.models import run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.system import analyse
 
 STAGE = design("parallelogram")

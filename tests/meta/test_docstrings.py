@@ -203,8 +203,9 @@ def test_every_command_and_option_has_help() -> None:
     def silent(path: str, command: Any) -> Iterator[str]:
         if not (command.help or "").strip():
             yield path
-        for parameter in command.params:
-            if not (getattr(parameter, "help", None) or "").strip():
+        context = typer.Context(command, info_name=path)
+        for parameter in getattr(command, "get_params", lambda _: command.params)(context):
+            if parameter.name != "help" and not (getattr(parameter, "help", None) or "").strip():
                 yield f"{path} {parameter.name}"
         for name, inner in getattr(command, "commands", {}).items():
             yield from silent(f"{path} {name}", inner)

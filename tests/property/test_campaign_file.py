@@ -17,6 +17,7 @@ from flexstage.experiments.campaign.plan import (
     campaign_text,
     read_campaign,
 )
+from flexstage.records.read_options import ReadOptions
 from flexstage.sensor import SensorSpecification
 from tests.strategies import names, texts
 
@@ -38,8 +39,9 @@ written = st.builds(
     spheres=lists,
 )  # fmt: skip
 readings = st.builds(
-    sample_rate=st.none() | st.floats(1e-3, 1e9),
-    time=columns,
+    ReadOptions,
+    sample_rate=st.lists(st.floats(1e-3, 1e9), max_size=2).map(tuple),
+    time=st.none() | st.integers(0, 40) | names.filter(lambda n: not n.isdecimal()),
     format=st.none() | st.sampled_from(["text", "tdms", "cmm"]),
     dataset=st.none() | names,
     delimiter=st.none() | st.sampled_from([",", ";", "\t", " ", "tab", "|"]),
@@ -157,7 +159,7 @@ tests:
     assert probe.alignment == pytest.approx(math.radians(20.0 / 3600.0), rel=1e-15)
     assert (probe.abbe_offset, probe.resolution_step) == (-3.7e-3, 1.5e-9)
     assert probe.expansion == pytest.approx(23.1e-6, rel=1e-15)
-    assert (test.reading.sample_rate, test.reading.time) == (12500.0, "0")
+    assert (test.reading.rate, test.reading.time) == (12500.0, 0)
     assert (test.band, test.smallest_step) == ((80.0, 1300.0), 4.6e-7)
     # units of columns are kept as they are said: records are read with them
     assert (test.units.input, test.units.output) == ("mN", ("um",))
@@ -169,7 +171,7 @@ def test_what_is_as_usual_is_left_out() -> None:
     test = Test(name="t", kind="hold", axis="x", records=("a",))
     text = campaign_text(Campaign(tests=(test,)))
     assert text.split() == [
-        "campaign:", "1", "tests:", "t:", "kind:", "hold", "axis:", "x", "records:", "[a]",
+        "campaign:", "1", "tests:", "t:", "axis:", "x", "kind:", "hold", "records:", "[a]",
     ]  # fmt: skip
 
 

@@ -20,7 +20,8 @@ from flexstage.hinges import (
     RightCircular,
     VFillet,
 )
-from flexstage.stage.drawing.drawn_stage import DrawingOptions, read_drawing
+from flexstage.stage.drawing.drawn_stage import read_drawing
+from flexstage.stage.drawing.requests import DrawingOptions
 from tests.drawing_stages import guide
 from tests.drawn_stages import dxf_without_hinges, require_same
 

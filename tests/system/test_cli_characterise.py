@@ -182,7 +182,7 @@ def loop(path, seed=1, count=5, samples=200, head=None):
     return path
 
 
-ROLES = ("--command", "drive", "--along", "sensor", "--across", "side")
+ROLES = ("--column", "command=drive", "--column", "along=sensor", "--column", "across=side")
 
 
 def test_a_file_of_ones_own(capsys, tmp_path):
@@ -214,7 +214,7 @@ def test_cycles_of_another_size_are_no_part_of_the_stroke(capsys, tmp_path):
     path = tmp_path / "mixed.csv"
     lines = ["t [s],u [V],y [um]", *(f"{t:.4f},{u:.4f},{y:.5f}" for t, u, y in rows)]
     path.write_text("\n".join(lines))
-    columns = ("--command", "u", "--along", "y")
+    columns = ("--column", "command=u", "--column", "along=y")
     result = found(capsys, path, *columns)
     stroke = values(result)["output_displacement", "x"]
     assert stroke["value"] == pytest.approx(40e-6, abs=3e-9)
@@ -257,7 +257,17 @@ def test_tab_separated_text_without_names(capsys, tmp_path):
     data = np.loadtxt(tmp_path / "loop.csv", delimiter=",", skiprows=1)
     path = tmp_path / "loop.dat"
     np.savetxt(path, data[:, 1:], delimiter="\t")
-    words = (path, "--command", "0", "--along", "1", "--unit", "command=V", "--unit", "along=um")
+    words = (
+        path,
+        "--column",
+        "command=0",
+        "--column",
+        "along=1",
+        "--unit",
+        "command=V",
+        "--unit",
+        "along=um",
+    )
     got = values(
         found(capsys, *words, "--sample-rate", "40 Hz", "--format", "text", "--delimiter", "\\t")
     )
@@ -288,13 +298,13 @@ def sphere_report(folder, decimal="."):
 @pytest.mark.parametrize("decimal", [".", ","])
 def test_spheres_of_a_table(capsys, tmp_path, decimal):
     path = sphere_report(tmp_path, decimal)
-    words = ("--test", "spheres", "--command", "screw", "--spheres", "A,B,C")
+    words = ("--test", "spheres", "--column", "command=screw", "--column", "spheres=A,B,C")
     got = values(found(capsys, path, *words))
     assert got["output_displacement", "x"]["value"] == pytest.approx(116.5e-6, rel=2e-3)
     assert got["cross_coupling", "x"]["value"] == pytest.approx(1e-4 / 0.1165, abs=5e-4)
     other = values(found(capsys, path, *words, "--axis", "u"))
     assert other["output_displacement", "u"]["value"] == got["output_displacement", "x"]["value"]
-    refused(capsys, "three at least", tmp_path, path, *words[:4], "--spheres", "A,B")
+    refused(capsys, "three at least", tmp_path, path, *words[:4], "--column", "spheres=A,B")
 
 
 def test_a_report_with_decimal_commas_is_no_motion(capsys, tmp_path):
@@ -304,7 +314,7 @@ def test_a_report_with_decimal_commas_is_no_motion(capsys, tmp_path):
     path.write_bytes(re.sub(rb"(\d)\.(\d)", rb"\1,\2", text.encode()))
     refused(
         capsys, "over point, and it needs samples with their times|SPH1|column", tmp_path, path,
-        "--command", "SPH1.X", "--along", "SPH1.Y",
+        "--column", "command=SPH1.X", "--column", "along=SPH1.Y",
     )  # fmt: skip
 
 
@@ -363,7 +373,7 @@ def test_a_truncated_tdms(capsys, tmp_path):
         file.write_segment(
             [RootObject(), channel("drive", "V", data[:, 1]), channel("sensor", "um", data[:, 2])]
         )
-    words = ("--command", "drive", "--along", "sensor")
+    words = ("--column", "command=drive", "--column", "along=sensor")
     assert values(found(capsys, path, *words))["output_displacement", "x"]["value"] > 6e-5
     whole = path.read_bytes()
     for size in (len(whole) // 2, len(whole) - 3, 40):
@@ -382,30 +392,31 @@ def test_bad_options(capsys, tmp_path):
         ("nothing.yaml", (tmp_path / "nothing.yaml",)),
         ("the campaign has no test", (campaign,)),
         ("stands alone", (campaign, path)),
-        ("--column-unit, --along has no meaning", (campaign, "--along", "1", "--unit", "along=um")),
+        ("--column, --column-unit has no meaning",
+         (campaign, "--column", "along=1", "--unit", "along=um")),
         ("--virtual-seed needs --stage", ("--virtual", "3")),
         ("--virtual-seed needs --stage", (path, "--virtual", "3", "--stage", "vgtu-piezo")),
-        ("--across has no meaning with --virtual",
-         ("--virtual", "3", "--stage", "parallelogram", "--across", "1")),
+        ("--column has no meaning with --virtual",
+         ("--virtual", "3", "--stage", "parallelogram", "--column", "across=1")),
         ("no built-in design", (path, *ROLES, "--stage", "vgtu-pieso")),
-        ("model 'lumbed' is not known",
+        ("did you mean 'lumped'",
          (path, *ROLES, "--stage", "parallelogram", "--models", "lumbed")),
         ("unknown kind 'wave': choose from motion", (path, *ROLES, "--test", "wave")),
         ("evaluated from one file, got 2", (path, other, *ROLES)),
-        ("no column 'sensr'", (path, "--command", "drive", "--along", "sensr")),
-        ("needs the column of 'along'", (path, "--command", "drive")),
+        ("no column 'sensr'", (path, "--column", "command=drive", "--column", "along=sensr")),
+        ("needs the column of 'along'", (path, "--column", "command=drive")),
         ("--column-unit must be a role and a unit", (path, *ROLES, "--unit", "um")),
         ("--column-unit must be a role and a unit.*roles", (path, *ROLES, "--unit", "alonng=um")),
         ("'--calibration': must be from 0 to below 1", (path, *ROLES, "--calibration", "120%")),
         ("angle", (path, *ROLES, "--alignment", "3 mm")),
         ("frequency", (path, *ROLES, "--sample-rate", "3 mm")),
-        ("'input' and 'output'", (path, "--test", "response", "--input", "drive")),
+        ("'input' and 'output'", (path, "--test", "response", "--column", "input=drive")),
         ("columns of 'output'", (path, "--test", "ring-down")),
         ("needs the column of 'corner'", (path, "--test", "workspace")),
         ("targets are positions in m",
-         (path, "--test", "positioning", "--command", "drive", "--along", "sensor")),
+         (path, "--test", "positioning", "--column", "command=drive", "--column", "along=sensor")),
         ("test 'staircase'",
-         (path, "--test", "staircase", "--command", "drive", "--along", "sensor")),
+         (path, "--test", "staircase", "--column", "command=drive", "--column", "along=sensor")),
     ):  # fmt: skip
         refused(capsys, said, tmp_path, *words)
 
@@ -438,9 +449,9 @@ def approaches(path, mark, heading, rows=lambda listed: listed):
 
 def test_positioning_as_the_standard_has_it(capsys, tmp_path):
     heading = "target (mm),reached (mm),side"
-    words = ("--test", "positioning", "--command", "target", "--along", "reached")
+    words = ("--test", "positioning", "--column", "command=target", "--column", "along=reached")
     arrows = approaches(tmp_path / "a.csv", "↑↓", heading)
-    result = found(capsys, arrows, *words, "--direction", "side")
+    result = found(capsys, arrows, *words, "--column", "direction=side")
     figures = result["tests"][0]["positioning"]["figures"]
     r = 2.0**0.5
     # as worked by hand in tests/literature/test_positioning_standard.py
@@ -460,7 +471,7 @@ def test_positioning_as_the_standard_has_it(capsys, tmp_path):
     assert targets["reversal"] == pytest.approx([-5e-6, -4e-6, -8e-6], rel=1e-6)
     # sorted rows need the column, and in those of the cycle their order says the same
     shuffled = approaches(tmp_path / "s.csv", ("fwd", "bwd"), heading, sorted)
-    again = found(capsys, shuffled, *words, "--direction", "side")
+    again = found(capsys, shuffled, *words, "--column", "direction=side")
     assert again["tests"][0]["positioning"]["figures"]["accuracy"]["value"] == pytest.approx(
         figures["accuracy"]["value"]
     )
@@ -511,7 +522,7 @@ def test_a_description_finds_its_files_from_its_own_folder(capsys, tmp_path, mon
 def test_help(capsys):
     status, out, _ = run(capsys, "--help")
     assert status == 0
-    for option in ("--stage", "--virtual-seed", "--column-unit", "--folder", "--json", "--spheres"):
+    for option in ("--stage", "--virtual-seed", "--column-unit", "--folder", "--json", "--column"):
         assert option in out
 
 
@@ -532,7 +543,7 @@ def test_a_report_of_a_measuring_machine(capsys, tmp_path):
     path = tmp_path / "report.txt"
     path.write_text(report(points, digits=5))
     told = ",".join(f"{300.0 * s:.3f} um" for s in share)
-    words = (path, "--test", "spheres", "--spheres", "S1,S2,S3", "--commands")
+    words = (path, "--test", "spheres", "--column", "spheres=S1,S2,S3", "--commands")
     stroke = values(found(capsys, *words, told))["output_displacement", "x"]
     assert stroke["value"] == pytest.approx(83.7e-6, abs=3e-8)
     assert stroke["interval"][0] < 83.7e-6 < stroke["interval"][1]

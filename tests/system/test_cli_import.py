@@ -10,7 +10,7 @@ from flexstage.cli import main
 from flexstage.designs import design, find_stage
 from flexstage.errors import StageError
 from flexstage.export.drawing.dxf import dxf_files
-from flexstage.stage.drawing.drawn_stage import DrawingOptions
+from flexstage.stage.drawing.requests import DrawingOptions
 from tests.drawn_stages import figures
 
 SCREW = "screw, pitch=0.25 mm, smallest_step=0.5 um, travel=0.2 mm"

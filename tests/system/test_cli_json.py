@@ -92,7 +92,8 @@ def test_a_refusal_is_an_object_as_well(capsys: pytest.CaptureFixture[str], comm
         (["analyse", "parallelogram", "--mdel", "plane", "--json"], "UsageError"),
         (["analysse", "parallelogram", "--json"], "UsageError"),
         (["analyse", "--json"], "UsageError"),
-        (["analyse", "parallelogram", "--model", "liquid", "--json"], "ModelError"),
+        (["analyse", "parallelogram", "--model", "liquid", "--json"], "UsageError"),
+        (["analyse", "parallelogram", "--model", "lumped", "--stroke", "--json"], "ModelError"),
     ],
 )
 def test_so_is_a_command_line_that_is_wrong(

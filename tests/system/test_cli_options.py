@@ -132,7 +132,7 @@ def test_measured_files_are_cut_by_the_same_options(
     rows = "\n".join(f"{value:.9f}" for value in reading)
     (tmp_path / "log.csv").write_text(f"a logger's first line\nand its second\n{rows}\n")
     (tmp_path / "cut.csv").write_text("\n".join(rows.splitlines()[500:]) + "\n")
-    hold = ("--test", "hold", "--along", "0", "--column-unit", "along=um", "--sample-rate",
+    hold = ("--test", "hold", "--column", "along=0", "--column-unit", "along=um", "--sample-rate",
             "1 kHz", "--json")  # fmt: skip
     cut = printed(capsys, "characterise", tmp_path / "cut.csv", *hold)
     log = (tmp_path / "log.csv", "--skip-lines", "2", *hold)

@@ -78,7 +78,7 @@ def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFix
         (["--move", "x-max"], "name some to hold"),
         (["--hold", "x-max", "--move", "x-max"], "cannot be held and moved"),
         (["--material", "unobtainium"], "unobtainium"),
-        (["--size", "-1"], "mesh size must be positive"),
+        (["--size", "-1"], "'--size': must be above 0"),
         (["--interfaces", "soft"], "must be rigid, mean or both, got 'soft'"),
         (["--hold", "x-min", "--ratio", "x-max:y-min"], "between three faces, END:END:OUTPUT"),
         (["--hold", "x-min", "--ratio", "x-max:y-min:x-max"], "got one of them twice"),

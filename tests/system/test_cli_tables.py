@@ -217,7 +217,7 @@ COMMANDS = (
     "export parallelogram --to dxf,step --folder made",
     "import made/dxf/parallelogram.dxf --thickness '8 mm' --material 'Al 7075-T6' --force",
     "part made/step/parallelogram.step --order 0",
-    "characterise cycles.csv --command u --along x --across y",
+    "characterise cycles.csv --column command=u --column along=x --column across=y",
     "frf shaker.csv --input F --output x --sample-rate 1000",
     "identify cycles.csv --input u --output x --model dahl --out model.yaml",
     "predict model.yaml cycles.csv --input u --output x",

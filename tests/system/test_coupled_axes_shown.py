@@ -46,11 +46,11 @@ def test_the_command_prints_and_writes_them(
 
 
 def test_the_report_shows_them() -> None:
-    study = run_study(three_legs(), ("lumped",))
+    study = run_study(three_legs(), model=("lumped",))
     section = study_section(study, "coupling")
     assert [type(part).__name__ for part in section.content] == ["str", *["Table"] * 3, "Picture"]
     # axes that one drive moves each have no such section
-    assert not study_section(run_study(design("vgtu-piezo"), ("lumped",)), "coupling").content
+    assert not study_section(run_study(design("vgtu-piezo"), model=("lumped",)), "coupling").content
 
 
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])

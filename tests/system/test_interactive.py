@@ -293,7 +293,7 @@ def test_modes_are_found_in_responses_and_in_records() -> None:
     moved = signal.lsim(system, force, t)[1] + 1e-8 * rng.standard_normal(n)
     record = Record(time=t, channels=(Channel(name="F", values=force, unit="N"),
                                       Channel(name="x", values=moved, unit="m")))  # fmt: skip
-    (mode,) = fs.frf(record, "F", "x", spectra={"resolution_hz": 0.5}, band=(110.0, 170.0)).modes
+    (mode,) = fs.frf(record, "F", "x", resolution=0.5, band=(110.0, 170.0)).modes
     assert mode.frequency_hz.value == pytest.approx(137.0, rel=2e-3)
 
 

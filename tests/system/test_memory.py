@@ -26,7 +26,7 @@ from flexstage.section import Definitions
 from flexstage.stage import Stage
 from flexstage.studies import results_json, run_model, run_study, study_results
 from flexstage.studies import study as study_module
-from flexstage.studies.models import ModelOptions
+from flexstage.studies.requests import ModelOptions
 from flexstage.studies.results import analysis_results, run_results
 from tests.undrawn import without_figures
 
@@ -286,7 +286,7 @@ def test_a_study_is_read_and_is_the_same_study(
 
     def study(stage: Stage, **options: Any) -> Any:
         done.clear()
-        return run_study(stage, models, virtual=True, cache=cache, **options)
+        return run_study(stage, model=models, virtual=True, cache=cache, **options)
 
     first = study(stage)
     assert first.read == ()
@@ -309,7 +309,7 @@ def test_a_study_is_read_and_is_the_same_study(
         (study(neck_changed(stage, 1e-9)), ()),
         (study(stage, plane="stress"), ()),
         (study(stage, seed=2), ("superelement",)),
-        (run_study(stage, models, virtual=True), ()),
+        (run_study(stage, model=models, virtual=True), ()),
     ):
         assert changed.read == kept
 
@@ -327,8 +327,8 @@ def test_what_bodies_in_space_give_is_not_kept_beside_them(
 
     monkeypatch.setattr(study_module, "run_model", run)
     for _ in range(2):
-        assert run_study(stage, ["superelement-3d"], cache=cache).read == ()
-    run_study(stage, ["superelement-3d"])
+        assert run_study(stage, model=["superelement-3d"], cache=cache).read == ()
+    run_study(stage, model=["superelement-3d"])
     # they themselves are, where anything is
     assert kept == [cache, cache, False]
     assert not list(tmp_path.rglob("*.arrays"))

@@ -17,7 +17,8 @@ import pytest
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.report.figures.surface import outer_faces, sharp_edges
-from flexstage.studies.models import MODELS, ModelOptions, fitting_options, run_model
+from flexstage.studies.models import MODELS, fitting_options, run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table
 from flexstage.web.analyse.convergence import errors_table, meshes_table
 from flexstage.web.analyse.shapes import sent_state, sent_surface
@@ -232,10 +233,10 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         own = [name for name in started if name.startswith("parallelogram, ")]
         assert own == ["parallelogram, rigid bodies"]
         # what fails says why, and the others go on
-        state.chosen, state.asked.refine, state.asked.percent = ["plane"], True, 0.0
+        state.chosen, state.asked = ["plane"], ModelOptions(accuracy=0.01, quantity="magic")
         user.find(kind=ui.button, content="Analyse").click()
         await come(lambda: state.failed)
-        await user.should_see("the accuracy must lie between 0 and 1")
+        await user.should_see("unknown quantity")
         await user.should_see("193.7")
 
     simulated(tmp_path, look)
@@ -283,8 +284,7 @@ def test_a_stage_is_analysed_in_the_page(tmp_path: Path) -> None:
         # the quick model is there by itself; finite elements are asked for, with a finer mesh
         page.locator("canvas[aria-label*='reads 3']").wait_for()
         page.get_by_text("Options").click()
-        page.get_by_role("checkbox", name="Refine the mesh").click()
-        page.get_by_label("To an accuracy of [%]").fill("2")
+        page.get_by_label("Accuracy [%]").fill("2")
         for model in ("finite elements, condensed", "finite elements in 3D of the whole"):
             page.get_by_role("checkbox", name=model, exact=True).click()
         page.get_by_role("button", name="Analyse", exact=True).click()

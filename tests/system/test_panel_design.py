@@ -210,7 +210,7 @@ def test_what_an_export_leaves_out_is_said(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_drawing_becomes_a_stage(tmp_path: Path) -> None:
-    from flexstage.stage.drawing.drawn_stage import DrawingOptions
+    from flexstage.stage.drawing.requests import DrawingOptions
 
     _, content, _ = exported(Variant(GUIDE), ["dxf"])
     path = tmp_path / "guide.dxf"

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from flexstage.cli import app
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
-from flexstage.explore.prepare import ready_sweep
+from flexstage.explore.prepare import ready_sweep, swept
 from flexstage.explore.results import (
     front_results,
     optimum_results,
@@ -180,7 +180,7 @@ def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFa
     batches: list[Any] = []
     with listen(lambda what, done: None, batches.append):
         whole = ready_sweep(request, facts.template)()
-    part = points.of_batches(request.question(facts.template), batches[:4], UNITS)
+    part = points.of_batches(swept(request, facts.template), batches[:4], UNITS)
     assert part.computed == 4
     assert part.shown.tolist() == [0, 1, 2, 3]
     frequency = part.column("natural_frequency.x")

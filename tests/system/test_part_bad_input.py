@@ -10,6 +10,7 @@ import pytest
 from netgen import occ
 
 from flexstage.elasticity import Continuum, resources
+from flexstage.elasticity.requests import PartRequest
 from flexstage.elasticity.resources import memory_needed, require_memory
 from flexstage.errors import FlexstageError, ModelError, StageError
 from flexstage.fem.interface import interface_modes, interface_ratio, interface_stiffness
@@ -360,7 +361,7 @@ def test_faces_that_lie_apart_are_interfaces_of_their_own() -> None:
     left, right = (part.select("x", end) for end in ("min", "max"))
     top, bottom = (part.select("z", end) for end in ("min", "max"))
     found = analyse_part(
-        part, STEEL, hold=(*left, *right), mesh=PartMesh(order=2, size=5e-3), modes=2
+        part, STEEL, PartRequest(hold=(*left, *right), order=2, size=5e-3, modes=2)
     ).results
     inertia = b * h**3 / 12.0
     euler = 4.730041**2 / length**2

@@ -256,7 +256,7 @@ def test_the_line_of_fatigue_and_its_safety_factor_agree(study: Study) -> None:
 def test_a_stack_without_a_voltage_range_says_why_it_is_not_tried() -> None:
     stage = design("vgtu-piezo")
     drives = tuple(replace(d, voltage_range=None) for d in stage.drives)
-    study = run_study(replace(stage, drives=drives), ["lumped"], hysteresis=True)
+    study = run_study(replace(stage, drives=drives), model=["lumped"], identification=True)
     assert set(study.experiments_left_out) == {"x", "y"}
     page = report_html(study)
     assert "Axis x was left out: drive 'x' has no voltage range" in html.unescape(page)
@@ -329,18 +329,20 @@ def test_the_other_plane_state_stands_beside(study: Study) -> None:
 
 def test_plane_state_can_be_chosen() -> None:
     stage = design("vgtu-piezo")
-    assert list(run_study(stage, ["lumped"], plane="stress").variants) == ["lumped, plane strain"]
+    assert list(run_study(stage, model=["lumped"], plane="stress").variants) == [
+        "lumped, plane strain"
+    ]
 
 
 @pytest.mark.parametrize("model", ["solids", "magic", ""])
 def test_models_that_do_not_exist_are_refused(model: str) -> None:
-    with pytest.raises(ModelError, match="choose from lumped"):
-        run_study(design("vgtu-piezo"), [model])
+    with pytest.raises(ModelError, match="one of lumped"):
+        run_study(design("vgtu-piezo"), model=[model])
 
 
 def test_no_model_is_refused() -> None:
     with pytest.raises(ModelError, match="no model"):
-        run_study(design("vgtu-piezo"), [])
+        run_study(design("vgtu-piezo"), model=[])
 
 
 def test_mode_motion_is_scaled_to_one(study: Study) -> None:

@@ -17,7 +17,8 @@ from flexstage.fem.condensation import condense
 from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
 from flexstage.stage import Stage
-from flexstage.studies.models import ModelOptions, run_model
+from flexstage.studies.models import run_model
+from flexstage.studies.requests import ModelOptions
 from tests.estimates_held import COUNT, FREQUENCIES, all_compared, held
 from tests.hinged_bars import hinged_bars
 from tests.random_stages import random_stages

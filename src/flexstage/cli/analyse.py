@@ -1,19 +1,9 @@
 """`flexstage analyse`: models of a stage: characteristics, modes, stress, Bode data."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from flexstage.cli.options import (
-    JsonOption,
-    ModelsOption,
-    PlaneOption,
-    QuietOption,
-    from_docstring,
-    model_names,
-    relative,
-)
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
@@ -25,7 +15,8 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.errors import ModelError
+from flexstage.studies.requests import AnalyseRequest, models_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,14 +33,8 @@ _NOTHING = 1e-5
 @from_docstring
 def analyse(
     stage: StageArgument,
+    request: AnalyseRequest,
     taken: StageOptions = AS_DESCRIBED,
-    model: ModelsOption = "superelement",
-    plane: PlaneOption = "auto",
-    accuracy: Annotated[float | None, typer.Option(parser=relative)] = None,
-    quantity: str = "natural_frequency_hz",
-    estimate: bool = False,
-    supports: str = "rigid",
-    stroke: bool = False,
     folder: OutputFolder = None,
     vtu: bool = False,
     figure: FigureFile = None,
@@ -62,20 +47,6 @@ def analyse(
 
     Parameters
     ----------
-    accuracy
-        SHARE: Refine the mesh of the plane or solid model until --quantity changes by less than
-        this share, such as 0.1%.
-    quantity
-        NAME: Quantity that --accuracy refers to, such as max_stress.
-    estimate
-        Estimate the error of each figure, by bodies of a lower order and with more modes
-        (superelement models; the first analysis takes twice as long).
-    supports
-        rigid|elastic: Rigid or elastic frame under the reactions of the drives (plane and solid
-        models).
-    stroke
-        Compute each axis over its stroke with large displacements (plane model): straightness,
-        stiffening, buckling.
     folder
         Write analysis.json, with the Bode data, a Bode diagram of each axis, and a picture of what
         all drives reach together.
@@ -85,39 +56,13 @@ def analyse(
     figure
         Draw the Bode diagram of each axis, in files NAME-AXIS. (.svg, .png or .pdf)
     """
-    from flexstage import progress
-    from flexstage.studies import run_model
-    from flexstage.studies.models import ModelOptions
+    from flexstage.studies.models import run_models
 
     described = taken.stage(stage)
-    options = ModelOptions(
-        plane=plane,  # type: ignore[arg-type]
-        accuracy=accuracy,
-        quantity=quantity,
-        estimate=estimate,
-        supports=supports,  # type: ignore[arg-type]
-        stroke=stroke,
-    )
-    names = model_names(model)
-    if not names:
-        from flexstage.studies import MODELS
-
-        raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
-    if vtu and (folder is None or not {"plane", "solid"} & set(names)):
+    if vtu and (folder is None or not {"plane", "solid"} & set(models_of(request.model))):
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
-    runs: dict[str, ModelRun] = {}
-    left_out: dict[str, str] = {}
     with progress_bar("analyse", quiet=quiet):
-        for i, name in enumerate(names):
-            with progress.subtask(i / len(names), (i + 1) / len(names)):
-                try:
-                    runs[name] = run_model(described, name, options)
-                except FlexstageError as error:
-                    if model.strip() != "all":
-                        raise
-                    left_out[name] = str(error)
-    if not runs:
-        raise ModelError(f"no model is possible: {next(iter(left_out.values()))}")
+        runs, left_out = run_models(described, request)
     files = _written(runs, folder, figure, vtu=vtu)
     if json:
         print_json(_printed(runs, left_out, files))

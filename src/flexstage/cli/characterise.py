@@ -7,20 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flexstage.cli.characterise_tables import print_measurement
-from flexstage.cli.options import (
-    JsonOption,
-    ModelsOption,
-    QuietOption,
-    from_docstring,
-    model_names,
-    refuse,
-)
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import ModelError
 from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
 from flexstage.files.request import option_words
+from flexstage.studies.requests import ComparisonRequest, models_of
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
@@ -35,7 +29,7 @@ def characterise(
     stage: str | None = None,
     virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
     request: CharacteriseRequest,
-    models: ModelsOption = "lumped,superelement",
+    beside: ComparisonRequest,
     taken: StageOptions = AS_DESCRIBED,
     out: OutputFolder = None,
     quiet: QuietOption = False,
@@ -98,7 +92,7 @@ def characterise(
         result = compare_measurement(
             found,
             taken.stage(described) if described else None,
-            model_names(models) if described else (),
+            models_of(beside.model) if described else (),
         )
     results = measurement_results(result)
     if out is not None:

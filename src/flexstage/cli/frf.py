@@ -47,7 +47,7 @@ def frf(
         Draw response and fit, and the stabilisation diagram in a second file, NAME-stabilisation.
         (.svg, .png or .pdf)
     """
-    from flexstage.measure.frf import FrequencyResponse, frf_of_files
+    from flexstage.measure.frf import FrfResult, frf_of_files
 
     record_format(out)
     refuse(
@@ -56,7 +56,7 @@ def frf(
     )
     with progress_bar("frf", quiet=quiet):
         found = frf_of_files(records, request, how)
-    responded = isinstance(found, FrequencyResponse)
+    responded = isinstance(found, FrfResult)
     result = response_result(found) if responded else decay_result(*found)
     read = found.records if responded else found[0]
     # which columns were taken comes first, then what was found, then what the files said

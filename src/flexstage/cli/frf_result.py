@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.estimate import Estimate
-    from flexstage.measure.frf import FrequencyResponse
+    from flexstage.measure.frf import FrfResult
     from flexstage.measure.modal.ring_down import RingDown
     from flexstage.measure.spectra.response import MeasuredResponse
     from flexstage.records import Record
@@ -71,7 +71,7 @@ def _quotient(response: "MeasuredResponse", o: int, i: int) -> str:
     return f"{above}/({below})" if "/" in below else f"{above}/{below}"
 
 
-def response_result(result: "FrequencyResponse") -> dict[str, Any]:
+def response_result(result: "FrfResult") -> dict[str, Any]:
     """Return a response and its modes as plain data."""
     response, estimate, found = result.response, result.estimate, result.fit
     notes = list(response.notes)

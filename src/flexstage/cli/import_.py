@@ -18,22 +18,21 @@ from flexstage.cli.output import (
     write_file,
     write_picture,
 )
-from flexstage.cli.stage_options import DrawingSettings
 from flexstage.files.names import file_name
+from flexstage.stage.drawing.requests import DrawingOptions
 
 if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawnStage
-
-_AS_DRAWN = DrawingSettings()
 
 
 @from_docstring
 def import_(
     drawing: Annotated[Path, typer.Argument()],
-    taken: DrawingSettings = _AS_DRAWN,
+    *,
     out: OutputFile = None,
     force: bool = False,
     figure: FigureFile = None,
+    taken: DrawingOptions,
     json: JsonOption = False,
 ) -> None:
     """Make a stage file of a drawing: find its bodies and necks.
@@ -54,7 +53,7 @@ def import_(
     from flexstage.stage.drawing.blanks import stage_file_text
     from flexstage.stage.drawing.drawn_stage import read_drawing
 
-    drawn = read_drawing(drawing, taken.drawing())
+    drawn = read_drawing(drawing, taken)
     path = stage_file(out, f"{file_name(drawn.stage.name)}.yaml", force=force)
     write_file(path, stage_file_text(drawn).encode("utf-8"))
     files = [path, *write_picture(figure, lambda: draw_found(drawn))]

@@ -12,12 +12,7 @@ import typer
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.request import (
-    Request,
-    RequestField,
-    request_fields,
-    request_groups,
-)
+from flexstage.files.request import Request, RequestField, request_fields, request_groups
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -113,11 +108,16 @@ def _type_of(field: RequestField) -> Any:
 def _default(field: RequestField) -> Any:
     if field.default is MISSING:
         return inspect.Parameter.empty
-    if field.default == () or field.dimension is not None:
-        return None  # a quantity is written by a library that is loaded for the help alone
+    if field.default == ():
+        return None
     if field.value is bool or field.default is None:
         return field.default
-    # as a text, which the help shows, and which is read as any other
+    # as a text, which the help shows, and which is read as any other; the units library is slow
+    if field.dimension is not None and isinstance(field.default, float):
+        units, si = field.dimension.units, field.dimension.si
+        if field.default and f"m{si}" in units and abs(field.default) < 0.1:
+            return f"{1e3 * field.default:g} m{si}"
+        return f"{field.default:g} {si if field.default else units[0]}"
     return " ".join(field.texts(field.default))
 
 
@@ -165,17 +165,9 @@ def request_texts(command: Any) -> dict[str, str]:
         for name, text in field_texts(kind).items():
             if name in own:
                 end = "; may be repeated." if own[name].repeated else "."
-                said = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
-                texts[name] = said + _usual(own[name])
+                texts[name] = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
         left += [group for _, group in request_groups(kind)]
     return texts
-
-
-def _usual(field: RequestField) -> str:
-    """Return the quantity that an option has where it is not given, as its help says it."""
-    if field.dimension is None or field.default in (None, MISSING, ()):
-        return ""
-    return f"  [default: {' '.join(field.texts(field.default))}]"
 
 
 def _described(
@@ -222,16 +214,6 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
-_MODELS = (
-    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
-    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
-    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
-    "large displacement"
-)
-ModelsOption = Annotated[
-    str,
-    option("NAME", f"{_MODELS}; several separated by commas, or all.", "--model"),
-]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
@@ -243,21 +225,6 @@ PlaneOption = Annotated[
         "Plane state of the notches; auto decides by the ratio of width to neck.",
     ),
 ]
-
-
-def model_names(text: str) -> list[str]:
-    """Return the models that the option `--model` names, each once, whether there are such or not.
-
-    Examples
-    --------
-    >>> model_names("plane, lumped,plane")
-    ['plane', 'lumped']
-    """
-    if text.strip() == "all":
-        from flexstage.studies import MODELS
-
-        return list(MODELS)
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def quantity(text: str, dimension: str, *, bare_unit: str | None = None) -> float:

@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import (
-    JsonOption,
-    QuietOption,
-    from_docstring,
-    one_of,
-    option,
-    optional,
-    quantity,
-    refuse,
-)
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     console,
@@ -26,7 +17,7 @@ from flexstage.cli.output import (
     progress_bar,
     write_picture,
 )
-from flexstage.cli.part_materials import DEFAULT, materials_of
+from flexstage.elasticity.requests import PartRequest
 from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
@@ -44,26 +35,7 @@ _NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size,
 @from_docstring
 def part(
     file: Annotated[Path, typer.Argument()],
-    solids: str = "all",
-    material: Annotated[
-        list[str] | None,
-        option(
-            "[SOLID=]MATERIAL",
-            f'Material: a name from the catalogue (default: {DEFAULT}), or "E=193 GPa, '
-            'nu=0.31, rho=7750 kg/m^3"; for one solid with its name or number first, such '
-            'as "2=E=46 GPa, nu=0.3, rho=7600 kg/m^3"; may be repeated.',
-        ),
-    ] = None,
-    hold: str = "",
-    move: str = "",
-    at: str = "",
-    ratio: str = "",
-    interfaces: Annotated[str, one_of(("rigid", "mean", "both"))] = "both",
-    order: int = 3,
-    size: str | None = None,
-    thin: float = 1.5,
-    modes: Annotated[int, typer.Option(min=0)] = 6,
-    force: bool = False,
+    request: PartRequest,
     figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -74,73 +46,23 @@ def part(
     ----------
     file
         FILE: A STEP file with solids.
-    solids
-        NAMES: Solids to use, by name or number from 1, separated by commas; solids whose faces
-        touch are joined.
-    hold
-        FACES: Fixed faces, separated by commas: names, or x-min, z-max, ... for the plane faces at
-        an end of the part.
-    move
-        FACES: Faces to move: their stiffness against the fixed faces is computed.
-    at
-        X,Y,Z: Reference point of the stiffness, such as "0 mm,0 mm,7.5 mm"; bare numbers are in
-        millimetres (default: the centroid of the moved faces).
-    ratio
-        FACES:FACES:FACES: Two faces that a drive pushes apart, and the output face: its motion for
-        each micrometre of the drive is computed, with one end fixed.
-    interfaces
-        Fixed, moved and pushed faces are rigid, or deform and count by their mean
-        motion, fixed and moved ones by that of each group that touches.
-    order
-        N: Order of the elements; 0 lists the faces only.
-    size
-        LENGTH: Largest element, such as "2 mm"; a bare number is in millimetres.
-    thin
-        N: Largest element in thin places, in local thicknesses.
-    modes
-        N: Number of natural frequencies to compute.
-    force
-        Continue although the memory may not suffice.
     figure
         Draw the part from both sides, with the names of its faces. (.svg, .png or .pdf)
     """
-    from flexstage.errors import StageError
     from flexstage.fem.part import read_step
-    from flexstage.fem.part_analysis import INTERFACES, analyse_part, named_faces
-    from flexstage.fem.part_mesh import PartMesh
+    from flexstage.fem.part_analysis import analyse_part, named_faces
+    from flexstage.fem.part_materials import materials_of
 
-    words = solids if solids == "all" else [w.strip() for w in solids.split(",")]
-    read = read_step(file, solid=words)
-    of = materials_of(read, material or [])
-    held = named_faces(read, hold) if hold else ()
-    moved = named_faces(read, move) if move else ()
-    about = _point(at) if at else None
-    three = [named_faces(read, text) for text in ratio.split(":")] if ratio else []
-    refuse(
-        ratio and len(three) != 3,
-        f"--ratio is between three faces, END:END:OUTPUT, such as face7:face9:z-max, got '{ratio}'",
-        StageError,
-    )
+    read = read_step(file, solid="all" if "all" in request.solids else request.solids)
+    of = materials_of(read, request.material)
+    held, moved = named_faces(read, request.hold), named_faces(read, request.move)
     found = None
-    if order:
-        mesh = PartMesh(
-            order=order,
-            size=optional(size, "length", bare_unit="mm"),
-            thin=thin,
-        )
-        kinds = INTERFACES if interfaces == "both" else (interfaces,)
+    if request.order:
         with progress_bar("part", quiet=quiet):
             found = analyse_part(
                 read,
                 of,
-                hold=held,
-                move=moved,
-                at=about,
-                ratio=(three[0], three[1], three[2]) if three else None,
-                interfaces=kinds,
-                mesh=mesh,
-                modes=modes,
-                force=force,
+                request,
                 expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
             )
     write_picture(figure, lambda: _drawn(read, held, moved))
@@ -160,13 +82,6 @@ def _drawn(read: "Part", held: Any, moved: Any) -> "Figure":
     from flexstage.report.figures.part import draw_part  # it loads what draws
 
     return draw_part(read, held=held, moved=moved)
-
-
-def _point(text: str) -> tuple[float, ...]:
-    words = text.split(",")
-    sentence = f"--at is three lengths X,Y,Z, such as 0,0,7.5 in millimetres, got '{text}'"
-    refuse(len(words) != 3, sentence, typer.BadParameter)
-    return tuple(quantity(word, "length", bare_unit="mm") for word in words)
 
 
 def _millimetres(read: "Part", point: Sequence[float]) -> str:

@@ -14,8 +14,8 @@ from flexstage.files.names import file_name
 @from_docstring
 def show(
     stage: StageArgument,
-    taken: StageOptions = AS_DESCRIBED,
     out: OutputFile = None,
+    taken: StageOptions = AS_DESCRIBED,
     json: JsonOption = False,
 ) -> None:
     """Draw a stage: bodies, hinges, drives and probes.

@@ -2,18 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from flexstage.cli.options import (
-    JsonOption,
-    ModelsOption,
-    PlaneOption,
-    QuietOption,
-    from_docstring,
-    model_names,
-)
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     OutputFolder,
     console,
@@ -24,20 +14,16 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.files.names import file_name
+from flexstage.studies.requests import StudyRequest
 
 
 @from_docstring
 def study(
     stage: StageArgument,
+    request: StudyRequest,
     taken: StageOptions = AS_DESCRIBED,
-    models: ModelsOption = "lumped,superelement,plane,superelement-3d",
-    plane: PlaneOption = "auto",
     out: OutputFolder = None,
-    hysteresis: bool = True,
     measured: Path | None = None,
-    virtual: bool = True,
-    traditional: bool = True,
-    seed: Annotated[int, typer.Option(min=0)] = 1,
     cache: bool = True,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -50,19 +36,8 @@ def study(
     ----------
     out
         Folder of the report (default: out/NAME).
-    hysteresis
-        --identification/--no-identification: Identify and compensate the hysteresis of piezo drives
-        on a simulated stage.
     measured
         FILE: Test description (.yaml) whose measured values are added to the table.
-    virtual
-        --virtual/--no-virtual: Simulate measurements of the stage, and centring an encoder scale
-        with it.
-    traditional
-        --traditional/--no-traditional: Set motion errors and drift of a stage of the study against
-        those of traditional stages.
-    seed
-        NUMBER: Random seed of the simulated stage, and of stages as they are made.
     cache
         --cache/--no-cache: Read what was computed before of the same description, with the same
         options and the same flexstage, and keep what is computed.
@@ -76,7 +51,6 @@ def study(
     from flexstage.studies.results import characteristic_row
 
     described = taken.stage(stage)
-    names = model_names(models)
     directory = out
     if directory is None:
         directory = Path("out") / file_name(described.name)
@@ -88,17 +62,7 @@ def study(
             from flexstage.experiments.campaign.results import characterise
 
             found = characterise(read_campaign(measured), measured.parent)
-        result = run_study(
-            described,
-            names,
-            plane=plane,  # type: ignore[arg-type]
-            hysteresis=hysteresis,
-            measured=found,
-            virtual=virtual,
-            traditional=traditional,
-            seed=seed,
-            cache=cache,
-        )
+        result = run_study(described, request, measured=found, cache=cache)
         written = study_files(result, Memory(open_cache(cache)))
     files = write_files(directory, written)
     if json:

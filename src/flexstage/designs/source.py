@@ -28,7 +28,7 @@ from flexstage.stage.format import STAGE_FILE
 from flexstage.units import DIMENSIONS
 
 if TYPE_CHECKING:
-    from flexstage.stage.drawing.drawn_stage import DrawingOptions
+    from flexstage.stage.drawing.requests import DrawingOptions
 
 
 def find_stage(
@@ -79,7 +79,8 @@ def find_stage(
         return construct(*chosen_design(text.casefold(), set)) if set else design(text)
     path = _file(text)
     if path.suffix.lower() in DRAWINGS:
-        from flexstage.stage.drawing.drawn_stage import DrawingOptions, stage_of_drawing
+        from flexstage.stage.drawing.drawn_stage import stage_of_drawing
+        from flexstage.stage.drawing.requests import DrawingOptions
 
         for name in set or {}:
             require_known(f"the drawing '{text}'", name, (), StageError)

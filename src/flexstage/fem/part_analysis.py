@@ -10,6 +10,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.elasticity import Continuum
+from flexstage.elasticity.requests import PartRequest
 from flexstage.errors import ModelError, StageError
 from flexstage.fem.interface import (
     MotionRatio,
@@ -69,8 +70,6 @@ class Bodies(Continuum):
         self._density = self._volume * ng.CoefficientFunction([m.density for m in of])
 
 
-#: Kinds of interfaces.
-INTERFACES = ("rigid", "mean")
 _RIGID_MOTIONS = 6
 # A part that nothing holds is shifted by this share of the frequency of sound from end to end:
 # below its elastic modes, and above what rounding makes of its rigid motions.
@@ -123,21 +122,20 @@ class PartAnalysis:
     """
 
 
-def named_faces(part: Part, text: str) -> tuple[str, ...]:
-    """Return the faces that a text names.
+def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
+    """Return the faces that some words name.
 
-    Names with commas between; ``x-min``, ``z-max`` and so on stand for the plane faces at that end
-    of the part.
+    ``x-min``, ``z-max`` and so on stand for the plane faces at that end of the part.
 
     Examples
     --------
     >>> from netgen.occ import Box
     >>> part = Part.from_shape(Box((0, 0, 0), (7.0, 2.0, 1.0)))
-    >>> named_faces(part, "x-min") == part.select("x", "min")
+    >>> named_faces(part, ("x-min",)) == part.select("x", "min")
     True
     """
     found: list[str] = []
-    for word in (w.strip() for w in text.split(",")):
+    for word in words:
         axis, _, end = word.partition("-")
         if axis in ("x", "y", "z") and end in ("min", "max"):
             found += part.select(axis, end)
@@ -164,42 +162,33 @@ class _Wanted:
 def analyse_part(
     part: Part,
     material: Material | Mapping[str, Material],
+    request: PartRequest | None = None,
     *,
-    hold: Sequence[str] = (),
-    move: Sequence[str] = (),
-    at: Sequence[float] | None = None,
-    ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None = None,
-    interfaces: Sequence[str] = INTERFACES,
-    mesh: PartMesh | None = None,
-    modes: int = 6,
-    force: bool = False,
     expect: Callable[[PartEstimate], None] | None = None,
 ) -> PartAnalysis:
     """Analyse a part.
 
-    Faces are given by name: `hold` none for a part that floats, `move` those whose stiffness is
-    wanted about `at` [m] (their centroid where None), `ratio` two ends that are pushed apart and
-    the faces whose motion by it is wanted. ``rigid`` interfaces move as if stiff plates were welded
-    to them; ``mean`` ones may deform, and it is their mean motion that counts, of each group of
-    held and of moved faces that touch. The displacement has the order of the mesh. `force` goes on
-    even where the memory seems not to suffice; `expect` is told what the mesh will be and cost,
-    before it is made.
+    Where nothing is held it floats. ``rigid`` interfaces move as if stiff plates were welded to
+    them; ``mean`` ones may deform, and it is their mean motion that counts, of each group of held
+    and of moved faces that touch. The displacement has the order of the mesh. `expect` is told what
+    the mesh will be and cost, before it is made.
 
     Notes
     -----
     Validity: small displacements, isotropic materials; bodies that share a face are joined there.
     """
-    wanted = _wanted(part, hold, move, ratio, at=at, modes=modes)
-    if not interfaces or set(interfaces) - set(INTERFACES):
-        raise StageError(f"interfaces are rigid or mean, got {', '.join(interfaces) or 'none'}")
+    request = request or PartRequest()
+    hold, move = named_faces(part, request.hold), named_faces(part, request.move)
+    wanted = _wanted(part, request, hold, move)
     part.require_joined()
     of = dict.fromkeys(part.bodies, material) if isinstance(material, Material) else dict(material)
-    chosen = mesh if mesh is not None else PartMesh()
-    kinds = tuple(dict.fromkeys(interfaces)) if hold else ("free",)
+    chosen = PartMesh(order=request.order, size=request.size, thin=request.thin)
+    asked = ("rigid", "mean") if request.interfaces == "both" else (request.interfaces,)
+    kinds = asked if hold else ("free",)
     expected = estimate_part(part, chosen, factorisations=_factorisations(kinds, wanted))
     if expect is not None:
         expect(expected)
-    if not force:
+    if not request.force:
         require_room(part, chosen, expected)
     progress.update("mesh")
     made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
@@ -210,16 +199,16 @@ def analyse_part(
 
     def held(*more: str) -> Bodies:
         names = "|".join((*wanted.held, *more))
-        return _ready(Bodies(made, of, order=chosen.order, held=names), force)
+        return _ready(Bodies(made, of, order=chosen.order, held=names), request.force)
 
     for k, kind in enumerate(kinds):
         with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
             if kind == "rigid":
                 results[kind] = _with_interfaces(wanted, held, rigid=True)
                 continue
-            floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), force)
+            floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), request.force)
             results[kind] = (
-                InterfaceResult(frequency_hz=_free(floating, modes))
+                InterfaceResult(frequency_hz=_free(floating, request.modes))
                 if kind == "free"
                 else _with_interfaces(wanted, lambda *_, own=floating: own, rigid=False)
             )
@@ -230,8 +219,8 @@ def analyse_part(
         elements=made.ne,
         unknowns=ng.VectorH1(made, order=chosen.order).ndof,
         expected=expected,
-        held=tuple(hold),
-        moved=tuple(move),
+        held=hold,
+        moved=move,
         at=wanted.at,
         results=results,
     )
@@ -243,22 +232,14 @@ def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
     return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
 
 
-def _wanted(
-    part: Part,
-    hold: Sequence[str],
-    move: Sequence[str],
-    ratio: tuple[Sequence[str], Sequence[str], Sequence[str]] | None,
-    *,
-    at: Sequence[float] | None,
-    modes: int,
-) -> _Wanted:
+def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]) -> _Wanted:
+    ratio = tuple(named_faces(part, words) for words in request.ratio or ())
     if (move or ratio) and not hold:
         raise StageError("stiffness and ratio of faces are against held ones: name some to hold")
-    pushed = ratio[:2] if ratio else ()
     for purpose, names in (
         ("moved", move),
-        *(("pushed", names) for names in pushed),
-        *((("an output", ratio[2]),) if ratio else ()),
+        *(("pushed", names) for names in ratio[:2]),
+        *(("an output", names) for names in ratio[2:]),
     ):
         both = set(hold) & set(names)
         if both:
@@ -270,13 +251,13 @@ def _wanted(
         faces = [f for f in part.faces if f.name in set(move)]
         area = sum(f.area for f in faces)
         centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
-        point = tuple(at if at is not None else centroid)
+        point = tuple(request.at if request.at is not None else centroid)
     return _Wanted(
         held=_interfaces(part, hold),
         moved=_interfaces(part, move),
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
         at=point,
-        modes=modes,
+        modes=request.modes,
     )
 
 

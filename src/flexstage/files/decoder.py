@@ -127,7 +127,10 @@ class Decoder:
     def _annotated(self, kind: Any, node: Node, path: str, base: Any) -> Any:
         bare, quantity, bounds = typing.get_args(kind)[0], dimension_of(kind), range_of(kind)
         if (spelled := written_as(kind)) is not None and spelled.read is not None:
-            return self._spelled(spelled.read, node, path)
+            value = self._spelled(spelled.read, node, path)
+            if said := wanted(kind, value):
+                self.refuse(node, path, f"expected a value that is {said}, got {self.shown(node)}")
+            return value
         if quantity is not None:
             value = self._quantities(*quantity, node, path)
         elif bare is int and bounds is not None:

@@ -35,7 +35,7 @@ class Request:
             if said := wanted(kind, getattr(self, name)):
                 field = request_fields(type(self))[name]
                 got = ", ".join(field.texts(getattr(self, name)))
-                raise self.refused_as(f"{field.option} must be {said}, got {got}")
+                raise self.refused_as(f"{name} must be {said}, got {got}")
 
     @classmethod
     def job(cls) -> str:
@@ -52,6 +52,8 @@ class RequestField:
 
     name: str
     """Its name."""
+    kind: Any
+    """Its type."""
     value: Any
     """Type of one value, without range and spelling."""
     many: bool
@@ -83,6 +85,12 @@ class RequestField:
     def repeated(self) -> bool:
         """Whether its option is given once for each value."""
         return self.many and not self.written.commas
+
+    @property
+    def holds_tuple(self) -> bool:
+        """Whether its value is a tuple."""
+        bare = typing.get_args(self.kind)[0] if written_as(self.kind) else self.kind
+        return typing.get_origin(bare) is tuple
 
     @property
     def metavar(self) -> str:
@@ -120,7 +128,10 @@ class RequestField:
 
     def _one(self, text: str) -> Any:
         if self.written.read is not None:
-            return self.written.read(text)
+            value = self.written.read(text)
+            if said := wanted(self.kind, value):
+                raise ModelError(f"must be {said}, got '{text[:40]}'")
+            return value
         if self.words:
             if text not in self.words:
                 raise ModelError(
@@ -140,7 +151,8 @@ class RequestField:
         if self.range is not None and not self.range.holds(value):
             hint = f'; write "{value:g} %"' if self.is_share and 1.0 < value <= 100.0 else ""
             allowed = self.range.text(whole=self.value is int)
-            raise ModelError(f"must be {allowed}, got '{text}'{hint}")
+            unit = "" if self.dimension is None else f" {self.dimension.si}"
+            raise ModelError(f"must be {allowed}{unit}, got '{text}'{hint}")
         return value
 
     @property
@@ -165,15 +177,21 @@ class RequestField:
         if self.written.read is not None:
             return self.written.write(value)
         if isinstance(value, (str, Path)) or self.dimension is None or not math.isfinite(value):
-            return f"{value:.12g}" if isinstance(value, float) else str(value)
+            return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
         return readable_text(value, self.dimension.name)
 
 
 @lru_cache(maxsize=256)
 def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
-    """Return the fields of a request that hold values, by their names."""
-    types = field_types(cls).items()
-    return {n: _field(n, *declared) for n, declared in types if not is_request(declared[1])}
+    """Return the fields of a request that hold values, by their names.
+
+    One that is not compared says how the work is done, which no command line asks for.
+    """
+    return {
+        name: _field(name, declared, kind)
+        for name, (declared, kind) in field_types(cls).items()
+        if declared.compare and not is_request(kind)
+    }
 
 
 def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:
@@ -188,7 +206,7 @@ def is_request(kind: Any) -> bool:
 
 def _field(name: str, declared: Any, kind: Any) -> RequestField:
     written, bounds, dimension, many, pair = Written(), None, None, False, False
-    kind = optional_part(kind) or kind
+    kind = whole = optional_part(kind) or kind
     while True:
         written = written_as(kind) or written
         if (found := range_of(kind)) is not None:
@@ -210,6 +228,7 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
         default = declared.default_factory()
     return RequestField(
         name=name,
+        kind=whole,
         value=kind,
         many=many,
         pair=pair,
@@ -224,21 +243,27 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
 def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any]) -> Asked:
     """Return a request with the fields that are named in place of its own, or the usual ones.
 
-    Where it takes several words, one, or pairs of names and values, will do.
+    A text is read as that of an option; where there may be several values, one will do.
     """
     known = request_fields(kind)
     groups = [name for name, _ in request_groups(kind)]
     for name in named:
         if name not in known and name not in groups:
             raise kind.refused_as(unknown("option", name, [*known, *groups]))
-    values = {n: _several(v) if n in known and known[n].many else v for n, v in named.items()}
+    values = {n: _given(known[n], v) if n in known else v for n, v in named.items()}
     return kind(**values) if given is None else replace(given, **values)
 
 
-def _several(value: Any) -> tuple[Any, ...]:
+def _given(field: RequestField, value: Any) -> Any:
+    """Return the value of a field that a program gives: as it is, or as the text of an option."""
+    if isinstance(value, str) and not (field.repeated or field.words):
+        return field.read(value)
+    if not field.holds_tuple:
+        return value
     if isinstance(value, Mapping):
         return tuple(f"{name}={text}" for name, text in value.items())
-    return tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
+    several = isinstance(value, Iterable) and not isinstance(value, str)
+    return tuple(value) if several else (value,)
 
 
 def option_words(request: Request) -> list[str]:

@@ -9,8 +9,11 @@ from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
 from flexstage.hinges.compliance import compliance
 from flexstage.hinges.hinge_spring import plane_state
 from flexstage.hinges.profile import Profile
+from flexstage.hinges.registry import profile_class
+from flexstage.hinges.requests import HingesRequest
 from flexstage.hinges.stress import concentration, largest_rotation
 from flexstage.material import Material
+from flexstage.material import material as find_material
 
 #: Quantity, place on the diagonal of the compliance, unit of its stiffness.
 _QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
@@ -106,3 +109,58 @@ def hinge_figures(
             "unit": "rad",
         },
     }
+
+
+#: What each field of a profile is taken from; lengths along the hinge are asked for whole.
+_SIZES = {
+    "radius": "radius",
+    "fillet_radius": "radius",
+    "notch_length": "length",
+    "leaf_length": "length",
+    "half_length": "length",
+    "notch_depth": "depth",
+    "half_opening_angle": "half_angle",
+    "exponent": "exponent",
+}
+
+
+def asked_figures(request: HingesRequest) -> dict[str, Any]:
+    """Return what is known of the notch that is asked about, as `hinge_figures` gives it.
+
+    Examples
+    --------
+    >>> asked_figures(HingesRequest(profile="leaf", length=6e-3, depth=1e-3))["leaf_length"]
+    0.006
+    """
+    names = dict.fromkeys(_SIZES.values())
+    if request.profile == "circular" and all(getattr(request, name) is None for name in names):
+        request = dataclasses.replace(request, radius=1e-3)
+    what = find_material(request.material)
+    return hinge_figures(_notch(request), what, request.width, request.plane)
+
+
+def _notch(request: HingesRequest) -> Profile:
+    """Make the profile, and name every size that is missing or does not belong to it."""
+    kind = request.profile
+    cls = profile_class(kind)
+    if kind == "as-drawn":
+        raise HingeError("an as-drawn notch has a contour, which only a stage file can hold")
+    options = {name: f"--{name.replace('_', '-')}" for name in _SIZES.values()}
+    given = {name: getattr(request, name) for name in options}
+    wanted = {f.name: _SIZES[f.name] for f in dataclasses.fields(cls) if f.name in _SIZES}
+    missing = [options[name] for name in wanted.values() if given[name] is None]
+    if missing:
+        raise HingeError(f"a {kind} notch also needs {' and '.join(missing)}")
+    surplus = [
+        options[name]
+        for name, value in given.items()
+        if value is not None and name not in wanted.values()
+    ]
+    if surplus:
+        takes = " ".join(options[name] for name in wanted.values())
+        raise HingeError(f"a {kind} notch has no {' or '.join(surplus)}: it takes {takes}")
+    values = {
+        field: 0.5 * given[name] if field == "half_length" else given[name]
+        for field, name in wanted.items()
+    }
+    return cls(neck_thickness=request.neck, one_sided=request.one_sided, **values)

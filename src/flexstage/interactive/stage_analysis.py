@@ -4,17 +4,19 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from flexstage.characteristic import Characteristics
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
+from flexstage.files.request import request_of
 from flexstage.interactive.show import headline, stage_of
 from flexstage.lazy import data_frame
 from flexstage.quantities import display
 from flexstage.report.page import table_html
 from flexstage.stage import Stage
-from flexstage.studies.models import ModelOptions, ModelRun, Plane, run_model
+from flexstage.studies.models import ModelRun, run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.system import Analysis, MechanicalSystem
 from flexstage.table import table
 
@@ -104,15 +106,7 @@ class StageAnalysis:
 
 
 def analyse(
-    stage: Stage | str | os.PathLike[str],
-    model: str = "superelement",
-    *,
-    plane: Plane = "auto",
-    accuracy: float | None = None,
-    quantity: str = "natural_frequency_hz",
-    estimate: bool = False,
-    supports: Literal["rigid", "elastic"] = "rigid",
-    stroke: bool = False,
+    stage: Stage | str | os.PathLike[str], model: str = "superelement", **asked: Any
 ) -> StageAnalysis:
     """Analyse a stage by one model.
 
@@ -123,18 +117,9 @@ def analyse(
     model : str
         ``lumped``: rigid bodies; ``superelement``: finite elements, condensed; ``plane``: finite
         elements of the whole; ``superelement-3d`` and ``solid``: the same two in three dimensions.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-    accuracy : float, optional
-        Relative accuracy of `quantity` [1] that the mesh of the plane or solid model is refined to.
-    quantity : str
-        The quantity that shall be accurate.
-    estimate : bool
-        Whether to estimate the error of each figure (superelement models).
-    supports : str
-        ``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them.
-    stroke : bool
-        Whether to follow the stage over its stroke with finite displacements (plane model).
+    **asked
+        Fields of `flexstage.studies.requests.ModelOptions`, such as ``estimate=True``: plane,
+        accuracy, quantity, estimate, supports and stroke.
 
     Returns
     -------
@@ -152,14 +137,7 @@ def analyse(
     >>> print(f"{fs.analyse('vgtu-piezo').value('natural_frequency_hz', 'x'):.1f} Hz")
     321.1 Hz
     """
-    options = ModelOptions(
-        plane=plane,
-        accuracy=accuracy,
-        quantity=quantity,
-        estimate=estimate,
-        supports=supports,
-        stroke=stroke,
-    )
+    options = request_of(ModelOptions, None, asked)
     return StageAnalysis(run=run_model(stage_of(stage), model, options))
 
 
@@ -240,13 +218,8 @@ class StageStudy:
 
 def study(
     stage: Stage | str | os.PathLike[str],
-    models: Sequence[str] = ("lumped", "superelement"),
-    *,
-    plane: Plane = "auto",
-    hysteresis: bool = False,
-    virtual: bool = False,
-    traditional: bool = False,
-    seed: int = 1,
+    model: str | Sequence[str] = ("lumped", "superelement"),
+    **asked: Any,
 ) -> StageStudy:
     """Run several models of a stage, beside what was published of it.
 
@@ -254,19 +227,12 @@ def study(
     ----------
     stage : Stage or str or os.PathLike
         The stage, or what `read` takes.
-    models : sequence of str
+    model : str or sequence of str
         Some of ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` and ``solid``; the last
         takes a minute or more.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck.
-    hysteresis : bool
-        Whether to identify and compensate piezo drives on the virtual stage.
-    virtual : bool
-        Whether to measure a virtual stage, and to centre an encoder scale with it.
-    traditional : bool
-        Whether to set a stage of the study against traditional ones.
-    seed : int
-        Seed of that stage and its measurement, and of stages as they are made.
+    **asked
+        Other fields of `flexstage.studies.requests.StudyRequest`: plane and seed, and
+        identification, virtual and traditional, which are done only where they are True here.
 
     Returns
     -------
@@ -287,15 +253,4 @@ def study(
     """
     from flexstage.studies import run_study
 
-    if isinstance(models, str):
-        models = [models]
-    found = run_study(
-        stage_of(stage),
-        models,
-        plane=plane,
-        hysteresis=hysteresis,
-        virtual=virtual,
-        traditional=traditional,
-        seed=seed,
-    )
-    return StageStudy(study=found)
+    return StageStudy(study=run_study(stage_of(stage), model=model, **asked))

@@ -101,7 +101,7 @@ def frf(
 
     By the fields of a `FrfRequest`, such as ``resolution=0.5`` or ``band=(100, 300)``.
     """
-    from flexstage.measure.frf import FrequencyResponse
+    from flexstage.measure.frf import FrfResult
     from flexstage.measure.frf import frf as evaluated
     from flexstage.measure.requests import FrfRequest
 
@@ -109,7 +109,7 @@ def frf(
     columns = {"input": input, "output": output}
     named = {name: _columns(column) for name, column in columns.items() if column is not None}
     found = evaluated(given, request_of(FrfRequest, None, {**named, **asked}))
-    if not isinstance(found, FrequencyResponse) or found.fit is None:
+    if not isinstance(found, FrfResult) or found.fit is None:
         raise ModelError("no modes were asked for: leave ring_down and fit_modes=0 out")
     return found.fit
 

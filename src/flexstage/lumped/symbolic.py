@@ -15,13 +15,14 @@ a symmetric stage has symmetric equations and a table of constants that can be r
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 import sympy as sp
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.lumped.requests import DampingKind
 from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
 from flexstage.lumped.symbols import (
     HingeConstants,
@@ -35,8 +36,6 @@ from flexstage.lumped.symbols import (
 )
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import named
-
-DampingKind = Literal["none", "hinge", "rayleigh"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

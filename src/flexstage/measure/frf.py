@@ -17,11 +17,11 @@ from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
 from flexstage.records.read_options import ReadOptions
 
-_NEEDED = "records over time need --input and --output: name the columns"
+_NEEDED = "records over time need an input and an output: name the columns (--input, --output)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrequencyResponse:
+class FrfResult:
     """Responses that records give, or hold, and the modes in them."""
 
     records: Sequence[Record]
@@ -36,7 +36,7 @@ class FrequencyResponse:
 
 def frf_of_files(
     files: Sequence[Path], request: FrfRequest, how: ReadOptions = ReadOptions()
-) -> FrequencyResponse | tuple[Sequence[Record], RingDown]:
+) -> FrfResult | tuple[Sequence[Record], RingDown]:
     """Return what `frf` finds in files; columns that units and names tell are taken of them."""
     taken = ""
     if not (request.ring_down or request.response or (request.input and request.output)):
@@ -62,7 +62,7 @@ def frf_of_files(
 
 def frf(
     records: Sequence[Record], request: FrfRequest
-) -> FrequencyResponse | tuple[Sequence[Record], RingDown]:
+) -> FrfResult | tuple[Sequence[Record], RingDown]:
     """Return responses and modes of records; of a free decay the record and its modes.
 
     With a delay or a lag modes are in phase unless complex ones are asked for: a delay turns the
@@ -103,7 +103,7 @@ def frf(
             real_modes=(request.fit_delay or request.fit_lag) and not request.complex,
             added_damping_rate=added,
         )
-    return FrequencyResponse(records=records, response=responses[0], estimate=estimate, fit=found)
+    return FrfResult(records=records, response=responses[0], estimate=estimate, fit=found)
 
 
 def _tabled(record: Record, request: FrfRequest) -> Record:

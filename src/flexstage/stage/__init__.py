@@ -6,7 +6,8 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.stage.checks import Issue, check
-    from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage, read_drawing
+    from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
+    from flexstage.stage.drawing.requests import DrawingOptions
     from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
     from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
     from flexstage.stage.hinge_attachment import Root, root_widths

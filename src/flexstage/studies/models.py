@@ -3,26 +3,24 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from flexstage import progress
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.hinges.compliance import require_sizes
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.stage.hinge_attachment import root_widths
 from flexstage.stage.mass import mass_properties
+from flexstage.studies.requests import AnalyseRequest, ModelOptions, models_of
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
-    from flexstage.cache.cache import Cache
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.fem.superelement import SuperelementModel
-
-Plane = Literal["auto", "stress", "strain"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,28 +39,6 @@ class ModelRun:
     """Axial load at which each bar between two notches buckles [N], where that was asked for."""
 
     __repr__ = short_repr
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelOptions:
-    """What is asked of a model beyond its stage."""
-
-    plane: Plane = "auto"
-    """``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck."""
-    accuracy: float | None = None
-    """Relative accuracy of `quantity` [1]; None for the usual mesh."""
-    quantity: str = "natural_frequency_hz"
-    """The quantity that shall be accurate."""
-    supports: Literal["rigid", "elastic"] = "rigid"
-    """``rigid`` or ``elastic``: whether fixed bodies give way under drives that react on them."""
-    estimate: bool = False
-    """Whether to estimate the error of each figure (superelements, in twice the time)."""
-    stroke: bool = False
-    """Whether to follow the stage over its stroke with finite displacements (plane model)."""
-    cache: "Cache | bool" = field(default=True, compare=False)
-    """Where condensed bodies of superelements are kept, True for the user's cache."""
-    near: Stage | None = None
-    """A stage that differs little, whose superelements serve: only what differs is computed."""
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -198,9 +174,9 @@ def fitting_options(model: str, options: ModelOptions) -> ModelOptions:
 
 def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> ModelRun:
     """Analyse a stage with one of `MODELS`."""
-    options = options or ModelOptions()
-    known_model(model, options)
     usual = ModelOptions()
+    options = options or usual
+    known_model(model)
     instead = "take --accuracy" if "accuracy" in _CHOICES[model] else "leave it out"
     for name, said in _REFUSALS.items():
         given = getattr(options, name)
@@ -228,15 +204,33 @@ def _require_computable(stage: Stage) -> None:
         )
 
 
-def known_model(model: str, options: ModelOptions | None = None) -> None:
-    """Refuse a model that there is not, or choices that it cannot have."""
-    options = options or ModelOptions()
-    if options.plane not in ("auto", "stress", "strain"):
-        raise ModelError(f"unknown plane state '{options.plane}': expected auto, stress or strain")
-    if options.supports not in ("rigid", "elastic"):
-        raise ModelError(f"unknown supports '{options.supports}': expected rigid or elastic")
+def known_model(model: str) -> None:
+    """Refuse a model that there is not."""
     if model not in MODELS:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
+
+
+def run_models(stage: Stage, request: AnalyseRequest) -> tuple[dict[str, ModelRun], dict[str, str]]:
+    """Analyse a stage with several of `MODELS`.
+
+    Returns the run of each, and of all models those that cannot be made of the stage, with why.
+    """
+    names = models_of(request.model)
+    if not names:
+        raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
+    runs: dict[str, ModelRun] = {}
+    left_out: dict[str, str] = {}
+    for i, name in enumerate(names):
+        with progress.subtask(i / len(names), (i + 1) / len(names)):
+            try:
+                runs[name] = run_model(stage, name, request.options)
+            except FlexstageError as error:
+                if "all" not in request.model:
+                    raise
+                left_out[name] = str(error)
+    if not runs:
+        raise ModelError(f"no model is possible: {next(iter(left_out.values()))}")
+    return runs, left_out
 
 
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:

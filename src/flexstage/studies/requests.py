@@ -1,16 +1,109 @@
-"""What is asked of models of a stage."""
+"""What is asked of the models of a stage, one or several."""
 
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
-from flexstage.files.ranges import Written
+from flexstage.files.ranges import INNER_SHARE, Seed, Written
+from flexstage.files.request import Request
+from flexstage.hinges.requests import Plane
 
+if TYPE_CHECKING:
+    from flexstage.cache.cache import Cache
+    from flexstage.stage import Stage
+else:  # a command reads texts; their classes need NumPy
+    Cache = Stage = object
+
+_WHAT = (
+    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
+    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
+    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
+    "large displacement."
+)
+_Model = Literal["lumped", "superelement", "plane", "superelement-3d", "solid"]
 #: A model, by the word for it.
-ModelName = Annotated[
-    Literal["lumped", "superelement", "plane", "superelement-3d", "solid"],
-    Written(
-        help="lumped: rigid bodies joined by hinges, for thousands of variants and equations; "
-        "superelement or, in space, superelement-3d: finite elements with condensed bodies, for "
-        "all usual work; plane or, in space, solid: finite elements of the whole, as the "
-        "reference; plane also for large displacement."
-    ),
+ModelName = Annotated[_Model, Written(help=_WHAT)]
+#: Several models, or all.
+ModelNames = Annotated[
+    tuple[Literal[_Model, "all"], ...], Written("NAMES", commas=True, help=_WHAT)
 ]
+
+
+def models_of(names: Sequence[str]) -> list[str]:
+    """Return the models that are named, each once.
+
+    Examples
+    --------
+    >>> models_of(("plane", "lumped", "plane"))
+    ['plane', 'lumped']
+    """
+    return list(dict.fromkeys(get_args(_Model) if "all" in names else names))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelOptions(Request):
+    """What is asked of a model beyond its stage."""
+
+    plane: Plane = "auto"
+    """Plane state of the notches."""
+    accuracy: Annotated[float, INNER_SHARE, Written("SHARE")] | None = None
+    """Refine the mesh of the plane or solid model until --quantity changes by less than this share,
+    such as 0.1%.
+    """
+    quantity: Annotated[str, Written("NAME")] = "natural_frequency_hz"
+    """Quantity that --accuracy refers to, such as max_stress."""
+    estimate: bool = False
+    """Estimate the error of each figure, by bodies of a lower order and with more modes
+    (superelement models; the first analysis takes twice as long).
+    """
+    supports: Literal["rigid", "elastic"] = "rigid"
+    """Rigid or elastic frame under the reactions of the drives (all models but the lumped one)."""
+    stroke: bool = False
+    """Compute each axis over its stroke with large displacements (plane model): straightness,
+    stiffening, buckling.
+    """
+    cache: Cache | bool = field(default=True, compare=False)
+    """Where condensed bodies of superelements are kept, True for the user's cache."""
+    near: Stage | None = field(default=None, compare=False)
+    """A stage that differs little, whose superelements serve: only what differs is computed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnalyseRequest(Request):
+    """An analysis: a stage by one model or several."""
+
+    model: ModelNames = ("superelement",)
+    """Models with commas between, or all."""
+    options: ModelOptions = ModelOptions()
+    """What is asked of each."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRequest(Request):
+    """A study: models of a stage beside what was published of it."""
+
+    model: ModelNames = ("lumped", "superelement", "plane", "superelement-3d")
+    """Models with commas between, or all."""
+    plane: Plane = "auto"
+    """Plane state of the notches."""
+    identification: bool = True
+    """Identify and compensate the hysteresis of piezo drives on a simulated stage."""
+    virtual: bool = True
+    """Simulate measurements of the stage, and centring an encoder scale with it."""
+    traditional: bool = True
+    """Set motion errors and drift of a stage of the study against those of traditional stages."""
+    seed: Seed = 1
+    """Random seed of the simulated stage, and of stages as they are made."""
+
+    @classmethod
+    def of_models(cls, *model: ModelName) -> "StudyRequest":
+        """Return a study of some models, and nothing beside them."""
+        return cls(model=model, identification=False, virtual=False, traditional=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparisonRequest(Request):
+    """What measurements of a stage are compared with, beside what was published of it."""
+
+    model: ModelNames = ("lumped", "superelement")
+    """Models with commas between, or all."""

@@ -1,9 +1,9 @@
 """The main job: every model of a stage, beside what others gave for it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,13 +14,15 @@ from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
 from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ConvergenceError, ModelError, StageError
+from flexstage.files.request import request_of
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
 from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.large_displacement import StrokePath
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.studies.models import MODELS, ModelOptions, ModelRun, Plane, known_model, run_model
+from flexstage.studies.models import MODELS, ModelRun, run_model
+from flexstage.studies.requests import ModelOptions, Plane, StudyRequest, models_of
 from flexstage.studies.virtual_experiments import carry_out, virtual_steps
 from flexstage.system import Analysis
 
@@ -164,15 +166,11 @@ class Study:
 
 def run_study(
     stage: Stage,
-    models: Sequence[str] = ("lumped",),
+    request: StudyRequest | None = None,
     *,
-    plane: Plane = "auto",
-    hysteresis: bool = False,
     measured: "Characterisation | None" = None,
-    virtual: bool = False,
-    traditional: bool = False,
-    seed: int = 1,
     cache: "Cache | Path | str | bool" = False,
+    **asked: Any,
 ) -> Study:
     """Run the models of a stage.
 
@@ -180,24 +178,15 @@ def run_study(
     ----------
     stage : Stage
         The stage.
-    models : sequence of str
-        Some of `MODELS`.
-    plane : str
-        ``stress``, ``strain``, or ``auto`` to choose by width of each notch against its neck; it
-        says nothing to models in space.
-    hysteresis : bool
-        Whether to identify and compensate piezo drives on the virtual stage.
+    request : StudyRequest, optional
+        Models, and what is done beside them; the lumped model alone where None.
     measured : Characterisation, optional
         What was measured of the stage.
-    virtual : bool
-        Whether to measure a virtual stage, and to centre an encoder scale with it.
-    traditional : bool
-        Whether to set a stage of the study against traditional ones, as its claims are.
-    seed : int
-        Seed of that stage and its measurement, and of stages as they are made.
     cache : Cache or path or bool
         Where models and experiments are kept, and read where nothing changed that they depend on:
         True for the user's cache (``$FLEXSTAGE_CACHE``), a directory, or False for nowhere.
+    **asked
+        Fields of the request in place of its own.
 
     Returns
     -------
@@ -213,23 +202,23 @@ def run_study(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> study = run_study(design("vgtu-piezo"))
+    >>> study = run_study(design("vgtu-piezo"), model="lumped")
     >>> row = next(r for r in study.comparison.rows if r.quantity == "natural_frequency_hz")
     >>> print(f"{row.axis}: {row.value('published-analytic'):.0f} Hz")
     x: 339 Hz
     """
+    request = request_of(StudyRequest, request or StudyRequest.of_models("lumped"), asked)
+    models, plane = models_of(request.model), request.plane
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
-    for model in models:  # before the first of them has taken its minutes
-        known_model(model, ModelOptions(plane=plane))
     memory = Memory(open_cache(cache))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
-    beside = traditional and stage.name in MOTION_ERROR_CLAIMS
+    beside = request.traditional and stage.name in MOTION_ERROR_CLAIMS
     whole = (sum(weights) + _TRADITIONAL * beside) / (
-        1.0 - _EXPERIMENT if hysteresis or virtual else 1.0
+        1.0 - _EXPERIMENT if request.identification or request.virtual else 1.0
     )
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
@@ -264,7 +253,7 @@ def run_study(
     compared = None
     if beside:
         with progress.subtask(done / whole, (done + _TRADITIONAL) / whole):
-            compared = _compared(stage, runs, seed, memory)
+            compared = _compared(stage, runs, request.seed, memory)
     made = Study(
         stage=stage,
         analyses=analyses,
@@ -275,11 +264,11 @@ def run_study(
         measured=measured,
         traditional=compared,
     )
-    steps = virtual_steps(stage, measure=virtual, compensate=hysteresis)
+    steps = virtual_steps(stage, measure=request.virtual, compensate=request.identification)
     if not steps:
         return replace(made, read=memory.read)
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
-        found = carry_out(steps, stage, made.main.system, seed=seed, memory=memory)
+        found = carry_out(steps, stage, made.main.system, seed=request.seed, memory=memory)
     of_stage = {step.verb: given for step, given in found.items() if step.verb != "verify"}
     of_axes = {step.axis: given for step, given in found.items() if step.verb == "verify"}
     return replace(

@@ -16,6 +16,7 @@ from flexstage.files.names import file_name
 from flexstage.files.write import write_files
 
 if TYPE_CHECKING:
+    from flexstage.studies.requests import StudyRequest
     from flexstage.web.design.state import Variant
 
 #: What a report may consist of, and what each file is called in the page.
@@ -110,22 +111,8 @@ def _policy() -> str:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyChoice:
-    """What a report holds, as the options of `flexstage study` say it."""
-
-    models: tuple[str, ...] = ("lumped", "superelement")
-    """Models of the stage."""
-    hysteresis: bool = True
-    """Whether the hysteresis of piezo drives is identified and compensated on a simulated stage."""
-    virtual: bool = True
-    """Whether measurements of the stage are simulated, and centring a scale with it."""
-    traditional: bool = True
-    """Whether a stage of the study is set against traditional ones."""
-
-
 def write_report(
-    folder: Path, variant: "Variant", choice: StudyChoice, *, cache: bool = True
+    folder: Path, variant: "Variant", request: "StudyRequest", *, cache: bool = True
 ) -> WrittenReport:
     """Write the report of a variant into a new folder within `folder`, as `flexstage study` does.
 
@@ -137,14 +124,7 @@ def write_report(
 
     stage = variant.stage()
     with progress.subtask(0.0, 0.8):
-        study = run_study(
-            stage,
-            choice.models,
-            hysteresis=choice.hysteresis,
-            virtual=choice.virtual,
-            traditional=choice.traditional,
-            cache=cache,
-        )
+        study = run_study(stage, request, cache=cache)
     progress.update("pages", 0.8)
     files = study_files(study, Memory(open_cache(cache)))
     name = file_name(f"{stage.name}-changed" if variant.values else stage.name)

@@ -122,6 +122,8 @@ class Test(TestOptions):
     """One of `KINDS`."""
     records: tuple[str, ...]
     """Its files, from the folder of the file that describes them."""
+    columns: Columns = field(default_factory=Columns)
+    """What is in which column."""
     units: Columns = field(default_factory=Columns)
     """Units of columns that do not say theirs."""
     along: str | None = None
@@ -212,6 +214,7 @@ class Campaign:
             name=request.test,
             kind=request.test,
             records=tuple(files),
+            columns=request.columns,
             units=request.units,
             along="sensor",
             transverse="sensor",

@@ -1,60 +1,73 @@
 """What is asked of the records of a test: what is in them, and how they are evaluated."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Literal
 
+from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.files.ranges import NOT_NEGATIVE, Range, Written
 from flexstage.files.request import Request
 from flexstage.records.read_options import ReadOptions
 from flexstage.units import DIMENSIONS, Length
 
-_COLUMN = Annotated[str, Written("COLUMN")]
-_COLUMNS = Annotated[tuple[str, ...], Written("COLUMNS", commas=True)]
 _BELOW_ONE = Range(low=0.0, high=1.0, below=True)
 _CONFIDENCE = Range(low=0.5, high=1.0, above=True, below=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Columns(Request):
+class Columns:
     """Which column of a record is what, by number or name; or the unit of each."""
 
-    heading: ClassVar[str] = "Columns"
-
-    command: _COLUMN | None = None
+    command: str | None = None
     """Column of the command."""
-    along: _COLUMN | None = None
+    along: str | None = None
     """Column of the position along the axis."""
-    across: _COLUMN | None = None
+    across: str | None = None
     """Column of the transverse motion in the plane."""
-    vertical: _COLUMN | None = None
+    vertical: str | None = None
     """Column of the motion out of the plane."""
-    roll: _COLUMN | None = None
+    roll: str | None = None
     """Column of the rotation about the axis."""
-    pitch: _COLUMN | None = None
+    pitch: str | None = None
     """Column of the rotation about the transverse direction."""
-    yaw: _COLUMN | None = None
+    yaw: str | None = None
     """Column of the rotation about the normal."""
-    input: _COLUMN | None = None
+    input: str | None = None
     """Column of the force or other excitation."""
-    output: _COLUMNS = ()
-    """Columns of the response, separated by commas."""
-    corner: _COLUMN | None = None
+    output: tuple[str, ...] = ()
+    """Columns of the response."""
+    corner: str | None = None
     """Column of the number of the corner, from 0 and anticlockwise."""
-    x: _COLUMN | None = None
+    x: str | None = None
     """Column of the reading in x at the corners."""
-    y: _COLUMN | None = None
+    y: str | None = None
     """Column of the reading in y at the corners."""
-    spheres: Annotated[tuple[str, ...], Written("NAMES", commas=True)] = ()
-    """Names of the spheres, separated by commas, whose columns are called NAME.X, NAME.Y and
-    NAME.Z.
-    """
-    direction: _COLUMN | None = None
+    spheres: tuple[str, ...] = ()
+    """Names of the spheres, whose columns are called NAME.X, NAME.Y and NAME.Z."""
+    direction: str | None = None
     """Column of the direction of approach: up or down, 1 or -1, or an arrow."""
-    upward: _COLUMNS = ()
-    """For a table with a row for each target: columns of the upward runs, separated by commas."""
-    downward: _COLUMNS = ()
+    upward: tuple[str, ...] = ()
+    """For a table with a row for each target: columns of the upward runs."""
+    downward: tuple[str, ...] = ()
     """For such a table: columns of the downward runs."""
+
+    @classmethod
+    def of(cls, texts: Iterable[str], option: str) -> "Columns":
+        """Read columns, or their units, of texts such as along=2 or output=3,4."""
+        usual, found = cls(), {}
+        roles = [f.name for f in fields(cls)]
+        for text in texts:
+            role, _, column = (word.strip() for word in text.partition("="))
+            if role not in roles or not column:
+                raise ModelError(
+                    f"{option}, got '{text[:60]}' (roles: {', '.join(roles)})"
+                    f"{did_you_mean(role, roles)}"
+                )
+            several = isinstance(getattr(usual, role), tuple)
+            words = tuple(word.strip() for word in column.split(","))
+            found[role] = words if several else column
+        return cls(**found)
 
     def named(self) -> dict[str, str]:
         """Return the single columns that are given, by what they are."""
@@ -82,8 +95,6 @@ class TestOptions(Request):
     """
     confidence: Annotated[float, _CONFIDENCE, Written("SHARE")] = 0.95
     """For a staircase: confidence level of a step."""
-    columns: Columns = field(default_factory=Columns)
-    """What is in which column."""
     reading: ReadOptions = field(default_factory=ReadOptions)
     """How the files are read."""
 
@@ -98,6 +109,12 @@ class CharacteriseRequest(TestOptions):
     """Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
     workspace.
     """
+    column: Annotated[tuple[str, ...], Written("ROLE=COLUMN")] = ()
+    """Column of a role, by number or name, such as along=2; several with commas, output=3,4. Roles:
+    command, along, across, vertical, roll, pitch and yaw of motions; input and output of responses;
+    corner, x and y of a workspace; spheres, by their names; direction of an approach, or upward and
+    downward for a table with a row for each target.
+    """
     column_unit: Annotated[tuple[str, ...], Written("ROLE=UNIT")] = ()
     """Unit of a column without one, such as "along=um"."""
     calibration: Annotated[float, _BELOW_ONE, Written("SHARE")] = 0.0
@@ -106,16 +123,13 @@ class CharacteriseRequest(TestOptions):
     """Standard uncertainty of the direction of the sensors, such as "1 mrad"."""
 
     @property
+    def columns(self) -> Columns:
+        """The columns, by their roles."""
+        return Columns.of(self.column, "--column must be a role and a column such as along=2")
+
+    @property
     def units(self) -> Columns:
         """The units of columns, by their roles."""
-        roles = [f.name for f in fields(Columns)]
-        found: dict[str, Any] = {}
-        for text in self.column_unit:
-            role, _, unit = (word.strip() for word in text.partition("="))
-            if role not in roles or not unit:
-                raise ModelError(
-                    f'--column-unit must be a role and a unit such as "along=um", got "{text}" '
-                    f"(roles: {', '.join(roles)})"
-                )
-            found[role] = (unit,) if isinstance(getattr(Columns(), role), tuple) else unit
-        return Columns(**found)
+        return Columns.of(
+            self.column_unit, "--column-unit must be a role and a unit such as along=um"
+        )

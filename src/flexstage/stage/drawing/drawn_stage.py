@@ -16,6 +16,7 @@ from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
 from flexstage.stage.drawing.necks import certainty, find_necks
 from flexstage.stage.drawing.profiles import Neck
+from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.stage.drawing.step_plate import read_step_plate
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop
@@ -26,30 +27,6 @@ LARGEST_MOUNTING_HOLE = 12e-3
 _HOLES_LAYER = "HOLES"
 _THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # stand in for what nobody has said
 _ROW = 0.02  # centres are in one row where they are this near, in heights of the part
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DrawingOptions:
-    """What is to be known of a drawing beyond its file."""
-
-    thickness: float | None = None
-    """Thickness of the plate [m]; a STEP file says its own."""
-    material: str | None = None
-    """Name of the material, from the catalogue."""
-    unit: str | None = None
-    """Unit of the drawing, where the file does not say it."""
-    layers: tuple[str, ...] | None = None
-    """Layers of the contours; by their names where none are given."""
-    gap: float = GAP
-    """Largest gap between two ends that is closed [m]."""
-    neck_limit: float | None = None
-    """Thickest neck that counts [m]; by the gap in thicknesses where it is not given."""
-    fixed: tuple[str, ...] = ()
-    """Bodies that are held, by name or by a point such as ``12,4`` in the unit of the drawing."""
-    drives: tuple[str, ...] = ()
-    """Drives, each as `flexstage.stage.drawing.marks.arrow_of` reads it."""
-    probes: tuple[str, ...] = ()
-    """Probes, likewise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +104,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     o = options or DrawingOptions()
     suffix = Path(path).suffix.lower()
     if suffix in DXF:
-        sheet = read_dxf(path, unit=o.unit, layers=o.layers)
+        sheet = read_dxf(path, unit=o.drawing_unit, layers=o.layers or None)
     elif suffix in STEP:
         sheet = read_step_plate(path)
         _agree(path, sheet, o)
@@ -137,7 +114,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         )
     part = part_of(
         sheet.curves,
-        gap=o.gap,
+        gap=GAP if o.gap is None else o.gap,
         unit=sheet.unit,
         unit_name=sheet.unit_name,
         rounding=sheet.rounding,
@@ -147,8 +124,8 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     bodies, order = _named_bodies(part, drawn, o, sheet)
     hinges, necks = _hinges(part, found, drawn, bodies, order, gap)
     at = Places(sheet.unit, sheet.unit_name)
-    driven = drives_of(bodies, sheet, o.drives, at)
-    probes = probes_of(bodies, sheet, o.probes, at)
+    driven = drives_of(bodies, sheet, o.drive, at)
+    probes = probes_of(bodies, sheet, o.probe, at)
     thickness = o.thickness if o.thickness is not None else sheet.thickness
     blanks = ["thickness"] * (thickness is None) + ["material"] * (o.material is None)
     blanks += [d.name for d, stands_in in driven if stands_in]
@@ -187,8 +164,8 @@ def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> S
 
 
 def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> None:
-    for name, value in (("drawing-unit", o.unit), ("layers", o.layers)):
-        if value is not None:
+    for name, value in (("drawing-unit", o.drawing_unit), ("layers", o.layers)):
+        if value:
             raise StageError(f"--{name} is for DXF files: '{path}' says its own")
     has = sheet.thickness
     if o.thickness is not None and has is not None and abs(o.thickness - has) > 1e-6 * has:

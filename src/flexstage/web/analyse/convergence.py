@@ -1,6 +1,8 @@
 """How far the figures may be off: meshes that were refined, and estimates of errors."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 from nicegui import ui
 
@@ -13,6 +15,9 @@ from flexstage.web.analyse.work import Analysed
 from flexstage.web.figures import picture, show_table
 from flexstage.web.page import Page, div, quiet_button
 from flexstage.web.preferences import Preferences
+
+#: What the mesh of a model is refined to where it is not said [1].
+USUAL_ACCURACY = 0.005
 
 
 class Convergence:
@@ -49,18 +54,19 @@ class Convergence:
                     "Refine the mesh of a model of finite elements to see how its figures settle."
                 ).classes("muted")
                 ui.button(
-                    f"Refine {title_of('plane')}", on_click=lambda: self._ask("refine", "plane")
+                    f"Refine {title_of('plane')}",
+                    on_click=lambda: self._ask("plane", accuracy=USUAL_ACCURACY),
                 ).classes("own-width")
             if not estimated:
                 ui.label(
                     "Condensed bodies estimate their errors by a lower order and more modes."
                 ).classes("muted")
                 quiet_button(
-                    "Estimate errors", on_click=lambda: self._ask("estimate", "superelement")
+                    "Estimate errors", on_click=lambda: self._ask("superelement", estimate=True)
                 ).props("outline").classes("own-width")
 
-    def _ask(self, name: str, model: str) -> None:
-        setattr(self._state.asked, name, True)
+    def _ask(self, model: str, **asked: Any) -> None:
+        self._state.asked = replace(self._state.asked, **asked)
         self._start(model)
 
 

@@ -1,5 +1,6 @@
 """Which models are run and what is asked of them, and how far each has come."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,14 +8,16 @@ from nicegui import ui
 
 from flexstage.comparison import MODEL_WORDS, title_of
 from flexstage.files.names import file_name
+from flexstage.files.request import request_fields
+from flexstage.files.schema import field_texts
 from flexstage.quantities import QUANTITIES, number
+from flexstage.studies.models import fitting_options
+from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import analysed
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.page import Page, PanelHeading, div, show_job
+from flexstage.web.page import Page, PanelHeading, div, in_page_words, show_job
 
-_PLANES = {"auto": "by width and neck", "stress": "plane stress", "strain": "plane strain"}
-_SUPPORTS = {"rigid": "rigid", "elastic": "elastic"}
 #: Quantities that a mesh can be refined for, as a model gives them.
 _REFINED = ("natural_frequency_hz", "max_stress", "transmission_ratio", "output_stiffness")
 _MESHED = ("plane", "solid")
@@ -35,6 +38,7 @@ class ModelsPanel:
         self._design = page.session.state(DesignState)
         self._rows: dict[str, tuple[ui.label, ui.element, ui.label]] = {}
         self._shown_jobs: dict[str, str] = {}
+        self._asked: dict[str, Any] = {}
         with ui.row().classes("items-center heading"):
             PanelHeading("Models")
             ui.space()
@@ -54,28 +58,40 @@ class ModelsPanel:
         self._rows[model] = (status, working, wrong)
 
     def _options(self) -> None:
-        asked = self._state.asked
+        known, asked = request_fields(ModelOptions), self._state.asked
+        texts = {name: in_page_words(text) for name, text in field_texts(ModelOptions).items()}
 
-        def field(element: Any, name: str, hint: str) -> None:
-            element.classes("full-width").props(f'dense hint="{hint}" persistent-hint')
-            element.bind_value(asked, name)
+        def choice(name: str, words: Any) -> None:
+            box = ui.select(words, label=known[name].label, value=getattr(asked, name))
+            box.classes("full-width").props("dense").tooltip(texts[name])
+            box.on_value_change(lambda event: self._ask(**{name: event.value}))
+            self._asked[name] = box
 
         with div("fields"):
-            field(ui.select(_PLANES, label="Plane state"), "plane", "models in the plane")
-            field(ui.select(_SUPPORTS, label="Supports"), "supports", "all but rigid bodies")
-        for label, name, hint in (
-            ("Estimate the error of each figure", "estimate", "condensed bodies; twice the time"),
-            ("Follow the stroke with large displacements", "stroke", MODEL_WORDS["plane"]),
-            ("Write fields for ParaView (VTU)", "fields", "models of the whole"),
-            ("Refine the mesh until it has settled", "refine", "models of the whole"),
-        ):
-            box = ui.checkbox(f"{label} ({hint})").props("dense")
-            box.bind_value(asked, name)
-        with div("fields").bind_visibility_from(asked, "refine"):
-            percent = ui.number("To an accuracy of [%]", min=0.001, max=50, format="%g")
-            field(percent, "percent", "relative change that is left")
-            names = {name: QUANTITIES[name].label for name in _REFINED}
-            field(ui.select(names, label="Of the quantity"), "quantity", "the others follow")
+            choice("plane", list(known["plane"].words))
+            choice("supports", list(known["supports"].words))
+        for name in ("estimate", "stroke"):
+            box = ui.checkbox(known[name].label, value=getattr(asked, name)).props("dense")
+            box.tooltip(texts[name])
+            box.on_value_change(lambda event, name=name: self._ask(**{name: bool(event.value)}))
+            self._asked[name] = box
+        ui.checkbox("Write fields for ParaView (VTU)").props("dense").bind_value(
+            self._state, "fields"
+        ).tooltip("models of the whole")
+        with div("fields"):
+            share = ui.number(f"{known['accuracy'].label} [%]", value=_percent(asked), format="%g")
+            share.classes("full-width").props("dense clearable").tooltip(texts["accuracy"])
+            share.on_value_change(
+                lambda event: self._ask(
+                    accuracy=None if event.value is None else event.value / 100.0
+                )
+            )
+            self._share = share
+            choice("quantity", {name: QUANTITIES[name].label for name in _REFINED})
+
+    def _ask(self, **asked: Any) -> None:
+        with self._page.sentences():
+            self._state.asked = replace(self._state.asked, **asked)
 
     def _choose(self, model: str, chosen: bool) -> None:
         others = [name for name in self._state.chosen if name != model]
@@ -91,12 +107,12 @@ class ModelsPanel:
 
     def start(self, model: str) -> bool:
         """Start a model of the stage that is open, unless that is known or on its way."""
-        variant, asked = self._design.now, self._state.asked
+        variant = self._design.now
         key = (variant, model)
         with self._page.sentences():
-            options = asked.options(model)
+            options = fitting_options(model, self._state.asked)
             known = self._state.found(variant, model)
-            fields = self._fields(variant, model) if asked.fields else None
+            fields = self._fields(variant, model) if self._state.fields else None
             if key in self._state.jobs or (
                 known and known.options == options and (fields is None or known.fields == fields)
             ):
@@ -117,6 +133,9 @@ class ModelsPanel:
 
     def sync(self) -> None:
         """Show how each model of the stage that is open stands."""
+        for name, field in self._asked.items():
+            field.value = getattr(self._state.asked, name)
+        self._share.value = _percent(self._state.asked)
         variant = self._design.now
         for model, (status, working, wrong) in self._rows.items():
             key = (variant, model)
@@ -131,3 +150,8 @@ class ModelsPanel:
             status.text = f"done in {number(known.seconds, 2)} s" if known else ""
             wrong.text = self._state.failed.get(key, "")
             wrong.visible = bool(wrong.text)
+
+
+def _percent(asked: ModelOptions) -> float | None:
+    """Return the accuracy that is asked for [%]."""
+    return None if asked.accuracy is None else float(f"{100.0 * asked.accuracy:.12g}")

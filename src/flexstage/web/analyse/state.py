@@ -2,51 +2,14 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from typing import Literal
 
-from flexstage.studies.models import ModelOptions, Plane, fitting_options
+from flexstage.studies.requests import ModelOptions
 from flexstage.system.mechanical import DriveCondition
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
 
 Key = tuple[Variant, str]
-
-
-@dataclass
-class Asked:
-    """What is asked of the models, each of which takes what it can."""
-
-    plane: Plane = "auto"
-    """Plane state: auto, stress or strain."""
-    supports: Literal["rigid", "elastic"] = "rigid"
-    """Supports: rigid or elastic."""
-    estimate: bool = False
-    """Whether errors are estimated."""
-    refine: bool = False
-    """Whether meshes are refined."""
-    percent: float = 0.5
-    """To which accuracy [%]."""
-    quantity: str = "natural_frequency_hz"
-    """Of which quantity."""
-    stroke: bool = False
-    """Whether the stroke is followed with large displacements."""
-    fields: bool = False
-    """Whether fields for ParaView are written."""
-
-    def options(self, model: str) -> ModelOptions:
-        """Return it as one model takes it."""
-        return fitting_options(
-            model,
-            ModelOptions(
-                plane=self.plane,
-                supports=self.supports,
-                estimate=self.estimate,
-                accuracy=self.percent / 100.0 if self.refine else None,
-                quantity=self.quantity if self.refine else "natural_frequency_hz",
-                stroke=self.stroke,
-            ),
-        )
 
 
 @dataclass
@@ -79,8 +42,10 @@ class AnalyseState:
 
     chosen: list[str] = field(default_factory=lambda: ["lumped", "superelement"])
     """Models that are chosen."""
-    asked: Asked = field(default_factory=Asked)
-    """What is asked of them."""
+    asked: ModelOptions = ModelOptions()
+    """What is asked of them, each of which takes what it can."""
+    fields: bool = False
+    """Whether fields for ParaView are written."""
     shown: Shown = field(default_factory=Shown)
     """What of the results is shown."""
     jobs: dict[Key, BackgroundJob] = field(default_factory=dict)

@@ -13,7 +13,8 @@ from flexstage.files.write import write_files
 from flexstage.report.analysis_files import analysis_files
 from flexstage.report.figures.convergence import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
-from flexstage.studies.models import ModelOptions, run_model
+from flexstage.studies.models import run_model
+from flexstage.studies.requests import ModelOptions
 from flexstage.studies.results import model_results
 from flexstage.system import Analysis, FrequencyResponse
 from flexstage.system.modes import modes

@@ -11,7 +11,8 @@ from flexstage.files.write import write_whole
 from flexstage.material import CATALOGUE
 from flexstage.report.tables import necks_table
 from flexstage.stage.drawing import DRAWINGS
-from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
+from flexstage.stage.drawing.drawn_stage import DrawnStage
+from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.units import parse
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import drawing_found, template_of
@@ -123,8 +124,8 @@ class DrawingDialog:
         return DrawingOptions(
             thickness=parse(thickness, "length", bare_unit="mm") if thickness else None,
             material=self._material.value or None,
-            drives=_lines(self._drives.value),
-            probes=_lines(self._probes.value),
+            drive=_lines(self._drives.value),
+            probe=_lines(self._probes.value),
         )
 
     def _look(self) -> None:

@@ -1,6 +1,6 @@
 """Report: what all models say of a stage, on one page, and the reports that were written."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from nicegui import ui
@@ -8,6 +8,7 @@ from nicegui import ui
 from flexstage.comparison import title_of
 from flexstage.report.study import CHAPTERS
 from flexstage.studies.models import MODELS
+from flexstage.studies.requests import StudyRequest
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
 from flexstage.web.jobs import BackgroundJob
@@ -21,11 +22,11 @@ from flexstage.web.page import (
     remark,
     show_job,
 )
-from flexstage.web.reports import FILES, StudyChoice, WrittenReport, write_report, written_reports
+from flexstage.web.reports import FILES, WrittenReport, write_report, written_reports
 
 _PARTS = {
     "virtual": "simulated measurement",
-    "hysteresis": "hysteresis",
+    "identification": "hysteresis",
     "traditional": "traditional stages",
 }
 _NAMES = {name: title_of(name) for name in MODELS}
@@ -62,7 +63,7 @@ def build(page: Page) -> None:
 class ReportState:
     """What one person has open in the view Report."""
 
-    choice: StudyChoice = field(default_factory=StudyChoice)
+    asked: StudyRequest = StudyRequest(model=("lumped", "superelement"))
     """What the next report holds."""
     open: str = ""
     """Name of the report that is shown; empty for the newest one."""
@@ -97,9 +98,9 @@ class ReportView:
         self._show()
 
     def _choices(self) -> None:
-        asked = self._state.choice
+        asked = self._state.asked
         models = choice(
-            _NAMES, list(asked.models), "Models", lambda e: self._choose("models", tuple(e.value)),
+            _NAMES, list(asked.model), "Models", lambda e: self._choose("model", tuple(e.value)),
             multiple=True,
         )  # fmt: skip
         models.props("use-chips")
@@ -109,7 +110,7 @@ class ReportView:
                 box.on_value_change(lambda e, name=name: self._choose(name, bool(e.value)))
 
     def _choose(self, name: str, value: Any) -> None:
-        self._state.choice = replace(self._state.choice, **{name: value})
+        self._state.asked = replace(self._state.asked, **{name: value})
 
     def _name_stage(self) -> None:
         now = self._page.session.state(DesignState).now
@@ -119,12 +120,12 @@ class ReportView:
 
     def _write(self) -> None:
         state, page = self._state, self._page
-        if not state.choice.models:
+        if not state.asked.model:
             ui.notify("choose a model", type="warning")
             return
         variant = page.session.state(DesignState).now
         state.job = page.panel.jobs.start(
-            f"report of {variant.name}", write_report, self._folder, variant, state.choice,
+            f"report of {variant.name}", write_report, self._folder, variant, state.asked,
             owner=page.session.id,
         )  # fmt: skip
         self._follow()

@@ -1,21 +1,20 @@
-"""What the command line says a part is made of: a name, or figures; of all solids, or of one."""
+"""What words say a part is made of: a name, or figures; of all solids, or of one."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from flexstage.cli.options import quantity
+from flexstage.elasticity.requests import DEFAULT_MATERIAL
 from flexstage.errors import StageError, UnitError
+from flexstage.material import Material, material
+from flexstage.units import parse
 
 if TYPE_CHECKING:
     from flexstage.fem.part import Part
-    from flexstage.material import Material
 
-#: What a part is made of where nothing is said.
-DEFAULT = "Al 7075-T6"
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 
 
-def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, "Material"]:
+def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, Material]:
     """Return what each solid of a part is made of, by its name.
 
     Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
@@ -44,7 +43,7 @@ def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, "Material"]
                 f"solid '{lacking[0]}' has no material: give it one as --material "
                 f'"{lacking[0]}=...", or one for all others without a name'
             )
-        every = _material(DEFAULT)
+        every = _material(DEFAULT_MATERIAL)
     return {name: of.get(name, every) for name in part.bodies}  # type: ignore[misc]
 
 
@@ -57,9 +56,7 @@ def _solid(part: "Part", word: str) -> str:
     raise StageError(f"{part.source} has no solid '{word}' to give a material to: it has {known}")
 
 
-def _material(text: str) -> "Material":
-    from flexstage.material import Material, material
-
+def _material(text: str) -> Material:
     if "=" not in text:
         return material(text.strip())
     figures: dict[str, float] = {}
@@ -73,7 +70,7 @@ def _material(text: str) -> "Material":
         dimension, unit = _FIGURES[key.casefold()]
         try:
             figures[key.casefold()] = (
-                quantity(value, dimension, bare_unit=unit) if dimension else float(value)
+                parse(value, dimension, bare_unit=unit) if dimension else float(value)
             )
         except UnitError as error:
             raise UnitError(f"{key} of the material '{text.strip()}': {error}") from error

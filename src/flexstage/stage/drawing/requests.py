@@ -1,0 +1,43 @@
+"""What is to be known of a drawing beyond its file."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from flexstage.errors import FlexstageError, StageError
+from flexstage.files.ranges import Size, Written
+from flexstage.files.request import Request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawingOptions(Request):
+    """How a drawing is read."""
+
+    heading: ClassVar[str] = "Drawing"
+    refused_as: ClassVar[type[FlexstageError]] = StageError
+
+    thickness: Size | None = None
+    """Thickness of the plate in a drawing, such as "10 mm"; a STEP file says its own."""
+    material: Annotated[str, Written("NAME")] | None = None
+    """Material of the plate in a drawing, from the catalogue."""
+    drawing_unit: Annotated[str, Written("UNIT")] | None = None
+    """Unit of the drawing, um, mm, cm, m, inch or mil, where the file does not say it."""
+    layers: Annotated[tuple[str, ...], Written("NAMES", commas=True)] = ()
+    """Layers of the contours of the drawing, separated by commas (default: by their names)."""
+    gap: Size | None = None
+    """Largest gap in a contour of the drawing that is closed (default: 2 um)."""
+    neck_limit: Size | None = None
+    """Thickest neck that counts in the drawing (default: below the widest gap in the thicknesses of
+    its thin places).
+    """
+    fixed: Annotated[tuple[str, ...], Written("X,Y")] = ()
+    """A point on a body of the drawing that is held, in its unit (default: the body outside with
+    the most mounting holes, or else the largest).
+    """
+    drive: tuple[str, ...] = ()
+    """A drive of the drawing, from the body that it stands on to the one that it pushes, in the
+    unit of the drawing: "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um".
+    """
+    probe: tuple[str, ...] = ()
+    """A probe of the drawing, from the point that is read in its direction: "x: 30,4 -> 40,4", or
+    "x: 30,4 at 0 deg".
+    """

@@ -1,0 +1,203 @@
+"""A request and the command line that asks for the same say one thing."""
+
+import math
+import shlex
+from dataclasses import MISSING, dataclass
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexstage.centring.requests import CentreRequest
+from flexstage.cli.options import from_docstring
+from flexstage.errors import FlexstageError, ModelError, RecordError
+from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.explore.requests import (
+    OptimiseRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
+from flexstage.files.ranges import POSITIVE, Range, Written
+from flexstage.files.request import (
+    Request,
+    command_line,
+    option_words,
+    request_fields,
+    request_groups,
+    request_of,
+)
+from flexstage.files.schema import field_texts
+from flexstage.hysteresis.requests import CompensateRequest, IdentifyRequest
+from flexstage.measure.requests import FrfRequest
+from flexstage.records.read_options import DriveColumns, ReadOptions
+from flexstage.units import DIMENSIONS, Length
+
+REQUESTS = (
+    CentreRequest, CharacteriseRequest, CompensateRequest, DriveColumns, FrfRequest,
+    IdentifyRequest, OptimiseRequest, ReadOptions, SensitivityRequest, SweepRequest,
+    ToleranceRequest,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurnRequest(Request):
+    """Everything that a field can be."""
+
+    by: Annotated[Length, POSITIVE] | None = None
+    """How far."""
+    times: Annotated[int, Range(low=1, high=9)] = 3
+    """How often."""
+    share: Annotated[float, Range(low=0.0, high=1.0)] = 0.25
+    """Which part."""
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"], Written(bare="Hz")] | None = None
+    """Between what."""
+    way: Literal["left", "right"] = "left"
+    """Which way."""
+    of: tuple[str, ...] = ()
+    """Of what."""
+    at: Annotated[tuple[Length, ...], Written("LENGTHS", commas=True)] = ()
+    """Where."""
+    back: bool = False
+    """Whether back."""
+    stop: bool = True
+    """Whether it stops."""
+    how: ReadOptions = ReadOptions()
+    """How files are read."""
+
+
+def read_back(words: list[str], kind: type[Request]) -> Request:
+    """Return the request that a command makes of words, without the command line's own parser."""
+    found: dict[str, object] = {}
+    fields = {f.option: f for f in request_fields(kind).values()}
+    groups = dict(request_groups(kind))
+    left = list(words)
+    rest: list[str] = []
+    while left:
+        option = left.pop(0)
+        name = option.replace("--no-", "--", 1) if option not in fields else option
+        field = fields.get(name)
+        if field is None:
+            rest += [option, left.pop(0)]
+        elif field.value is bool:
+            found[field.name] = option == name
+        elif field.repeated:
+            found[field.name] = (*found.get(field.name, ()), field.read(left.pop(0)))  # type: ignore[misc]
+        else:
+            found[field.name] = field.read(left.pop(0))
+    if rest:
+        ((name, group),) = groups.items()
+        found[name] = read_back(rest, group)
+    return kind(**found)
+
+
+lengths = st.floats(1e-9, 10.0)
+words = st.text(st.characters(categories=["L", "N"]), min_size=1)
+
+
+@given(
+    st.builds(
+        TurnRequest,
+        by=st.none() | lengths,
+        times=st.integers(1, 9),
+        share=st.floats(0.0, 1.0),
+        band=st.none() | st.tuples(st.floats(0.0, 9.0), st.floats(9.5, 1e5)),
+        way=st.sampled_from(["left", "right"]),
+        of=st.lists(words, max_size=3).map(tuple),
+        at=st.lists(lengths, max_size=3).map(tuple),
+        back=st.booleans(),
+        stop=st.booleans(),
+        how=st.builds(
+            ReadOptions,
+            sample_rate=st.lists(st.floats(1e-3, 1e6), max_size=2).map(tuple),
+            rows=st.none() | st.tuples(st.none() | st.integers(0, 9), st.integers(10, 99)),
+            time=st.none() | st.integers(0, 9),
+            resample=st.sampled_from([(), (None,), (12.5, None)]),
+            decimal=st.sampled_from([None, ".", ","]),
+        ),
+    )
+)
+def test_a_command_line_asks_for_the_same(request_: TurnRequest) -> None:
+    said = command_line(request_, "plate")
+    assert shlex.split(said)[:3] == ["flexstage", "turn", "plate"]
+    assert read_back(option_words(request_), TurnRequest) == request_
+
+
+def test_what_is_as_usual_is_not_said() -> None:
+    for kind in REQUESTS:
+        if all(f.default is not MISSING for f in request_fields(kind).values()):
+            assert option_words(kind()) == [], kind
+
+
+@pytest.mark.parametrize("kind", REQUESTS, ids=lambda kind: kind.__name__)
+def test_every_field_has_a_text_and_its_default_is_one_that_is_read(kind: type[Request]) -> None:
+    texts = field_texts(kind)
+    for name, field in request_fields(kind).items():
+        assert texts[name].endswith("."), name
+        assert field.metavar
+        if field.value is bool or field.default in (None, (), MISSING):
+            continue
+        back = [field.read(text) for text in field.texts(field.default)]
+        assert (tuple(back) if field.repeated else back[0]) == field.default
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("by", "3", "has no unit"),
+        ("by", "0 mm", "must be above 0, got '0 mm'"),
+        ("by", "3 Hz", "is not a unit of length"),
+        ("times", "10", "a whole number from 1 to 9, got '10'"),
+        ("times", "2.5", "expected a whole number, got '2.5'"),
+        ("share", "30", "must be from 0 to 1, got '30'; write \"30 %\""),
+        ("share", "much", "expected a share"),
+        ("share", "nan", "finite"),
+        ("band", "200", 'must be a range LOW:HIGH, such as "10 Hz:20 Hz"'),
+        ("band", "800:200", "must rise"),
+        ("way", "lefd", "must be left or right, got 'lefd'; did you mean 'left'"),
+        ("at", "1 mm,2", "has no unit"),
+    ],
+)
+def test_a_text_that_is_no_value(name: str, text: str, said: str) -> None:
+    with pytest.raises(FlexstageError) as error:
+        request_fields(TurnRequest)[name].read(text)
+    assert said in str(error.value)
+
+
+def test_texts_are_read_in_any_of_their_forms() -> None:
+    fields = request_fields(TurnRequest)
+    assert fields["band"].read("0.2 kHz..800") == (200.0, 800.0)
+    assert fields["share"].read("30 %") == pytest.approx(0.3)
+    assert fields["at"].read("1 mm, 2 um") == (1e-3, 2e-6)
+
+
+def test_a_program_gives_values_or_the_texts_of_options() -> None:
+    made = request_of(TurnRequest, None, {"by": "2 mm", "of": "mass", "at": 1e-3, "band": "1:2"})
+    assert made == TurnRequest(by=2e-3, of=("mass",), at=(1e-3,), band=(1.0, 2.0))
+    assert request_of(TurnRequest, made, {"times": 5}).by == 2e-3
+    assert request_of(CentreRequest, None, {"error": "e", "heads": "0,90"}).heads == (
+        0.0,
+        pytest.approx(math.pi / 2.0),
+    )
+    scatter = request_of(ToleranceRequest, None, {"scatter": {"neck_own": "1 um"}}).scatter
+    assert scatter == ("neck_own=1 um",)
+    with pytest.raises(ModelError, match=r"unknown option 'tims'.*did you mean 'times'"):
+        request_of(TurnRequest, None, {"tims": 2})
+    with pytest.raises(ModelError, match="times must be a whole number from 1 to 9, got 10"):
+        TurnRequest(times=10)
+    with pytest.raises(RecordError, match="unknown option 'rate'"):
+        request_of(ReadOptions, None, {"rate": 2})
+
+
+def test_options_of_a_command_make_the_request() -> None:
+    got: list[TurnRequest] = []
+
+    @from_docstring
+    def turn(*, request: TurnRequest) -> None:
+        """Turn."""
+        got.append(request)
+
+    defaults = dict.fromkeys((*request_fields(TurnRequest), *request_fields(ReadOptions)))
+    turn(**{**defaults, "of": ["a", "b"], "times": 4, "back": True, "stop": False, "quiet": True})
+    assert got == [TurnRequest(of=("a", "b"), times=4, back=True, stop=False)]
