@@ -142,7 +142,7 @@ def bench(seed: int, axis: str = "x", **options: object) -> Bench:
         rates=(1.0, 50.0),
         frequency=DRAWN_MODE_HZ.get(axis),
         slew=limits.slew,
-        hold=5.0,
+        hold_time=5.0,
     )
     command = np.zeros((len(stage.axes), made.voltage.size))
     command[number] = made.voltage

@@ -118,7 +118,7 @@ def test_every_limit_holds_at_every_sample(
             capacitance=capacitance,
             frequency=natural,
             rest=low + rest * span,
-            hold=1.3,
+            hold_time=1.3,
         )
     except ModelError as error:
         if duration is None or "take at least" not in str(error):
@@ -148,7 +148,7 @@ def test_every_limit_holds_at_every_sample(
 @pytest.mark.parametrize("seed", range(4))
 def test_a_limit_that_is_met_is_not_exceeded_by_rounding(seed):
     # the multisine is scaled to the limit of the slope
-    options = {"rates": (0.2,), "slew": 61.3, "frequency": 83.0, "hold": 0.0}
+    options = {"rates": (0.2,), "slew": 61.3, "frequency": 83.0, "hold_time": 0.0}
     slope = made(**options, seed=seed).largest_slope
     assert 61.29 < slope <= 61.3
 
@@ -177,9 +177,9 @@ def test_a_limit_of_the_current_bounds_the_rates():
 
 
 def test_not_a_sample_is_run_beyond_the_duration():
-    longest = made(duration=21.0, hold=2.0).duration
-    assert made(duration=longest, hold=2.0).duration == longest
-    assert made(duration=longest - 0.4 / 2000.0, hold=2.0).duration < longest
+    longest = made(duration=21.0, hold_time=2.0).duration
+    assert made(duration=longest, hold_time=2.0).duration == longest
+    assert made(duration=longest - 0.4 / 2000.0, hold_time=2.0).duration < longest
 
 
 def test_smooth_loops_rise_and_fall_over_two_periods_of_the_stage():
@@ -219,7 +219,7 @@ def test_the_multisine_is_small_and_around_the_natural_frequency():
     plain = made(frequency=83.0, multisine=False)
     assert not any("multisine" in p.name for p in plain.parts)
     # a low limit of the slope makes it smaller, and leaves it out in the end
-    slow = made(frequency=83.0, rates=(0.02, 0.2), slew=64.0, hold=0.0)
+    slow = made(frequency=83.0, rates=(0.02, 0.2), slew=64.0, hold_time=0.0)
     tiny = slow.voltage[slow.parts[-2].first : slow.parts[-2].last][-4000:]
     assert np.ptp(tiny) < 0.3
     none = excitation(
@@ -228,7 +228,7 @@ def test_the_multisine_is_small_and_around_the_natural_frequency():
         rates=(0.01,),
         slew=3.0,
         frequency=83.0,
-        hold=0.0,
+        hold_time=0.0,
     )
     assert "too small to be seen" in " ".join(none.warnings)
     coarse = made(frequency=300.0)
@@ -286,13 +286,13 @@ def _turns(u):
 
 
 def test_the_hold_waits_at_two_levels():
-    e = made(hold=6.6)
+    e = made(hold_time=6.6)
     part = next(p for p in e.parts if p.name == "step and hold")
     u = e.voltage[part.first : part.last]
     assert np.count_nonzero(u == u.max()) == pytest.approx(4.4 * 2000, abs=2)
     assert np.count_nonzero(u == u[-1]) == pytest.approx(2.2 * 2000, abs=2)
     assert u[-1] < u.max() - 0.5 * 130.0
-    assert not any(p.name == "step and hold" for p in made(hold=0.0).parts)
+    assert not any(p.name == "step and hold" for p in made(hold_time=0.0).parts)
 
 
 def test_what_does_not_fit_is_left_out_in_its_order():
@@ -380,7 +380,7 @@ def test_as_a_record():
         ({"slew": 1e-3}, "too low to be resolved"),
         ({"sample_rate": math.nan}, "--sample-rate must be above 0"),
         ({"duration": math.inf}, "--duration must be above 0"),
-        ({"hold": -1.0}, "--hold must be not below 0"),
+        ({"hold_time": -1.0}, "--hold-time must be not below 0"),
         ({"shape": "square"}, "--shape must be one of smooth, sine, triangle"),
         ({"rest": 120.0}, "rest voltage must be in -17 V to 113 V"),
         ({"rates": (1e-4, 1.0)}, "at most 20000000 are allowed"),
@@ -440,7 +440,7 @@ def test_coverage_grows_with_what_is_run():
     assert share[0] < share[1] < share[2]
     # the same once more shows nothing new
     assert share[3] == share[1]
-    e = made(hold=0.0)
+    e = made(hold_time=0.0)
     assert e.coverage == memory_coverage(e.voltage).sum() / (16 * 17) > 0.97
 
 

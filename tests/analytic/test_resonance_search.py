@@ -36,7 +36,7 @@ def record(
         rates=(1.1, 9.0),
         frequency=412.0,
         multisine=multisine,
-        hold=2.0,
+        hold_time=2.0,
         duration=duration,
     )
     y = LogCreep(rate_per_decade=0.011).simulate(STACK.simulate(made.voltage).values, 1.0 / RATE)

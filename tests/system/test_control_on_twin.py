@@ -179,7 +179,7 @@ def test_identified_and_followed_through_the_commands_of_a_controller() -> None:
 def test_feedforward_of_a_quick_identification() -> None:
     """Two rates, a thousand samples a second, no resonance: what takes seconds to identify."""
     stage = virtual_stage(design("vgtu-piezo"), seed=4)
-    made = excitation((0.0, 120.0), sample_rate=1e3, rates=(1.0, 10.0), hold=3.0)
+    made = excitation((0.0, 120.0), sample_rate=1e3, rates=(1.0, 10.0), hold_time=3.0)
     at = np.arange(10 * made.voltage.size) / 10.0
     command = np.zeros((2, at.size))
     command[1] = np.interp(at, np.arange(made.voltage.size), made.voltage)

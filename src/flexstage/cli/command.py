@@ -22,6 +22,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     **{name: {"--out": "--folder"} for name in ("optimise", "sensitivity", "sweep", "tolerance")},
     "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
     "excite": {
+        "--hold": "--hold-time",
         "--resonance": "--multisine",
         "--no-resonance": "--no-multisine",
     },
@@ -43,7 +44,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "frf": {"--modes": "--fit-modes", "--delay": "--fit-delay", "--lag": "--fit-lag"},
     "run": {"--out": "--folder", "--steps": "--only"},
     "twin": {"--rate": "--servo-rate"},
-    "runs": {"--serial": "--serial-number"},
+    "runs": {"--kind": "--test", "--serial": "--serial-number"},
     "calibrations": {"--serial": "--serial-number", "--at": "--valid-at"},
 }
 

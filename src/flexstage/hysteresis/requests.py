@@ -102,7 +102,9 @@ class ExciteRequest(Request):
     """
     duration: Annotated[float, DIMENSIONS["time"], POSITIVE, Written(bare="s")] | None = None
     """Longest duration of the record, such as "60 s" (default: as long as its content takes)."""
-    sample_rate: _FREQUENCY | None = None
+    sample_rate: (
+        Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written("RATE", bare="Hz")] | None
+    ) = None
     """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
     slew: _SLEW | None = None
     """Largest slope of the voltage, such as "2000 V/s"."""
@@ -116,7 +118,7 @@ class ExciteRequest(Request):
     """
     shape: Literal["smooth", "sine", "triangle"] = "smooth"
     """Shape of the voltage between turning points; smooth: the speed has no jumps."""
-    hold: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE, Written(bare="s")] | None = None
+    hold_time: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE, Written(bare="s")] | None = None
     """Hold time after the step, for creep; "0 s" for none (default: 12 s, or a fifth of the
     duration).
     """

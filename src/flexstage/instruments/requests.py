@@ -96,7 +96,7 @@ def _ago(text: str) -> datetime:
         ) from None
 
 
-_TIME = Annotated[datetime, Written("TIME", read=read_time, write=datetime.isoformat)]
+_TIME = Annotated[datetime, Written("DATE", read=read_time, write=datetime.isoformat)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +113,7 @@ class OfStage(Request):
 class RunsRequest(OfStage):
     """Runs, the latest first."""
 
-    kind: Annotated[str, Written("KIND")] | None = None
+    test: Annotated[str, Written("KIND")] | None = None
     """Only this kind of test, such as motion."""
     since: _TIME | None = None
     """Only since a date, a date and time (UTC unless a zone is given), or "7 d" for the last seven

@@ -181,7 +181,7 @@ def _designed_record(bench: DrivenAxis) -> Record:
         rates=(0.5, 5.0),
         frequency=bench.resonance_hz,
         multisine=False,
-        hold=5.0,
+        hold_time=5.0,
     )
     return bench.record(made.voltage)
 

@@ -81,7 +81,7 @@ class Designed(Excite):
                 slew=s.largest_rate,
                 frequency=s.natural_frequency_hz,
                 multisine=self.multisine and s.natural_frequency_hz is not None,
-                hold=self.hold,
+                hold_time=self.hold,
                 seed=self.seed,
             )
         except FlexstageError as error:

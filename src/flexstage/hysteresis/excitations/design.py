@@ -132,7 +132,7 @@ def excitation(
     movement = replace(movement, sample_rate_hz=sample_rate_hz, slope_limit=slope_limit(rounding))
     warnings: list[str] = []
     tones = _tones(tones_at, movement, request.seed, warnings)
-    hold = request.hold
+    hold = request.hold_time
     if hold is None:
         hold = 12.0 if duration is None else min(12.0, 0.2 * duration)
     wanted = ExcitationDesign(

@@ -223,7 +223,8 @@ class Catalogue:
         own = request_fields(RunsRequest)
         values = {RUNS.c[n]: asked.pop(n) for n in tuple(asked) if n in RUNS.c and n not in own}
         request = request_of(RunsRequest, request, asked)
-        found = _where(_of_stage(RUNS, request), {RUNS.c.kind: request.kind, **values})
+        values.setdefault(RUNS.c.kind, request.test)
+        found = _where(_of_stage(RUNS, request), values)
         if request.since is not None:
             found = found.where(RUNS.c.started >= request.since)
         if until is not None:
