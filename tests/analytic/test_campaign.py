@@ -610,7 +610,7 @@ def test_too_few_cycles() -> None:
         ("test 't'.*unknown excitation 'kick'", {"excitation": "kick"}),
         ("modes of test 't' .*whole number from 1 .*got 2.5", {"modes": 2.5}),
         ("modes of test 't' .*whole number from 1 .*got 0", {"modes": 0}),
-        ("test 't': a band must rise", {"band": (900.0, 300.0)}),
+        ("the band of test 't' must rise", {"band": (900.0, 300.0)}),
         ("confidence of test 't' must be between 0.5 and 1, got 1", {"confidence": 1.0}),
         ("smallest_step of test 't' must be above 0, got 0", {"smallest_step": 0.0}),
     ],

@@ -151,7 +151,7 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         ),
         (
             HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
-            "models: [preisac]}}\n",
+            "model: [preisac]}}\n",
             9,
             "the model 'preisac' is not known",
         ),
@@ -163,7 +163,7 @@ def test_steps_that_are_wanted_bring_those_that_they_use():
         ),
         (
             HEAD + LOOPS + MOTION + "  - {name: i, identify: {of: [motion], output: x, "
-            "resonance: motion}}\n",
+            "characterised_by: motion}}\n",
             9,
             "resonance from one of characterise",
         ),
@@ -220,7 +220,7 @@ def test_the_piezo_plan_holds_what_the_study_did():
     plan = read_plan(find_plan("vgtu-piezo"))
     tests = {s.action.test for s in plan.steps if isinstance(s.action, Measure)}
     assert tests >= {"motion", "staircase", "hold", "response", "workspace"}
-    models = {m for s in plan.steps if isinstance(s.action, Identify) for m in s.action.models}
+    models = {m for s in plan.steps if isinstance(s.action, Identify) for m in s.action.model}
     assert models >= {"bouc-wen", "preisach"}
     ways = {w for s in plan.steps if isinstance(s.action, Verify) for w in s.action.ways}
     assert ways == {"open loop", "inverse", "feedback", "both", "learning"}

@@ -32,20 +32,23 @@ def refused(steps: str) -> str:
     [
         (
             "test: motion, along: x, confidence: 5",
-            "a number between 0 and 1, got '5'",
+            "a number between 0.5 and 1, got '5'",
         ),
         (
             "test: motion, along: x, smallest_step: -3 nm",
             "expected a length above 0 m",
         ),
-        ("test: response, output: [x], modes: 2.5", "whole number from 1 to 100, got '2.5'"),
+        (
+            "test: response, output: [x], modes: 2.5",
+            "whole number from 1 to 100 (counted where not given), got '2.5'",
+        ),
         ("test: response, output: [x], band: [70 Hz, 3 Hz]", "must rise from 0 Hz or more, got 70"),
         ("test: response", "name its sensors as 'output'"),
         ("test: motion", "does not say which sensor reads along"),
         ("test: workspace, x: x", "does not say which sensor reads y"),
         ("test: workspace, x: x, y: y", "needs a step of corners"),
-        ("along: x, rate: 1e300 Hz", "from 0.001 to 1e+07 Hz, got '1e300 Hz'"),
-        ("along: x, rate: 1e-9 Hz", "from 0.001 to 1e+07 Hz, got '1e-9 Hz'"),
+        ("along: x, sample_rate: 1e300 Hz", "from 0.001 to 1e+07 Hz, got '1e300 Hz'"),
+        ("along: x, sample_rate: 1e-9 Hz", "from 0.001 to 1e+07 Hz, got '1e-9 Hz'"),
     ],
 )
 def test_a_record_that_could_not_be_evaluated_is_not_taken(options: str, said: str) -> None:
@@ -81,7 +84,7 @@ def test_a_motion_of_two_cycles_is_refused_before_it_is_measured() -> None:
         ("reference: {rate: 1e-9 Hz}", "at most 5000000 are allowed"),
         ("reference: {cycles: 999999}", "at most 5000000 are allowed"),
         # commands of 1 kHz have whole cycles, and records of 333 Hz have not
-        ("rate: 333 Hz, reference: {rate: 5 Hz}", "333 Hz gives 66.6"),
+        ("sample_rate: 333 Hz, reference: {rate: 5 Hz}", "333 Hz gives 66.6"),
     ],
 )
 def test_references_without_whole_cycles_are_refused(options: str, said: str) -> None:

@@ -382,7 +382,7 @@ SCREWS = """\
 plan: 1
 stage: vgtu-mechanical
 sensors: {x: {channel: 1, calibration: 0.002}, y: {channel: 2}}
-defaults: {rate: 100 Hz, command_rate: 100 Hz}
+defaults: {sample_rate: 100 Hz, command_rate: 100 Hz}
 steps:
   - {name: loops, excite: {kind: cycles, axis: x, rate: 0.25 Hz, cycles: 3}}
   - {name: motion, measure: {of: loops, test: motion, along: x, smallest_step: 0.5 um}}
@@ -420,7 +420,7 @@ def test_records_and_models_are_entered_into_the_catalogue(tmp_path):
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     text = TEXT + (
-        "  - {name: pi, identify: {of: [motion], output: x, models: [prandtl-ishlinskii]}}\n"
+        "  - {name: pi, identify: {of: [motion], output: x, model: [prandtl-ishlinskii]}}\n"
     )
     address = str(tmp_path / "runs.sqlite")
     found = run_plan(made(text), SimpleInstrument(noise=1e-9), tmp_path / "run", catalogue=address)

@@ -39,7 +39,7 @@ def test_a_stage_without_scatter_gives_what_was_published_of_it(tmp_path):
         "  - {name: motion, measure: {of: loops, test: motion, along: x, across: x.across,"
         " vertical: x.vertical}}\n"
         "  - {name: blows, excite: {kind: blows, axis: x, hits: 4}}\n"
-        "  - {name: blow, measure: {of: blows, test: response, rate: 10 kHz,"
+        "  - {name: blow, measure: {of: blows, test: response, sample_rate: 10 kHz,"
         " band: [200 Hz, 800 Hz]}}\n"
         "  - {name: figures, characterise: {of: [motion, blow]}}\n",
         tmp_path,
@@ -62,7 +62,7 @@ def test_a_small_multisine_finds_the_mode_with_the_drives_in_place(tmp_path):
     found = carried_out(
         "  - {name: sines, excite: {kind: multisine, axis: x, band: [500 Hz, 1400 Hz],"
         " amplitude: 1 V, period: 0.4 s, periods: 4}}\n"
-        "  - {name: place, measure: {of: sines, test: response, output: [x], rate: 10 kHz,"
+        "  - {name: place, measure: {of: sines, test: response, output: [x], sample_rate: 10 kHz,"
         " band: [500 Hz, 1400 Hz]}}\n"
         "  - {name: figures, characterise: {of: [place]}}\n",
         tmp_path,
@@ -79,13 +79,13 @@ def test_the_inverse_and_control_leave_little_of_the_loop(tmp_path):
     found = carried_out(
         "  - {name: sines, excite: {kind: multisine, axis: x, band: [500 Hz, 1400 Hz],"
         " amplitude: 1 V, period: 0.4 s, periods: 4}}\n"
-        "  - {name: place, measure: {of: sines, test: response, output: [x], rate: 10 kHz,"
+        "  - {name: place, measure: {of: sines, test: response, output: [x], sample_rate: 10 kHz,"
         " band: [500 Hz, 1400 Hz]}}\n"
         "  - {name: in-place, characterise: {of: [place]}}\n"
         "  - {name: memory, excite: {kind: designed, axis: x, rates: [2 Hz, 10 Hz], hold: 2 s,"
         " duration: 10 s}}\n"
         "  - {name: memories, measure: {of: memory, along: x}}\n"
-        "  - {name: preisach, identify: {of: [memories], output: x, resonance: in-place}}\n"
+        "  - {name: preisach, identify: {of: [memories], output: x, characterised_by: in-place}}\n"
         "  - {name: open, verify: {model: preisach, along: x, reference: {settle: 1, cycles: 2}}}\n"
         "  - {name: closed, verify: {model: preisach, along: x, ways: [feedback, both, learning],"
         " trials: 3, reference: {settle: 1, cycles: 2, shape: triangle}}}\n"

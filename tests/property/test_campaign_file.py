@@ -193,7 +193,7 @@ HEAD = "campaign: 1\ntests:\n  t:\n    kind: hold\n    axis: x\n    records: [a.
         (HEAD + "    column: {along: 1}\n", 7, "unknown key 'column'.*did you mean 'columns'"),
         (HEAD + "    columns: {alon: 1}\n", 7, "unknown key 'alon'.*did you mean 'along'"),
         (HEAD + "    along: laser\n", 7, "the instrument 'laser' is not described"),
-        (HEAD + "    band: [9 Hz, 4 Hz]\n", 4, "a band must rise"),
+        (HEAD + "    band: [9 Hz, 4 Hz]\n", 4, "the band of test .* must rise"),
         (HEAD + "    band: [9 mm, 4 mm]\n", 7, "not a frequency|is a length|frequency"),
         (HEAD + "    band: [9 Hz]\n", 7, "2 values"),
         (HEAD + "    smallest_step: 0.4\n", 7, "has no unit"),

@@ -85,7 +85,7 @@ def test_eccentricity_and_move(run, bench, option):
         "--unit",
         "deg",
         *option,
-        "--mount-angle",
+        "--mounting-angle",
         "30",
         "--json",
     )

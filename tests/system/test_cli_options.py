@@ -119,8 +119,8 @@ def test_a_bare_number_has_the_unit_of_the_help(
         found = printed(capsys, *scale, *words)["move"]
         return found["x"], found["y"]
 
-    bare = move("--mount-angle", "30")
-    assert bare == pytest.approx(move("--mount-angle", "0.5235987755982988 rad"), rel=1e-12)
+    bare = move("--mounting-angle", "30")
+    assert bare == pytest.approx(move("--mounting-angle", "0.5235987755982988 rad"), rel=1e-12)
     assert bare != pytest.approx(move(), rel=0.1)
 
 

@@ -31,7 +31,7 @@ steps:
   - {name: motion, measure: {of: loops, test: motion, along: x, across: x.across}}
   - {name: blows, excite: {kind: blows, axis: y, hits: 3}}
   - name: blow
-    measure: {of: blows, test: response, rate: 10 kHz, band: [200 Hz, 800 Hz]}
+    measure: {of: blows, test: response, sample_rate: 10 kHz, band: [200 Hz, 800 Hz]}
   - {name: figures, characterise: {of: [motion, blow]}}
 """
 

@@ -16,18 +16,18 @@ stage: vgtu-piezo
 sensors: {x: {channel: 1}}
 steps:
   - {name: blows, excite: {kind: blows, axis: x, hits: 3}}
-  - {name: blow, measure: {of: blows, test: response, rate: 10 kHz, band: [200 Hz, 800 Hz]}}
+  - {name: blow, measure: {of: blows, test: response, sample_rate: 10 kHz, band: [200 Hz, 800 Hz]}}
   - name: sines
     excite:
       {kind: multisine, axis: x, band: [500 Hz, 1400 Hz], amplitude: 1 V, period: 0.2 s, periods: 3}
   - name: place
-    measure: {of: sines, test: response, output: [x], rate: 10 kHz, band: [500 Hz, 1400 Hz]}
+    measure: {of: sines, test: response, output: [x], sample_rate: 10 kHz, band: [500 Hz, 1400 Hz]}
   - {name: free, characterise: {of: [blow]}}
   - {name: in-place, characterise: {of: [place]}}
   - {name: again, characterise: {of: [place]}}
   - {name: falls, excite: {kind: falling, axis: x, rate: 2 Hz, full: 2, falling: 3}}
   - {name: memory, measure: {of: falls, along: x}}
-  - {name: model, identify: {of: [memory], output: x, models: [preisach]}}
+  - {name: model, identify: {of: [memory], output: x, model: [preisach]}}
   - name: held
     verify:
       {model: model, along: x, ways: [feedback], reference: {rate: 5 Hz, settle: 1, cycles: 2}}

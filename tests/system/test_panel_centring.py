@@ -94,7 +94,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
         assert np.allclose(places, [m.at for m in state.measured], rtol=0.0, atol=1e-18)
     assert own["trial"]["centre"]["x"] == pytest.approx(printed["trial"]["centre"]["x"], rel=1e-9)
     assert own["settings"] == printed["settings"]
-    name, value, remark = figures(own, state.radius, Preferences())[0]
+    name, value, remark = figures(own, state.request.radius, Preferences())[0]
     assert (name, value.split()[-1], remark[:4]) == ("Eccentricity", "µm", "95 %")
     assert len(rows_of(state, Preferences(length="mm")).rows) == 4
 
@@ -122,7 +122,7 @@ def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Pa
     state.take_back()
     assert (len(state.measured), state.at, state.found) == (1, (5e-6, 0.0), None)
     state.begin("gauge")
-    assert (state.measured, state.errors, state.step) == ([], ("gauge",), 1)
+    assert (state.measured, state.request.names, state.step) == ([], ("gauge",), 1)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -155,7 +155,7 @@ def test_the_columns_of_a_record_are_seen(tmp_path: Path) -> None:
     assert (likely.angle, likely.errors, likely.has_units) == ("theta", ("h1", "h2"), False)
     state = CentringState()
     state.look(likely)
-    assert (state.unit, state.heads) == ("deg", "0,180")
+    assert (state.request.unit, state.request.heads) == ("deg", (0.0, math.pi))
     path.write_text("h1\n" + "1\n" * 9)
     with pytest.raises(RecordError, match="has 1 column"):
         likely_columns(path)

@@ -17,6 +17,12 @@ from flexstage.cli import app
 from flexstage.designs import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.prepare import ready_sweep, swept
+from flexstage.explore.requests import (
+    ExploreRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.explore.results import (
     front_results,
     optimum_results,
@@ -24,13 +30,18 @@ from flexstage.explore.results import (
     sweep_results,
     tolerance_results,
 )
-from flexstage.files.request import Request
 from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.downloads import same_command
 from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.state import ExploreState, Forms, LimitWords, RangeWords
+from flexstage.web.explore.state import (
+    ExploreForm,
+    ExploreState,
+    LimitWords,
+    RangeWords,
+    usual_forms,
+)
 from flexstage.web.explore.work import explored
 from flexstage.web.preferences import Preferences
 from tests.panel import looked_at, simulated
@@ -47,7 +58,7 @@ def facts() -> StageFacts:
     return facts_of(GUIDE.changed(NECK, 0.00047, 0.0005))
 
 
-def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
+def by_the_command(facts: StageFacts, request: ExploreRequest) -> dict[str, Any]:
     """What the command line that the page shows prints as JSON."""
     words = shlex.split(same_command(facts.template, request))[1:]
     found = CliRunner().invoke(app, [*words, "--json", "--quiet", "--workers", "1"])
@@ -57,7 +68,7 @@ def by_the_command(facts: StageFacts, request: Request) -> dict[str, Any]:
     return json.loads(found.stdout)
 
 
-def found_by_the_page(folder: Path, facts: StageFacts, request: Request) -> Any:
+def found_by_the_page(folder: Path, facts: StageFacts, request: ExploreRequest) -> Any:
     """What the job of the page returns."""
     return explored(folder, facts.template, request, "found").result
 
@@ -73,11 +84,17 @@ def same(found: Any, expected: dict[str, Any]) -> None:
     assert said == expected
 
 
+def vary(form: ExploreForm, *names: str) -> None:
+    """Choose which parameters may change."""
+    for row in form.over:
+        row.is_chosen = row.name in names
+
+
 @pytest.mark.slow
 def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = Forms.usual(facts).sweep
+    form = usual_forms(facts)["sweep"]
     form.over = [RangeWords(NECK, count=3), RangeWords("leg_spacing", 0.035, 0.0475, 2)]
-    request = form.request(facts)
+    request = form.whole(facts)
     found: Any = explored(tmp_path, facts.template, request, "found")
     assert f"--set '{NECK}=0.47 mm'" in same_command(facts.template, request)
     same(sweep_results(found.result, columns=True), by_the_command(facts, request))
@@ -92,26 +109,33 @@ def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
 def test_sensitivities_and_a_lot_are_those_of_the_command(
     tmp_path: Path, facts: StageFacts
 ) -> None:
-    forms = Forms.usual(facts)
-    request = forms.sensitivity.request(facts)
+    forms = usual_forms(facts)
+    request = forms["sensitivity"].whole(facts)
+    assert isinstance(request, SensitivityRequest)
     found = found_by_the_page(tmp_path, facts, request)
     same(sensitivity_results(found, request.length), by_the_command(facts, request))
-    forms.tolerance.samples = 60
-    forms.tolerance.scatter = {"neck_own": "3 um"}
-    request = forms.tolerance.request(facts)
-    assert request.require == ("safety_factor.x >= 1.5", "output_displacement.x >= 180 µm")
+    lot = forms["tolerance"]
+    lot.take("samples", 60)
+    lot.take("scatter", ("neck_own=3 um",))
+    request = lot.whole(facts)
+    assert isinstance(request, ToleranceRequest)
+    assert tuple(map(str, request.require)) == (
+        "safety_factor.x >= 1.5",
+        "output_displacement.x >= 180 µm",
+    )
     found = found_by_the_page(tmp_path, facts, request)
     same(tolerance_results(*found), by_the_command(facts, request))
 
 
 @pytest.mark.slow
 def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = Forms.usual(facts).optimise
-    assert "--over" not in same_command(facts.template, form.request(facts))
-    form.over, form.evaluations = [NECK, "leg_spacing"], 30
-    form.required.remove("output_wall.x")
-    form.keep = [LimitWords("max_stress.x", "<=", 95e6)]
-    request = form.request(facts)
+    form = usual_forms(facts)["optimise"]
+    assert "--over" not in same_command(facts.template, form.whole(facts))
+    vary(form, NECK, "leg_spacing")
+    form.take("evaluations", 30)
+    form.take("without", ("output_wall.x",))
+    form.limits = [LimitWords("max_stress.x", "<=", 95e6)]
+    request = form.whole(facts)
     steps: list[Any] = []
     with listen(lambda what, done: None, steps.append):
         found = found_by_the_page(tmp_path, facts, request)
@@ -129,10 +153,11 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
 
 @pytest.mark.slow
 def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = Forms.usual(facts).optimise
+    form = usual_forms(facts)["optimise"]
     form.goals.append(LimitWords("max_stress.x", "minimise"))
-    form.over, form.evaluations = [NECK, "leg.bar_length"], 40
-    request = form.request(facts)
+    vary(form, NECK, "leg.bar_length")
+    form.take("evaluations", 40)
+    request = form.whole(facts)
     stages: list[Any] = []
     with listen(lambda what, done: None, stages.append):
         found = found_by_the_page(tmp_path, facts, request)
@@ -156,27 +181,35 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
 
 
 def test_forms_say_what_they_lack(facts: StageFacts) -> None:
-    forms = Forms.usual(facts)
-    forms.sweep.of = []
+    forms = usual_forms(facts)
+    forms["sweep"].of = []
     with pytest.raises(ModelError, match="choose at least one figure"):
-        forms.sweep.request(facts)
-    forms.optimise.keep = [LimitWords("max_stress.x", "<=")]
+        forms["sweep"].whole(facts)
+    forms["optimise"].limits = [LimitWords("max_stress.x", "<=")]
     with pytest.raises(ModelError, match="which value max_stress"):
-        forms.optimise.request(facts)
-    forms.optimise.over = []
+        forms["optimise"].whole(facts)
+    forms["optimise"].limits = []
+    vary(forms["optimise"])
     with pytest.raises(ModelError, match="at least one parameter"):
-        forms.optimise.request(facts)
+        forms["optimise"].whole(facts)
+    lot = forms["tolerance"]
+    lot.take("samples", 0)
+    with pytest.raises(ModelError, match=r"samples must be .* from 2 .*, got 0"):
+        lot.whole(facts)
+    lot.take("samples", 60)
+    lot.whole(facts)
     bare = replace(facts, variables={}, flexure=frozenset(), template=StageTemplate.of("cartwheel"))
     with pytest.raises(ModelError, match="cartwheel"):
-        Forms.usual(bare).sweep.request(bare)
+        usual_forms(bare)["sweep"].whole(bare)
     assert facts.frequency == "natural_frequency.x"
     assert facts.neck == NECK
 
 
 def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFacts) -> None:
-    form = Forms.usual(facts).sweep
+    form = usual_forms(facts)["sweep"]
     form.over[0].count = 9
-    request = form.request(facts)
+    request = form.whole(facts)
+    assert isinstance(request, SweepRequest)
     batches: list[Any] = []
     with listen(lambda what, done: None, batches.append):
         whole = ready_sweep(request, facts.template)()
@@ -215,7 +248,7 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         await user.open("/explore")
         await come(lambda: state.facts.get(GUIDE))
         await user.should_see(kind=ui.button, content="Run sweep", retries=50)
-        state.forms.sweep.over[0].count = 5
+        state.forms["sweep"].over[0].count = 5
         user.find(kind=ui.button, content="Run sweep").click()
         await come(lambda: "sweep" in state.runs)
         run = state.runs["sweep"]

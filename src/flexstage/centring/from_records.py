@@ -257,7 +257,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     size = len(found) if together else len(names)
     settings = [_fitted(found[i : i + size], options) for i in range(0, len(found), size)]
     written = options.error_unit or options.unit
-    reports = [report(s, mirror, options.mount_angle, written) for s in settings]
+    reports = [report(s, mirror, options.mounting_angle, written) for s in settings]
     for i in range(1, len(reports)):
         reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
     moves = options.stage_at

@@ -57,6 +57,12 @@ def _orders_text(orders: Sequence[int]) -> str:
 
 _COLUMNS = Written("COLUMN,...", read=read_columns, write=columns_text)
 _ANGLE = Annotated[float, DIMENSIONS["angle"]]
+#: Where heads stand [rad].
+HeadAngles = Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=True)]
+#: At which radius a scale is read [m].
+ScaleRadius = Annotated[Size, Written(bare="mm")]
+#: How a stage lies on its table [rad].
+MountingAngle = Annotated[_ANGLE, Written(bare="deg")]
 _UNIT = Annotated[str, Written("UNIT")]
 
 
@@ -87,11 +93,11 @@ class CentreRequest(Request):
     """Unit of the errors, or of the readings."""
     counts: float | None = None
     """Counts per turn, for columns in counts."""
-    heads: Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=True)] = ()
+    heads: HeadAngles = ()
     """Angles of the heads or indicators in the room, bare numbers in degrees, such as
     "0,90,180,270".
     """
-    radius: Annotated[Size, Written(bare="mm")] | None = None
+    radius: ScaleRadius | None = None
     """Radius at which the scale is read, such as "50 mm"; needed for the eccentricity."""
     kind: Literal["disc", "drum", "magnet"] | None = None
     """disc (default): radial lines or poles on a face, read at the radius; drum: lines or poles
@@ -120,7 +126,7 @@ class CentreRequest(Request):
     gives the orders that follow the moves, their gain, and the centre, for any scale and without a
     radius.
     """
-    mount_angle: Annotated[float, DIMENSIONS["angle"], Written(bare="deg")] = 0.0
+    mounting_angle: MountingAngle = 0.0
     """Direction of the x axis of the stage in the frame that turns with the table, such as
     "30 deg"; a bare number is in degrees.
     """

@@ -233,7 +233,7 @@ def _centred(found: Eccentricity, mirror: float, mount: float) -> dict[str, Any]
             "y": -(-s * x + c * y),
             "uncertainty_x": math.sqrt(max(c * c * xx + 2.0 * c * s * xy + s * s * yy, 0.0)),
             "uncertainty_y": math.sqrt(max(s * s * xx - 2.0 * c * s * xy + c * c * yy, 0.0)),
-            "mount_angle_deg": math.degrees(mount),
+            "mounting_angle_deg": math.degrees(mount),
             "unit": "m",
         },
         "reference_error": _plain(found.common),

@@ -51,7 +51,7 @@ class SensorEntry(SensorSpecification):
 class Defaults:
     """What holds for all steps that say nothing else."""
 
-    rate: _Rate = 1000.0
+    sample_rate: _Rate = 1000.0
     """Rate of samples of records [Hz]."""
     command_rate: _Rate = 1000.0
     """Rate of samples of commands [Hz]; straight lines between them."""

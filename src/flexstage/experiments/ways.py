@@ -71,7 +71,7 @@ def tracking_setup(context: "RunContext", name: str, action: "Verify") -> Tracki
         context.signal(action.along),
         Signal(kind="voltage", source=axis, name="voltage", unit="V"),
     )
-    rate = action.sample_rate(context.plan)
+    rate = action.rate(context.plan)
     made = compensate(
         {axis: course.model},
         course.trajectory,

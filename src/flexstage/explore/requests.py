@@ -184,3 +184,7 @@ class ToleranceRequest(Request):
     """Have that model say as well how figures follow an offset of all necks: two more analyses,
     each of notches that it has not met.
     """
+
+
+#: What can be asked of many stages.
+ExploreRequest = SweepRequest | OptimiseRequest | ToleranceRequest | SensitivityRequest

@@ -9,7 +9,7 @@ stage: vgtu-piezo
 sensors:
   x: {channel: 1, calibration: 0.0005, alignment: 1 mrad, drift: 2e-11}
   tilt: {channel: 5, unit: rad}
-defaults: {rate: 1 kHz}
+defaults: {sample_rate: 1 kHz}
 steps:
   - name: loops
     excite: {kind: cycles, axis: x, rate: 1 Hz, cycles: 4, shape: cosine}
@@ -18,10 +18,10 @@ steps:
   - name: record
     excite: {kind: designed, axis: x, rates: [0.5 Hz, 5 Hz], seed: 3}
   - {name: taken, measure: {of: record, along: x}}
-  - {name: model, identify: {of: [taken], output: x, models: [preisach]}}
+  - {name: model, identify: {of: [taken], output: x, model: [preisach]}}
   - {name: check, verify: {model: model, along: x, ways: [open loop, inverse]}}
   - {name: figures, characterise: {of: [motion]}}
-notes: [made on a quiet day]
+notes: [made on a quiet day in winter]
 """
 
 EDITS: Edits = {
@@ -77,8 +77,11 @@ EDITS: Edits = {
     "a rate for rates": ("rates: [0.5 Hz, 5 Hz]", "rates: 5 Hz"),
     "a rate among rates without a unit": ("rates: [0.5 Hz, 5 Hz]", "rates: [0.5 Hz, 5]"),
     "no rates": ("rates: [0.5 Hz, 5 Hz]", "rates: []"),
-    "a default rate of zero": ("defaults: {rate: 1 kHz}", "defaults: {rate: 0 kHz}"),
-    "defaults as a list": ("defaults: {rate: 1 kHz}", "defaults: [1 kHz]"),
+    "a default sample rate of zero": (
+        "defaults: {sample_rate: 1 kHz}",
+        "defaults: {sample_rate: 0 kHz}",
+    ),
+    "defaults as a list": ("defaults: {sample_rate: 1 kHz}", "defaults: [1 kHz]"),
     "2.5 cycles": ("cycles: 4", "cycles: 2.5"),
     "cycles as a text": ("cycles: 4", "cycles: four"),
     "cycles in quotes": ("cycles: 4", "cycles: '4'"),
@@ -116,8 +119,8 @@ EDITS: Edits = {
     "a step that is not there": ("of: loops", "of: lops"),
     "a step that comes later": ("of: loops", "of: record"),
     "a sensor that is not there": ("yaw: tilt", "yaw: tlt"),
-    "a model that is not there": ("models: [preisach]", "models: [preisch]"),
-    "a text for models": ("models: [preisach]", "models: preisach"),
+    "a model that is not there": ("model: [preisach]", "model: [preisch]"),
+    "a text for model": ("model: [preisach]", "model: preisach"),
     "a record of another verb": ("of: [taken]", "of: [loops]"),
     "a sensor that was not recorded": ("of: [taken], output: x", "of: [taken], output: tilt"),
     "a model of a step of another verb": ("verify: {model: model", "verify: {model: taken"),
@@ -136,5 +139,5 @@ EDITS: Edits = {
     "a band that falls": ("{of: record, along: x}", "{of: record, along: x, band: [9 Hz, 2 Hz]}"),
     "1.5 modes": ("{of: record, along: x}", "{of: record, along: x, modes: 1.5}"),
     "a confidence of 95": ("{of: record, along: x}", "{of: record, along: x, confidence: 95}"),
-    "a text for notes": ("notes: [made on a quiet day]", "notes: quiet"),
+    "a text for notes": ("notes: [made on a quiet day in winter]", "notes: quiet"),
 }

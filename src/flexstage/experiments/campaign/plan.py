@@ -1,23 +1,26 @@
 """What was measured and how: the kinds of tests, the description of a set of them, and its file."""
 
-import math
 import os
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as MappingType
 from dataclasses import dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from flexstage.errors import ModelError, StageError
-from flexstage.experiments.campaign.requests import CharacteriseRequest, Columns, TestOptions
+from flexstage.experiments.campaign.requests import (
+    CharacteriseRequest,
+    Columns,
+    Evaluation,
+    TestOptions,
+)
 from flexstage.files.decoder import Decoder, read_file
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import Format
 from flexstage.files.nodes import Mapping, Scalar
-from flexstage.files.ranges import POSITIVE, Range, require_ranges
+from flexstage.files.ranges import require_ranges
 from flexstage.sensor import SensorSpecification
-from flexstage.units import DIMENSIONS, Length
 
 _MOTIONS = ("along", "across", "vertical", "roll", "pitch", "yaw")
 _COMMANDED = {"command": "command"}
@@ -113,7 +116,7 @@ EXCITATIONS: tuple[str, ...] = ("auto", "random", "periodic", "hammer", "step", 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Test(TestOptions):
+class Test(Evaluation, TestOptions):
     """One test: its records, and what is in them."""
 
     name: str
@@ -134,18 +137,6 @@ class Test(TestOptions):
     """Name of the instrument that reads rotations."""
     excitation: str = "auto"
     """Of a response: hammer, random, periodic, step, sweep, or auto."""
-    modes: Annotated[int, Range(low=1, remark="counted where not given")] | None = None
-    """Of a response: how many modes to fit; chosen by stabilisation where not given."""
-    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
-    """Of a response: ends of the band that is fitted [Hz]."""
-    smallest_steps: bool = False
-    """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
-    the resolution, and not what the noise would still let one see.
-    """
-    smallest_step: Annotated[Length, POSITIVE] | None = None
-    """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
-    ratio is the resolution [m].
-    """
 
     def __post_init__(self) -> None:
         for what, given, known in (
@@ -161,13 +152,7 @@ class Test(TestOptions):
             raise ModelError(f"test '{self.name}' names no record: give at least one file")
         if not self.axis.strip():
             raise ModelError(f"test '{self.name}' names no axis: give the one that moves")
-        require_ranges(self, ModelError, f"test '{self.name}'")
-        if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
-            low, high = self.band
-            raise ModelError(
-                f"test '{self.name}': a band must rise from 0 Hz or more, got {low:g} to {high:g} "
-                "Hz: give its lower end first"
-            )
+        self.require(ModelError, f"test '{self.name}'")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

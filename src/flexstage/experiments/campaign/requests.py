@@ -1,12 +1,19 @@
 """What is asked of the records of a test: what is in them, and how they are evaluated."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal
 
 from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError
-from flexstage.files.ranges import NOT_NEGATIVE, Range, Written
+from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.ranges import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Range,
+    Written,
+    require_ranges,
+)
 from flexstage.files.request import Request
 from flexstage.records.read_options import ReadOptions
 from flexstage.units import DIMENSIONS, Length
@@ -15,34 +22,46 @@ _BELOW_ONE = Range(low=0.0, high=1.0, below=True)
 _CONFIDENCE = Range(low=0.5, high=1.0, above=True, below=True)
 
 
+# without slots: a test, or a step of a plan, has the fields of several of these
+@dataclass(frozen=True, kw_only=True)
+class Roles:
+    """What reads each motion: a column of a record, or a sensor of a plan."""
+
+    along: str | None = None
+    """What reads the position along the axis."""
+    across: str | None = None
+    """What reads the transverse motion in the plane."""
+    vertical: str | None = None
+    """What reads the motion out of the plane."""
+    roll: str | None = None
+    """What reads the rotation about the axis."""
+    pitch: str | None = None
+    """What reads the rotation about the transverse direction."""
+    yaw: str | None = None
+    """What reads the rotation about the normal."""
+    x: str | None = None
+    """What reads x at the corners of a workspace."""
+    y: str | None = None
+    """What reads y at the corners."""
+
+    @property
+    def roles(self) -> dict[str, str]:
+        """What is named, by what it reads."""
+        return {f.name: name for f in fields(Roles) if (name := getattr(self, f.name)) is not None}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
+class Columns(Roles):
     """Which column of a record is what, by number or name; or the unit of each."""
 
     command: str | None = None
     """Column of the command."""
-    along: str | None = None
-    """Column of the position along the axis."""
-    across: str | None = None
-    """Column of the transverse motion in the plane."""
-    vertical: str | None = None
-    """Column of the motion out of the plane."""
-    roll: str | None = None
-    """Column of the rotation about the axis."""
-    pitch: str | None = None
-    """Column of the rotation about the transverse direction."""
-    yaw: str | None = None
-    """Column of the rotation about the normal."""
     input: str | None = None
     """Column of the force or other excitation."""
     output: tuple[str, ...] = ()
     """Columns of the response."""
     corner: str | None = None
     """Column of the number of the corner, from 0 and anticlockwise."""
-    x: str | None = None
-    """Column of the reading in x at the corners."""
-    y: str | None = None
-    """Column of the reading in y at the corners."""
     spheres: tuple[str, ...] = ()
     """Names of the spheres, whose columns are called NAME.X, NAME.Y and NAME.Z."""
     direction: str | None = None
@@ -75,8 +94,44 @@ class Columns:
         return {k: v for k, v in given.items() if isinstance(v, str)}
 
 
+@dataclass(frozen=True, kw_only=True)
+class StepOptions(Request):
+    """How the steps of a staircase are told apart."""
+
+    confidence: Annotated[float, _CONFIDENCE, Written("SHARE")] = 0.95
+    """For a staircase: confidence level of a step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation(StepOptions):
+    """How a test of a campaign or of a plan is evaluated."""
+
+    modes: Annotated[int, Range(low=1, high=100, remark="counted where not given")] | None = None
+    """Of a response: how many modes to fit; chosen by stabilisation where not given."""
+    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
+    """Of a response: ends of the band that is fitted [Hz]."""
+    smallest_steps: bool = False
+    """Of a staircase: whether its steps are the smallest that the drive can make, so that they are
+    the resolution, and not what the noise would still let one see.
+    """
+    smallest_step: Annotated[Length, POSITIVE] | None = None
+    """Of a motion commanded in metres: smallest step of the drive, whose product with the measured
+    ratio is the resolution [m].
+    """
+
+    def require(self, error: type[FlexstageError], of: str) -> None:
+        """Refuse what cannot be evaluated; `of` says whose it is."""
+        require_ranges(self, error, of)
+        if self.band is not None and not 0.0 <= self.band[0] < self.band[1] < math.inf:
+            low, high = self.band
+            raise error(
+                f"the band of {of} must rise from 0 Hz or more, got {low:g} to {high:g} Hz: give "
+                "its lower end first"
+            )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TestOptions(Request):
+class TestOptions(StepOptions):
     """How the records of a test are evaluated."""
 
     __test__ = False  # a name that the collector of tests would take for its own
@@ -93,8 +148,6 @@ class TestOptions(Request):
     """For spheres: command at each station, separated by commas, if there is no such column, as in
     the report of a measuring machine: "0 um,5 um,10 um,5 um,0 um".
     """
-    confidence: Annotated[float, _CONFIDENCE, Written("SHARE")] = 0.95
-    """For a staircase: confidence level of a step."""
     reading: ReadOptions = field(default_factory=ReadOptions)
     """How the files are read."""
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.centring.move import Positioner, PositionerAxis
+from flexstage.centring.requests import HeadAngles, MountingAngle, ScaleRadius
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
@@ -58,13 +59,13 @@ class Centre(Verb):
     """The two axes that carry the scale."""
     sensors: tuple[str, str] = ("x", "y")
     """The sensors that read where they carry it."""
-    radius: Annotated[Length, _SIZE] = 50e-3
+    radius: ScaleRadius = 50e-3
     """Radius at which the scale is read [m]."""
     eccentricity: Annotated[tuple[float, float], DIMENSIONS["length"]] = (14e-6, -11e-6)
     """Centre of the scale on the table when both axes are in their middle [m]."""
-    heads: tuple[Angle, ...] = (0.0, 1.6, 3.1, 4.8)
+    heads: HeadAngles = (0.0, 1.6, 3.1, 4.8)
     """Where the heads stand [rad]."""
-    mounting_angle: Angle = 0.4
+    mounting_angle: MountingAngle = 0.4
     """Angle of the stage on the table [rad]."""
     noise: Annotated[Angle, _SIZE] = 4.8e-6
     """Standard deviation of a head's reading [rad]."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -12,6 +12,7 @@ from flexstage.characteristic import MeasuredCharacteristic
 from flexstage.errors import PlanError
 from flexstage.estimate import Component
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
+from flexstage.experiments.campaign.requests import Evaluation
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
 from flexstage.experiments.verb import StepResult, Verb
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from flexstage.experiments.run_context import RunContext
 
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
-#: How a test is evaluated, which a step of measure says in the same words.
-_OPTIONS = ("modes", "band", "confidence", "smallest_steps", "smallest_step")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +173,7 @@ def _test(context: "RunContext", name: str) -> Test:
         transverse=action.across or action.vertical,
         angle=action.yaw or action.pitch or action.roll,
         excitation=excitation,
-        **{name: getattr(action, name) for name in _OPTIONS},
+        **{f.name: getattr(action, f.name) for f in fields(Evaluation)},
     )
 
 

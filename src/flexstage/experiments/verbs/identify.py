@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -13,7 +13,9 @@ from flexstage.characteristic import measured_value
 from flexstage.errors import PlanError
 from flexstage.experiments.verb import StepResult, Verb
 from flexstage.files.plain import picked
+from flexstage.files.ranges import require_ranges
 from flexstage.files.write import write_whole
+from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.provenance import provenance
 from flexstage.quantities import number
 from flexstage.section import Bullets, Picture, Pictures, Section
@@ -33,7 +35,7 @@ _UM = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Identify(Verb):
+class Identify(Verb, IdentifyRequest):
     """Finds the model of a drive in records."""
 
     verb: ClassVar[str] = "identify"
@@ -43,27 +45,29 @@ class Identify(Verb):
     """Steps that measured the same axis."""
     output: str
     """The sensor that follows the drive."""
-    models: tuple[str, ...] = ("preisach",)
+    model: tuple[str, ...] = ("preisach",)
     """Models of hysteresis that are tried; the simplest that is as good as the best is taken."""
-    resonance: str | None = None
+    characterised_by: str | None = None
     """The step of characterise that found natural frequency and damping of the axis with its drive
-    in place; looked for in the records where not given.
+    in place; looked for in the records where neither it nor the resonance is given.
     """
 
     def __post_init__(self) -> None:
-        if not self.of or not self.models:
-            raise PlanError("identify needs a step that measures and a model at least")
-        from flexstage.hysteresis.identification.model_fit import fits
+        from flexstage.hysteresis.identification.model_fit import models_named
 
-        for name in self.models:
-            if name != "auto" and name not in fits():
-                raise PlanError(
-                    f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
-                )
+        if not self.of:
+            raise PlanError("identify needs a step that measures at least")
+        models_named(self.model)
+        require_ranges(self, PlanError, self.verb)
+        if self.resonance is not None and self.characterised_by is not None:
+            raise PlanError(
+                "identify has a resonance, and 'characterised_by' names a step that found one: "
+                "give one of them"
+            )
 
     @property
     def needs(self) -> tuple[str, ...]:
-        return self.of if self.resonance is None else (*self.of, self.resonance)
+        return self.of if self.characterised_by is None else (*self.of, self.characterised_by)
 
     def reads(self, before: Mapping[str, Verb]) -> tuple[str, ...]:
         del before
@@ -72,10 +76,10 @@ class Identify(Verb):
     def refused(self, name: str, other: str, used: Verb) -> str:
         if said := Verb.refused(self, name, other, used):
             return said
-        if (used.verb == "characterise") != (other == self.resonance):
+        if (used.verb == "characterise") != (other == self.characterised_by):
             return (
                 f"step '{name}' of identify takes records from steps of measure and its resonance "
-                f"from one of characterise, got '{other}' of {used.verb}"
+                f"from one of characterise ('characterised_by'), got '{other}' of {used.verb}"
             )
         return ""
 
@@ -96,8 +100,7 @@ class Identify(Verb):
             [step.evaluated for step in steps],
             "command",
             self.output,
-            model=self.models,
-            resonance=self._resonance(context),
+            self._request(context),
         )
         errors = {"rms": found.rms_percent, "max": found.max_percent}
         if found.heldout_rms_percent is not None:
@@ -126,14 +129,15 @@ class Identify(Verb):
         write_whole(target, model_text(file))
         return [target]
 
-    def _resonance(self, context: "RunContext") -> tuple[float, float] | None:
-        """Return frequency [Hz] and damping ratio of the mode that was measured in place."""
-        if self.resonance is None:
-            return None
-        found = cast("CharacterisedStep", context.results[self.resonance]).found
-        axis = self.axis_of(context.plan)
-        frequency = found.figure("natural_frequency_hz", axis).value
-        return frequency, found.figure("damping_ratio", axis).value
+    def _request(self, context: "RunContext") -> IdentifyRequest:
+        """Return what is asked for, with the mode that was measured in place."""
+        asked = {f.name: getattr(self, f.name) for f in fields(IdentifyRequest)}
+        if self.characterised_by is not None:
+            found = cast("CharacterisedStep", context.results[self.characterised_by]).found
+            axis = self.axis_of(context.plan)
+            asked["resonance"] = found.figure("natural_frequency_hz", axis).value
+            asked["damping_ratio"] = found.figure("damping_ratio", axis).value
+        return IdentifyRequest(**asked)
 
     def result(
         self, context: "RunContext", name: str, files: list[Path], *, now: bool

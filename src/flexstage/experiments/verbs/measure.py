@@ -7,33 +7,44 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from flexstage.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
+from flexstage.experiments.campaign.requests import Evaluation, Roles
 from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
 from flexstage.files.plain import picked
-from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, require_ranges
+from flexstage.files.ranges import Range
 from flexstage.quantities import number
 from flexstage.records import Record, read_record
 from flexstage.section import Section
 from flexstage.table import Column, table
-from flexstage.units import DIMENSIONS, Frequency, Length
+from flexstage.units import Frequency
 
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
 
-#: Sensors by what they read in a test.
-ROLES: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw", "x", "y")
 _TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
-SampleRate = Annotated[Frequency, Range(low=1e-3, high=1e7)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Measure(Verb):
+class Recording(Verb):
+    """Moves the stage, and records what sensors read."""
+
+    moving: ClassVar[bool] = True
+
+    sample_rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] | None = None
+    """Rate of samples [Hz]; that of the plan where not given."""
+
+    def rate(self, plan: "Plan") -> float:
+        """Return the rate of samples [Hz]."""
+        return self.sample_rate or plan.defaults.sample_rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measure(Recording, Roles, Evaluation):
     """Runs a command, and records what sensors read."""
 
     verb: ClassVar[str] = "measure"
     uses: ClassVar[tuple[str, ...]] = ("excite", "compensate")
-    moving: ClassVar[bool] = True
 
     of: str
     """The earlier step whose command is run."""
@@ -41,38 +52,10 @@ class Measure(Verb):
     """Kind of test that the record is, as `characterise` takes it; none where it is only used to
     identify.
     """
-    along: str | None = None
-    """The sensor that reads along the axis."""
-    across: str | None = None
-    """The sensor that reads across it, in the plane."""
-    vertical: str | None = None
-    """The sensor that reads out of the plane."""
-    roll: str | None = None
-    """The sensor that reads the roll."""
-    pitch: str | None = None
-    """The sensor that reads the pitch."""
-    yaw: str | None = None
-    """The sensor that reads the yaw."""
-    x: str | None = None
-    """The sensor that reads along x, of a workspace."""
-    y: str | None = None
-    """The sensor that reads along y, of a workspace."""
     output: tuple[str, ...] = ()
     """Of a response: the sensors that follow. Of a blow: the axes whose acceleration is read."""
     also: tuple[str, ...] = ()
     """Further sensors to record."""
-    rate: SampleRate | None = None
-    """Rate of samples [Hz]; that of the plan where not given."""
-    confidence: Annotated[float, INNER_SHARE] = 0.95
-    """Of a staircase: confidence at which steps are told apart [1]."""
-    smallest_steps: bool = False
-    """Of a staircase: whether its steps are the smallest that the drive makes."""
-    smallest_step: Annotated[Length, POSITIVE] | None = None
-    """Of a motion commanded in metres: the smallest step of the drive [m]."""
-    modes: Annotated[int, Range(low=1, high=100)] | None = None
-    """Of a response: how many modes are fitted."""
-    band: Annotated[tuple[float, float], DIMENSIONS["frequency"]] | None = None
-    """Of a response: the band that is fitted [Hz]."""
 
     def __post_init__(self) -> None:
         if self.test is not None and self.test not in _TESTS:
@@ -80,17 +63,7 @@ class Measure(Verb):
             raise PlanError(
                 f"the kind of test '{self.test}' {known}: choose from {', '.join(_TESTS)}"
             )
-        require_ranges(self, PlanError, self.verb)
-        if self.band is not None and not 0.0 <= self.band[0] < self.band[1]:
-            raise PlanError(
-                f"the band of a response must rise from 0 Hz or more, got {self.band[0]:g} to "
-                f"{self.band[1]:g} Hz"
-            )
-
-    @property
-    def roles(self) -> dict[str, str]:
-        """Sensors by what they read."""
-        return {r: s for r in ROLES if (s := getattr(self, r)) is not None}
+        self.require(PlanError, self.verb)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -125,16 +98,12 @@ class Measure(Verb):
             return replace(step, what=f"force and response of {source.what}", signals=2)
         return replace(
             step,
-            what=f"{self.test or 'for identification'}, {self.sample_rate(context.plan):g} Hz",
+            what=f"{self.test or 'for identification'}, {self.rate(context.plan):g} Hz",
             duration=source.command_duration,
             samples=source.samples,
             signals=len({*self.roles.values(), *self.output, *self.also}),
             motions=source.motions,
         )
-
-    def sample_rate(self, plan: "Plan") -> float:
-        """Return the rate of samples [Hz]."""
-        return self.rate or plan.defaults.rate
 
     def run(self, context: "RunContext", name: str) -> list[Path]:
         command = context.commands[self.of]
@@ -145,7 +114,7 @@ class Measure(Verb):
         if not signals:
             raise PlanError(f"step '{name}' records nothing: name a sensor")
         stream = context.folder / "records" / f"{name}.stream"
-        rate = self.sample_rate(context.plan)
+        rate = self.rate(context.plan)
         return [command.record(context.instrument, signals, rate, stream, about)]
 
     def result(

@@ -20,7 +20,7 @@ from flexstage.experiments.verbs.compensate import (
     reference_rate,
     require_whole_cycles,
 )
-from flexstage.experiments.verbs.measure import SampleRate
+from flexstage.experiments.verbs.measure import Recording
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.quantities import number
@@ -29,7 +29,6 @@ from flexstage.section import Bullets, Picture, Pictures, Section
 from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
     from flexstage.experiments.run_context import RunContext
     from flexstage.hysteresis import Tracking
@@ -57,12 +56,11 @@ _UM, _NM = 1e6, 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verify(Verb):
+class Verify(Recording):
     """Follows a reference in several ways, and compares what is left of the loop."""
 
     verb: ClassVar[str] = "verify"
     uses: ClassVar[tuple[str, ...]] = ("identify",)
-    moving: ClassVar[bool] = True
 
     model: str
     """The step that identified the model."""
@@ -76,8 +74,6 @@ class Verify(Verb):
     """
     trials: Annotated[int, Range(low=1, high=100)] = 5
     """Trials of learning."""
-    rate: SampleRate | None = None
-    """Rate of samples [Hz]; that of the plan where not given."""
 
     def __post_init__(self) -> None:
         for way in self.ways:
@@ -98,14 +94,10 @@ class Verify(Verb):
         del before
         return (self.along,)
 
-    def sample_rate(self, plan: "Plan") -> float:
-        """Return the rate of samples [Hz]."""
-        return self.rate or plan.defaults.rate
-
     def preview(self, context: PlanContext, name: str) -> PlannedStep:
         plan, wanted = context.plan, self.reference
         reference_rate(wanted, plan.defaults.command_rate, context.base_rate_hz)
-        require_whole_cycles(name, wanted, self.sample_rate(plan))
+        require_whole_cycles(name, wanted, self.rate(plan))
         stroke = estimated_stroke(context.stage, self.axis_of(plan))
         # the trials of learning are counted, the last of which is kept
         runs = len(self.ways) + (self.trials - 1.0) * ("learning" in self.ways)
@@ -121,7 +113,7 @@ class Verify(Verb):
     def run(self, context: "RunContext", name: str) -> list[Path]:
         from flexstage.experiments.ways import follow, tracking_setup
 
-        require_whole_cycles(name, self.reference, self.sample_rate(context.plan))
+        require_whole_cycles(name, self.reference, self.rate(context.plan))
         own = tracking_setup(context, name, self)
         return [follow(context, own, way) for way in self.ways]
 

@@ -43,10 +43,10 @@ from flexstage.hysteresis.identification.model_choice import (
 )
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
-    automatic,
     behind_chain,
     fit_data,
     fits,
+    models_named,
 )
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.model_file import ModelFile
@@ -173,17 +173,10 @@ def identify(
         There is no such model.
     """
     request = request_of(IdentifyRequest, request, asked)
-    wanted, resonance = request.model, request.known_mode
+    resonance = request.known_mode
     if chain is None and (request.delay is not None or request.creep is not None):
         chain = ChainValues(delay=request.delay or 0.0, creep_per_decade=request.creep or 0.0)
-    names = automatic() if wanted == ("auto",) else wanted
-    if not names:
-        raise ModelError(f"no model is named: choose from auto, {', '.join(fits())}")
-    for name in names:
-        if name not in fits():
-            raise ModelError(
-                f"the model '{name}' is not known: choose from auto, {', '.join(fits())}"
-            )
+    names = models_named(request.model)
     given = [records] if isinstance(records, Record) else list(records)
     train = train_range(request.train, given)
     data = measurement(given, input_column, output_column, drift=request.drift)

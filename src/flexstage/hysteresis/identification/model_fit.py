@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.hysteresis.identification.fit_rows import (
     ChainValues,
     Rows,
@@ -343,13 +344,27 @@ def fits() -> Mapping[str, ModelFit]:
     return _fits(tuple(MODELS.items()))
 
 
-def automatic() -> tuple[str, ...]:
-    """Return the models that are tried where none is named.
+def models_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the models that are tried where these are named; auto stands for four of them.
 
     The others are tried when they are named: beside these four they were
     chosen for none of nine records that were measured, and take a third of the time.
+
+    Raises
+    ------
+    ModelError
+        There is no such model.
     """
-    return tuple(kind for kind, fit in fits().items() if fit.automatic)
+    known = fits()
+    if tuple(names) == ("auto",):
+        return tuple(kind for kind, fit in known.items() if fit.automatic)
+    allowed = f"choose from auto, {', '.join(known)}"
+    if not names:
+        raise ModelError(f"no model is named: {allowed}")
+    for name in names:
+        if name not in known:
+            raise ModelError(f"the model '{name}' is not known: {allowed}")
+    return tuple(names)
 
 
 @functools.cache

@@ -85,7 +85,7 @@ def rows_of(state: CentringState, preferences: Preferences) -> Table:
         at = [shown_number(preferences.shown(POSITION), v) for v in each.at]
         cells = ["…"] * 4
         if i < len(found):
-            e, first = found[i].get("eccentricity"), first_order(found[i], state.radius)
+            e, first = found[i].get("eccentricity"), first_order(found[i], state.request.radius)
             cells = [
                 "–" if e is None else pair(e["value"], e["uncertainty"], factor),
                 "–" if e is None else in_page_words(f"{e['phase_deg']:.1f}"),

@@ -5,10 +5,10 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.centring.from_records import MAGNET
-from flexstage.centring.geometry import SCALE_KINDS
+from flexstage.centring.requests import MAGNET
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.page import Page, choice, panel, quiet_button
+from flexstage.web.request_form import RequestForm
 
 #: Where records come from, as the page names it.
 SOURCES: dict[Source, str] = {
@@ -17,7 +17,6 @@ SOURCES: dict[Source, str] = {
     "gauge": "Readings of a gauge",
 }
 _UNITS = {"": "as the file says", "deg": "deg", "rad": "rad", "arcsec": "arcsec", "turn": "turn"}
-_MM = 1e3
 
 
 class ScaleForm:
@@ -37,7 +36,8 @@ class ScaleForm:
         self, page: Page, begin: Callable[[Source], None], changed: Callable[[], None]
     ) -> None:
         self._state = page.session.state(CentringState)
-        self._page, self._begin, self._changed = page, begin, changed
+        self._begin, self._changed = begin, changed
+        self._own = RequestForm(page, lambda: self._state.request, lambda n, v: self._ask(**{n: v}))
         self._area = panel("toolbar")
         self.build()
 
@@ -47,12 +47,8 @@ class ScaleForm:
         self._area.clear()
         with self._area:
             choice(SOURCES, state.source, "Where records come from", lambda e: self._begin(e.value))
-            radius = ui.number(
-                "Radius of the scale [mm]",
-                value=None if state.radius is None else round(_MM * state.radius, 6),
-                min=0.01,
-            ).props("dense outlined debounce=600")
-            radius.on_value_change(lambda e: self._put("radius", e.value and e.value / _MM))
+            if state.request.kind != MAGNET:
+                self._own.number("radius")
             if state.source == "records":
                 self._records()
             ui.space()
@@ -61,31 +57,29 @@ class ScaleForm:
             )
 
     def _records(self) -> None:
-        state = self._state
-        self._select("Kind", [*SCALE_KINDS, MAGNET], "kind")
+        state, own = self._state, self._own
+        own.choice("kind")
         if not state.columns:
             return
-        self._select("Angle", list(state.columns), "angle")
-        self._select("Error", list(state.columns), "errors", multiple=True)
-        self._select("Unit", _UNITS, "unit")
-        heads = ui.input("Heads [°]", value=state.heads).props("dense outlined debounce=800")
-        heads.on_value_change(lambda e: self._put("heads", e.value))
-        for label, name in (
-            ("columns are what the heads read", "is_reading"),
-            ("heads travel clockwise", "clockwise"),
-        ):
-            box = ui.checkbox(label, value=getattr(state, name)).props("dense")
-            box.on_value_change(lambda e, name=name: self._put(name, bool(e.value)))
+        columns = list(state.columns)
+        own.choice("angle", columns)
+        own.choice(state.named, columns)
+        box = ui.checkbox("columns are what the heads read", value=state.named == "reading")
+        box.props("dense").on_value_change(lambda e: self._turn(bool(e.value)))
+        own.choice("unit", _UNITS)
+        own.text("heads")
+        own.choice("head_direction", {"ccw": "counter-clockwise", "cw": "clockwise"})
 
-    def _select(self, label: str, values: Any, name: str, *, multiple: bool = False) -> None:
-        value = getattr(self._state, name)
-        shown = list(value) if multiple else value
-        choice(
-            values, shown, label,
-            lambda e: self._put(name, tuple(e.value) if multiple else e.value), multiple=multiple,
-        )  # fmt: skip
+    def _turn(self, is_reading: bool) -> None:
+        names = self._state.request.names
+        self._ask(error=() if is_reading else names, reading=names if is_reading else ())
+        self.build()
 
-    def _put(self, name: str, value: Any) -> None:
-        setattr(self._state, name, value)
+    def _ask(self, **changed: Any) -> None:
+        if changed.get("kind") == MAGNET:
+            changed["radius"] = None  # it has none
+        self._state.ask(**changed)
+        if "kind" in changed:
+            self.build()
         if self._state.measured:
             self._changed()

@@ -3,11 +3,10 @@
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from flexstage.centring.procedure import trial_length, trial_position
 from flexstage.centring.requests import CentreRequest
-from flexstage.files.request import request_fields
 from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
@@ -51,24 +50,10 @@ class CentringState:
     """What the measurements say."""
     columns: tuple[str, ...] = ()
     """Columns of the first record."""
-    angle: str = "angle"
-    """Its column of the angle."""
-    errors: tuple[str, ...] = ()
-    """Its columns of errors."""
-    is_reading: bool = False
-    """Whether those are what the heads read, and not less the true angle."""
-    unit: str = ""
-    """Unit of angle and errors, where the file does not say it."""
-    heads: str = ""
-    """Where the heads stand, in degrees."""
-    radius: float | None = 50e-3
-    """Radius of the scale [m]."""
-    kind: Literal["disc", "drum", "magnet"] = "disc"
-    """Kind of scale."""
-    clockwise: bool = False
-    """Whether the heads travel clockwise round the scale."""
-    mount: float = 0.0
-    """Direction of the stage's x axis in the frame that turns with the table [rad]."""
+    request: CentreRequest = field(
+        default_factory=lambda: CentreRequest(angle="angle", radius=50e-3, kind="disc")
+    )
+    """What is asked for, without the places of the stage."""
     gauge_text: str = ""
     """Readings of a gauge, as they are typed."""
     gauge_unit: str = "µm"
@@ -87,19 +72,14 @@ class CentringState:
         return (1, 2, 2)[len(self.measured)] if len(self.measured) < 3 else 3
 
     @property
+    def named(self) -> Literal["error", "reading"]:
+        """What the columns of the heads are."""
+        return "reading" if self.request.reading else "error"
+
+    @property
     def asked(self) -> CentreFiles:
         """What is to be evaluated."""
-        request = CentreRequest(
-            error=() if self.is_reading else self.errors,
-            reading=self.errors if self.is_reading else (),
-            angle=self.angle,
-            unit=self.unit or None,
-            heads=request_fields(CentreRequest)["heads"].read(self.heads) if self.heads else (),
-            radius=None if self.kind == "magnet" else self.radius,
-            kind=self.kind,
-            head_direction="cw" if self.clockwise else "ccw",
-            mount_angle=self.mount,
-        )
+        request = self.request
         if len(self.measured) > 2:  # enough to say how the stage moves
             request = replace(request, stage_at=tuple(each.at for each in self.measured))
         return CentreFiles(files=tuple(each.file for each in self.measured), request=request)
@@ -114,6 +94,16 @@ class CentringState:
         """Whether what was found is of all that was measured."""
         return self.found is not None and self.found.of == self.asked
 
+    def ask(self, **changed: Any) -> None:
+        """Ask for something else.
+
+        Raises
+        ------
+        FlexstageError
+            It does not belong together.
+        """
+        self.request = replace(self.request, **changed)
+
     def take(self, file: Path) -> None:
         """Take a record of the scale with the stage where it stands."""
         self.measured.append(Measured(self.next_kind, self.at, file))
@@ -125,24 +115,29 @@ class CentringState:
 
     def begin(self, source: Source, at: tuple[float, float] | None = None) -> None:
         """Begin anew, with the stage at a place; in the middle where that is not known."""
-        fresh = CentringState(at=at or (0.0, 0.0), radius=self.radius, kind=self.kind)
-        fresh.source = source
+        fresh = CentringState(source=source, at=at or (0.0, 0.0))
+        scale = {"radius": self.request.radius, "kind": self.request.kind}
         if source == "example":
             fresh.columns = ("angle", *(f"head {j + 1}" for j in range(len(EXAMPLE_HEADS))))
-            fresh.heads = ",".join(f"{math.degrees(alpha):g}" for alpha in EXAMPLE_HEADS)
-            fresh.radius, fresh.kind = EXAMPLE_RADIUS, "disc"
+            scale = {"radius": EXAMPLE_RADIUS, "kind": "disc", "heads": EXAMPLE_HEADS}
         elif source == "gauge":
             fresh.columns = ("angle", "gauge")
-        fresh.errors = fresh.columns[1:]
+        fresh.request = replace(fresh.request, error=fresh.columns[1:], **scale)
         self.__dict__.update(fresh.__dict__)
 
     def look(self, likely: LikelyTurn) -> None:
         """Take the columns of the first record."""
-        self.columns, self.angle, self.errors = likely.columns, likely.angle, likely.errors
-        self.unit = "" if likely.has_units else "deg"
-        if len(self.errors) > 1 and not self.heads:
-            apart = 360.0 / len(self.errors)
-            self.heads = ",".join(f"{apart * j:g}" for j in range(len(self.errors)))
+        heads, count = self.request.heads, len(likely.errors)
+        if count > 1 and not heads:
+            heads = tuple(math.radians(360.0 * j / count) for j in range(count))
+        self.columns = likely.columns
+        self.request = replace(
+            self.request,
+            angle=likely.angle,
+            unit=None if likely.has_units else "deg",
+            heads=heads,
+            **{self.named: likely.errors},
+        )
 
     def target(self) -> tuple[float, float] | None:
         """Where the stage shall stand for the next measurement [m]; None where it is not known."""

@@ -6,47 +6,20 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.comparison import MODEL_WORDS
+from flexstage.explore.requests import OptimiseRequest
 from flexstage.explore.variables import Variable
+from flexstage.files.request import request_fields
 from flexstage.web.explore.facts import StageFacts
-from flexstage.web.explore.state import LimitWords, RangeWords
-from flexstage.web.page import div, in_page_words, quiet_button
-from flexstage.web.preferences import Preferences
-
-# what a sentence says of options, and what the form calls it
-_FIELDS = {
-    "--over NAME=RANGE varies one": "a tick under “Parameters and bounds” varies one",
-    "--without NAME leaves one out": "without its tick it is left out",
-    "--start middle": "“Start” at the middle of all bounds",
-    "--model superelement": f"the model of {MODEL_WORDS['superelement']}",
-    "--maximise or --minimise a figure, or --match values": "“maximise”, “minimise” or “reach”",
-    "--keep": "“What is required”",
-    "--match": "“reach”",
-    "--over": "“What is varied”",
-    "--samples": "“Number of points”",
-    "--require": "“What a good stage has”",
-    "--target-yield": "“Yield to reach”",
-    "--hinges": "“Neck and place of each hinge”",
-    "--scatter": "“Scatter of the workshop”",
-}
-
-
-def in_form_words(sentence: str) -> str:
-    """Return what the library says with the fields of a form in place of options.
-
-    Examples
-    --------
-    >>> in_form_words("widen them, or start from their middle with --start middle")
-    'widen them, or start from their middle with “Start” at the middle of all bounds'
-    """
-    for option, words in _FIELDS.items():
-        sentence = sentence.replace(option, words)
-    return in_page_words(sentence)
-
+from flexstage.web.explore.state import ExploreForm, LimitWords, RangeWords
+from flexstage.web.page import Page, div, quiet_button
+from flexstage.web.request_form import RequestForm
 
 _FIELD = "outlined dense options-dense"
 _SIGNS = {">=": "≥", "<=": "≤", "=": "="}
 #: What is sought of a figure.
-WAYS = {"maximise": "maximise", "minimise": "minimise", "reach": "reach"}
+WAYS = {
+    name: request_fields(OptimiseRequest)[name].label for name in ("maximise", "minimise", "match")
+}
 
 
 class Fields:
@@ -54,14 +27,13 @@ class Fields:
 
     Parameters
     ----------
-    facts, preferences, changed
-        The stage, units and look, and the function.
+    facts, page, changed
+        The stage, the page, and the function.
     """
 
-    def __init__(
-        self, facts: StageFacts, preferences: Preferences, changed: Callable[[], object]
-    ) -> None:
-        self.facts, self.preferences, self.changed = facts, preferences, changed
+    def __init__(self, facts: StageFacts, page: Page, changed: Callable[[], object]) -> None:
+        self.facts, self._page, self.changed = facts, page, changed
+        self.preferences = page.preferences
 
     def headings(self, names: Iterable[str]) -> dict[str, str]:
         """Return what figures are called, with their units."""
@@ -71,7 +43,7 @@ class Fields:
             for name in names
         }
 
-    def figures(self, form: Any, names: Iterable[str]) -> None:
+    def figures(self, form: ExploreForm, names: Iterable[str]) -> None:
         """Show which figures are looked at."""
         options = self.headings(names)
         field = ui.select(options, value=list(form.of), multiple=True, label="Figures")
@@ -91,22 +63,20 @@ class Fields:
         field.on_value_change(take)
         show()
 
-    def model(self, form: Any, finer: str) -> None:
+    def model(self, form: ExploreForm, finer: str) -> None:
         """Show by which model: rigid bodies, or condensed ones, which cost more."""
         remarks = {"lumped": "quick, some per cent off", "superelement": finer}
         options = {name: f"{MODEL_WORDS[name]}: {remark}" for name, remark in remarks.items()}
-        self.choice("Model", form, "model", options)
+        self.of(form).choice("model", options).classes("full-width")
 
-    def choice(self, label: str, form: Any, name: str, options: dict[str, str]) -> None:
-        """Show a field of a form that is one of some words."""
-        field = ui.select(options, value=getattr(form, name), label=label)
-        field.props(_FIELD).classes("full-width")
+    def of(self, form: ExploreForm) -> RequestForm:
+        """Return what makes the fields of its request."""
 
-        def take(event: Any) -> None:
-            setattr(form, name, event.value)
+        def take(name: str, value: Any) -> None:
+            form.take(name, value)
             self.changed()
 
-        field.on_value_change(take)
+        return RequestForm(self._page, lambda: form.request, take)
 
     def number(
         self,

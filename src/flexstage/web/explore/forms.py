@@ -7,6 +7,13 @@ from nicegui import ui
 
 from flexstage.explore.deviations import KINDS as DEVIATIONS
 from flexstage.explore.optimise.ladder import SearchOptions
+from flexstage.explore.requests import (
+    ExploreRequest,
+    OptimiseRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.explore.sampling import usual_plan
 from flexstage.explore.sweep import usual_cost
 from flexstage.explore.variables import variables_of
@@ -16,53 +23,50 @@ from flexstage.virtual.imperfections import Scatter
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.fields import WAYS, Fields
 from flexstage.web.explore.state import (
-    Form,
-    OptimiseForm,
+    ExploreForm,
     RangeWords,
-    SensitivityForm,
-    SweepForm,
-    ToleranceForm,
 )
-from flexstage.web.page import PanelHeading, div, quiet_button
+from flexstage.web.page import PanelHeading, div, quiet_button, remark
 
 _MOST = 8  # parameters of a sweep
 
 
-def build_form(form: Form, fields: Fields) -> None:
+def build_form(form: ExploreForm, fields: Fields) -> None:
     """Make the fields of a form."""
-    match form:
-        case SweepForm():
+    form.wrong.clear()  # the fields are made anew from what was taken
+    match form.request:
+        case SweepRequest():
             _sweep(form, fields)
-        case OptimiseForm():
-            _optimise(form, fields)
-        case ToleranceForm():
+        case OptimiseRequest():
+            _optimise(form, form.request, fields)
+        case ToleranceRequest():
             _tolerance(form, fields)
-        case SensitivityForm():
+        case SensitivityRequest():
             _sensitivity(form, fields)
 
 
-def what_it_takes(form: Form, facts: StageFacts) -> str:
-    """Say how much work a form asks for."""
-    match form:
-        case SweepForm():
-            over = variables_of(
-                facts.template, [w.variable(facts.variables[w.name]) for w in form.over]
-            )
-            samples = form.samples if len(form.over) > 2 else None
-            points = len(usual_plan(over, form.model, samples=samples).points(over))
-            return f"{points} points, about {duration(max(1.0, points * usual_cost(form.model)))}"
-        case OptimiseForm():
-            most = SearchOptions(evaluations=form.evaluations).budget(len(form.over))
+def what_it_takes(request: ExploreRequest, facts: StageFacts) -> str:
+    """Say how much work is asked for."""
+    match request:
+        case SweepRequest():
+            over = variables_of(facts.template, request.over)
+            points = len(usual_plan(over, request.model, samples=request.samples).points(over))
+            seconds = max(1.0, points * usual_cost(request.model))
+            return f"{points} points, about {duration(seconds)}"
+        case OptimiseRequest():
+            most = SearchOptions(evaluations=request.evaluations)
+            most = most.budget(len(request.over or facts.flexure))
             return f"up to {most} evaluations; what is best so far is kept when it is cancelled"
-        case ToleranceForm():
-            return f"{form.samples} stages"
-        case SensitivityForm():
-            return "some seconds" if form.model == "lumped" else "two analyses of each parameter"
+        case ToleranceRequest():
+            return f"{request.samples} stages"
+        case SensitivityRequest():
+            lumped = request.model == "lumped"
+            return "some seconds" if lumped else "two analyses of each parameter"
 
 
-def _sweep(form: SweepForm, fields: Fields) -> None:
+def _sweep(form: ExploreForm, fields: Fields) -> None:
     facts = fields.facts
-    PanelHeading("What is varied", 3)
+    PanelHeading("Over: what is varied", 3)
     box = div("rows")
     names = {name: name.replace("_", " ") for name in facts.variables}
 
@@ -90,10 +94,7 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
             if len(form.over) < min(_MOST, len(names)):
                 quiet_button("Vary one more", icon="add", on_click=more).props("dense")
             if len(form.over) > 2:
-                fields.number(
-                    "Number of points", form.samples, lambda v: setattr(form, "samples", v),
-                    whole=True, min=2, max=100_000, placeholder="256",
-                ).props("stack-label")  # fmt: skip
+                fields.of(form).number("samples", "256")
 
     def choose(row: RangeWords, name: str | None) -> None:
         if name and name not in {other.name for other in form.over}:
@@ -115,6 +116,8 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
         if len(form.over) > 2:
             for row in form.over:
                 row.count = None
+        else:
+            form.take("samples", None)
         show()
         fields.changed()
 
@@ -123,111 +126,95 @@ def _sweep(form: SweepForm, fields: Fields) -> None:
     fields.model(form, f"closer, about {usual_cost('superelement'):g} s a point")
 
 
-def _optimise(form: OptimiseForm, fields: Fields) -> None:
+def _optimise(form: ExploreForm, request: OptimiseRequest, fields: Fields) -> None:
     facts = fields.facts
     PanelHeading("What is sought", 3)
     fields.limits(form.goals, facts.figures, "One more goal", WAYS, at_least=1)
-    PanelHeading("What is required", 3)
+    PanelHeading("Keep: what is required", 3)
+    left_out = set(request.without)
+
+    def tick(name: str, event: Any) -> None:
+        (left_out.discard if event.value else left_out.add)(name)
+        form.take("without", tuple(name for name in facts.unasked if name in left_out))
+        fields.changed()
+
     with div("rows"):
         for name, words in facts.unasked.items():
-            box = ui.checkbox(words, value=name in form.required).props("dense")
-            box.on_value_change(lambda event, n=name: _toggle(form.required, n, event, fields))
-    fields.limits(form.keep, facts.figures, "One more requirement")
+            box = ui.checkbox(words, value=name not in left_out).props("dense")
+            box.on_value_change(partial(tick, name))
+        remark("Without: those that have no tick")
+    fields.limits(form.limits, facts.figures, "One more requirement")
     fold = ui.expansion().classes("group full-width")
     fold.on_value_change(lambda: _chosen(form, fields, fold, names))
     with fold:
         names = div("rows")
-    _count(form, facts, fold)
+    _count(form, fold)
     fields.model(form, "corrects the rigid ones, takes some minutes")
     starts = {"described": "the stage as it is", "middle": "the middle of all bounds"}
-    fields.choice("Start", form, "start", starts)
-    fields.number(
-        "Evaluations at most", form.evaluations, lambda v: setattr(form, "evaluations", v),
-        whole=True, min=1,
-        placeholder=str(SearchOptions().budget(len(form.over))),
-    ).props("stack-label").classes("full-width")  # fmt: skip
+    own = fields.of(form)
+    own.choice("start", starts).classes("full-width")
+    usual = SearchOptions().budget(len(form.chosen))
+    own.number("evaluations", str(usual)).classes("full-width")
 
 
-def _count(form: OptimiseForm, facts: StageFacts, fold: ui.expansion) -> None:
-    fold.text = f"Parameters and bounds: {len(form.over)} of {len(facts.variables)}"
+def _count(form: ExploreForm, fold: ui.expansion) -> None:
+    fold.text = f"Over: {len(form.chosen)} of {len(form.over)} parameters, and their bounds"
 
 
-def _chosen(form: OptimiseForm, fields: Fields, fold: ui.expansion, box: ui.element) -> None:
+def _chosen(form: ExploreForm, fields: Fields, fold: ui.expansion, box: ui.element) -> None:
     """Show what may change, once it is asked for: a stage has many parameters."""
-    facts = fields.facts
     if not fold.value or list(box):
         return
 
-    def toggle(name: str, event: Any) -> None:
-        _toggle(form.over, name, event, fields)
-        _count(form, facts, fold)
+    def toggle(row: RangeWords, event: Any) -> None:
+        row.is_chosen = event.value
+        fields.changed()
+        _count(form, fold)
 
     with box:
-        for name, variable in facts.variables.items():
+        for row in form.over:
             with div("vary chosen"):
-                choice = ui.checkbox(name.replace("_", " "), value=name in form.over)
-                choice.props("dense").on_value_change(partial(toggle, name))
-                fields.bounds(form.bounds.setdefault(name, RangeWords(name)), variable)
+                choice = ui.checkbox(row.name.replace("_", " "), value=row.is_chosen)
+                choice.props("dense").on_value_change(partial(toggle, row))
+                fields.bounds(row, fields.facts.variables[row.name])
 
 
-def _toggle(names: list[str], name: str, event: Any, fields: Fields) -> None:
-    if event.value and name not in names:
-        names.append(name)
-    elif not event.value and name in names:
-        names.remove(name)
-    fields.changed()
-
-
-def _tolerance(form: ToleranceForm, fields: Fields) -> None:
+def _tolerance(form: ExploreForm, fields: Fields) -> None:
     facts = fields.facts
     of_lots = [name for name in facts.figures if name in facts.of_lots]
-    PanelHeading("What a good stage has", 3)
-    fields.limits(form.require, of_lots, "One more requirement")
-    fields.number(
-        "Stages that are drawn", form.samples, lambda v: setattr(form, "samples", v or 10_000),
-        whole=True, min=2, max=1_000_000,
-    ).classes("full-width")  # fmt: skip
-    fields.number(
-        "Yield to reach [%]", form.target, lambda v: setattr(form, "target", v), min=1, max=100,
-        placeholder="none: the tolerances as they are",
-    ).props("stack-label").classes("full-width")  # fmt: skip
-    with ui.expansion("Scatter of the workshop: standard deviations").classes("group full-width"):
-        for kind in DEVIATIONS:
-            usual = scatter_text(Scatter(), kind.name)
-            field = ui.input(
-                kind.label[0].upper() + kind.label[1:],
-                value=form.scatter.get(kind.name, ""),
-                placeholder=usual,
-            ).props("outlined dense stack-label debounce=400")
-            field.classes("full-width").on_value_change(
-                lambda event, name=kind.name: _scatter(form, name, event.value, fields)
-            )
+    PanelHeading("Require: what a good stage has", 3)
+    fields.limits(form.limits, of_lots, "One more requirement")
+    own = fields.of(form)
+    own.number("samples").classes("full-width")
+    own.number("target_yield", "none: the tolerances as they are").classes("full-width")
+    _scatter(form, fields)
     fields.figures(form, of_lots)
     fields.model(form, "corrects the rigid ones, one analysis more")
 
 
-def _scatter(form: ToleranceForm, name: str, text: str | None, fields: Fields) -> None:
-    if text and text.strip():
-        form.scatter[name] = text.strip()
-    else:
-        form.scatter.pop(name, None)
-    fields.changed()
+def _scatter(form: ExploreForm, fields: Fields) -> None:
+    """Show the standard deviations of the workshop, as they are typed."""
+    assert isinstance(form.request, ToleranceRequest)
+    given = dict(pair.split("=", 1) for pair in form.request.scatter)
 
-
-def _sensitivity(form: SensitivityForm, fields: Fields) -> None:
-    facts = fields.facts
-
-    def hinges(event: Any) -> None:
-        form.hinges = event.value
+    def take(name: str, event: Any) -> None:
+        given[name] = (event.value or "").strip()
+        form.take("scatter", tuple(f"{n}={text}" for n, text in given.items() if text))
         fields.changed()
 
-    ui.checkbox(
-        "Neck and place of each hinge, in place of the parameters", value=form.hinges
-    ).props("dense").on_value_change(hinges)
-    fields.number(
-        "Change of lengths [µm]", None if form.step is None else form.step * 1e6,
-        lambda v: setattr(form, "step", None if not v else v * 1e-6), min=0.001,
-        placeholder="1 % of each; 10 µm of hinges",
-    ).props("stack-label").classes("full-width")  # fmt: skip
-    fields.figures(form, facts.figures)
+    with ui.expansion("Scatter: standard deviations of the workshop").classes("group full-width"):
+        for kind in DEVIATIONS:
+            field = ui.input(
+                kind.label[0].upper() + kind.label[1:],
+                value=given.get(kind.name, ""),
+                placeholder=scatter_text(Scatter(), kind.name),
+            ).props("outlined dense stack-label debounce=400")
+            field.classes("full-width").on_value_change(partial(take, kind.name))
+
+
+def _sensitivity(form: ExploreForm, fields: Fields) -> None:
+    own = fields.of(form)
+    own.tick("hinges", "neck and place of each, in place of the parameters")
+    own.number("per", "1 % of each; 10 µm of hinges").classes("full-width")
+    fields.figures(form, fields.facts.figures)
     fields.model(form, "closer, two analyses of each parameter")

@@ -17,7 +17,6 @@ from flexstage.web.design.state import DesignState
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.charts import Chart, LotChart
 from flexstage.web.explore.downloads import show_command, show_downloads
-from flexstage.web.explore.fields import in_form_words
 from flexstage.web.explore.points import (
     FOCUS,
     PRESSED,
@@ -30,7 +29,15 @@ from flexstage.web.explore.points import (
 from flexstage.web.explore.state import KINDS, Run
 from flexstage.web.explore.work import BEFORE_AFTER
 from flexstage.web.figures import chart, picture, show_table
-from flexstage.web.page import Page, PanelHeading, choice, div, remark, show_job
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    choice,
+    div,
+    in_page_words,
+    remark,
+    show_job,
+)
 from flexstage.web.pictures import chart_figure
 
 
@@ -88,7 +95,7 @@ class Results:
         self._body.clear()
         with self._body:
             if job.state == "failed":
-                ui.label(in_form_words(job.error)).classes("issue error").props('role="alert"')
+                ui.label(in_page_words(job.error)).classes("issue error").props('role="alert"')
             elif job.state == "cancelled":
                 ui.label(_cancelled(run)).classes("issue")
             self._points()
@@ -310,7 +317,7 @@ class Results:
         with ui.expansion("What to know of it").classes("group full-width"), ui.element("ul"):
             for note in found.notes:
                 with ui.element("li"):
-                    ui.label(in_form_words(note))
+                    ui.label(in_page_words(note))
 
 
 _CLICKED = "(event) => { const at = event.points[0]?.customdata; if (at != null) emit(at); }"

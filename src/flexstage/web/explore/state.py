@@ -2,32 +2,26 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, get_args
 
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.figures import Requirement, bounded
 from flexstage.explore.prepare import nothing_varied
 from flexstage.explore.requests import (
+    ExploreRequest,
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
 from flexstage.explore.variables import Variable
-from flexstage.files.request import Request
-from flexstage.studies.requests import ModelName
 from flexstage.web.design.state import Remembered, Variant
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.work import Question
 from flexstage.web.jobs import BackgroundJob
 
-#: What can be done, and what the button says.
-KINDS = {
-    "sweep": "Sweep",
-    "optimise": "Optimise",
-    "tolerance": "Tolerance",
-    "sensitivity": "Sensitivity",
-}
+#: What can be done, by the command that does it, and what the button says.
+KINDS = {kind.job(): kind.job().capitalize() for kind in get_args(ExploreRequest)}
 
 
 @dataclass
@@ -42,14 +36,17 @@ class RangeWords:
     """Greatest value [SI]."""
     count: int | None = None
     """Number of values on a grid."""
+    is_chosen: bool = True
+    """Whether it is varied."""
 
     def bounds(self, variable: Variable) -> tuple[float, float]:
         """Return both bounds [SI]."""
         low = variable.low if self.low is None else self.low
         return low, variable.high if self.high is None else self.high
 
-    def variable(self, variable: Variable) -> Variable:
+    def variable(self, facts: StageFacts) -> Variable:
         """Return the parameter with these bounds."""
+        variable = facts.variables[self.name]
         low, high = self.bounds(variable)
         return replace(variable, low=low, high=high, count=self.count)
 
@@ -61,7 +58,7 @@ class LimitWords:
     figure: str
     """Name of the figure."""
     sign: str
-    """How it is to its value: >=, <= or =; or maximise, minimise, reach."""
+    """How it is to its value: >=, <= or =; or maximise, minimise, match."""
     value: float | None = None
     """The value, in the unit of the quantity."""
 
@@ -80,167 +77,91 @@ class LimitWords:
 
 
 @dataclass
-class SweepForm:
-    """What the form of a sweep holds."""
+class ExploreForm:
+    """What a form holds: what is asked for, and beside it what may not be whole yet."""
 
-    over: list[RangeWords]
-    """What is varied."""
-    of: list[str]
-    """Figures."""
-    samples: int | None = None
-    """Number of points; of a grid those of each parameter count."""
-    model: ModelName = "lumped"
-    """The model."""
-
-    def request(self, facts: StageFacts) -> SweepRequest:
-        """Return what is asked for."""
-        if not self.over:
-            raise ModelError(nothing_varied(facts.template))
-        return SweepRequest(
-            over=tuple(row.variable(facts.variables[row.name]) for row in self.over),
-            of=_unusual(self.of, facts),
-            samples=self.samples if len(self.over) > 2 else None,
-            model=self.model,
-        )
-
-
-@dataclass
-class OptimiseForm:
-    """What the form of an optimisation holds."""
-
-    goals: list[LimitWords]
+    request: ExploreRequest
+    """What is asked for, without the rows."""
+    of: list[str] = field(default_factory=list)
+    """Names of the figures that are looked at."""
+    over: list[RangeWords] = field(default_factory=list)
+    """What is varied, or may be."""
+    goals: list[LimitWords] = field(default_factory=list)
     """What is sought."""
-    required: list[str]
-    """Names of what is required unasked."""
-    keep: list[LimitWords]
-    """What is required besides."""
-    over: list[str]
-    """Names of what is varied."""
-    bounds: dict[str, RangeWords] = field(default_factory=dict)
-    """Bounds that were changed."""
-    start: Literal["described", "middle"] = "described"
-    """Where the search starts."""
-    evaluations: int | None = None
-    """Evaluations of the lumped model at most."""
-    model: Literal["superelement", "lumped"] = "lumped"
-    """The model whose figures count."""
+    limits: list[LimitWords] = field(default_factory=list)
+    """What is required."""
+    wrong: dict[str, FlexstageError] = field(default_factory=dict)
+    """Why fields of the request do not have the value that stands in the form."""
 
-    def request(self, facts: StageFacts) -> OptimiseRequest:
-        """Return what is asked for."""
-        words = [self.bounds.get(name, RangeWords(name)) for name in self.over]
-        if not words:
-            raise ModelError("choose at least one parameter that may change")
-        usual = set(self.over) == facts.flexure and all(
-            w.low is None and w.high is None for w in words
-        )
-        sought: dict[str, list[LimitWords]] = {}
-        for goal in self.goals:
-            sought.setdefault(goal.sign, []).append(goal)
-        return OptimiseRequest(
-            maximise=tuple(goal.figure for goal in sought.get("maximise", ())),
-            minimise=tuple(goal.figure for goal in sought.get("minimise", ())),
-            match=tuple(goal.requirement(facts) for goal in sought.get("reach", ())),
-            keep=tuple(row.requirement(facts) for row in self.keep),
-            over=() if usual else tuple(w.variable(facts.variables[w.name]) for w in words),
-            without=tuple(name for name in facts.unasked if name not in self.required),
-            start=self.start,
-            evaluations=self.evaluations,
-            model=self.model,
-        )
+    @property
+    def chosen(self) -> list[RangeWords]:
+        """What is varied."""
+        return [row for row in self.over if row.is_chosen]
 
+    def take(self, name: str, value: Any) -> None:
+        """Take another value of a field of the request."""
+        self.wrong.pop(name, None)
+        try:
+            self.request = replace(self.request, **{name: value})
+        except FlexstageError as error:
+            self.wrong[name] = error
 
-@dataclass
-class ToleranceForm:
-    """What the form of a tolerance holds."""
-
-    require: list[LimitWords]
-    """What a good stage has."""
-    of: list[str]
-    """Figures."""
-    scatter: dict[str, str] = field(default_factory=dict)
-    """Standard deviations that were changed, in words."""
-    samples: int = 10_000
-    """Stages that are drawn."""
-    target: float | None = None
-    """Yield that is sought [%]."""
-    model: Literal["superelement", "lumped"] = "lumped"
-    """Model that corrects the lumped one."""
-
-    def request(self, facts: StageFacts) -> ToleranceRequest:
-        """Return what is asked for."""
-        return ToleranceRequest(
-            samples=self.samples,
-            scatter=tuple(f"{name}={text}" for name, text in self.scatter.items()),
-            require=tuple(row.requirement(facts) for row in self.require),
-            of=_unusual(self.of, facts),
-            target_yield=self.target / 100.0 if self.target else None,
-            model=self.model,
-        )
+    def whole(self, facts: StageFacts) -> ExploreRequest:
+        """Return what is asked for, with the rows; what is missing is refused."""
+        for error in self.wrong.values():
+            raise error
+        request, rows = self.request, self.chosen
+        over = tuple(row.variable(facts) for row in rows)
+        limits = tuple(row.requirement(facts) for row in self.limits)
+        match request:
+            case OptimiseRequest():
+                if not rows:
+                    raise ModelError("choose at least one parameter that may change")
+                usual = {row.name for row in rows} == facts.flexure and all(
+                    row.low is None and row.high is None for row in rows
+                )
+                return replace(
+                    request,
+                    maximise=tuple(g.figure for g in self.goals if g.sign == "maximise"),
+                    minimise=tuple(g.figure for g in self.goals if g.sign == "minimise"),
+                    match=tuple(g.requirement(facts) for g in self.goals if g.sign == "match"),
+                    keep=limits,
+                    over=() if usual else over,
+                )
+            case SweepRequest():
+                if not rows:
+                    raise ModelError(nothing_varied(facts.template))
+                request = replace(request, over=over)
+            case ToleranceRequest():
+                request = replace(request, require=limits)
+            case SensitivityRequest():
+                pass
+        if not self.of:
+            raise ModelError("choose at least one figure to look at")
+        # those that are looked at first need not be said
+        return replace(request, of=() if tuple(self.of) == facts.usual else tuple(self.of))
 
 
-@dataclass
-class SensitivityForm:
-    """What the form of a sensitivity holds."""
-
-    of: list[str]
-    """Figures."""
-    hinges: bool = False
-    """Whether neck and place of each hinge are taken by themselves."""
-    step: float | None = None
-    """What lengths change by [m]; 1 % of each where none is given."""
-    model: ModelName = "lumped"
-    """The model."""
-
-    def request(self, facts: StageFacts) -> SensitivityRequest:
-        """Return what is asked for."""
-        return SensitivityRequest(
-            of=_unusual(self.of, facts), hinges=self.hinges, per=self.step, model=self.model
-        )
-
-
-def _unusual(names: list[str], facts: StageFacts) -> tuple[str, ...]:
-    """Return the figures that are named, nothing where they are those that are looked at first."""
-    if not names:
-        raise ModelError("choose at least one figure to look at")
-    return () if tuple(names) == facts.usual else tuple(names)
-
-
-Form = SweepForm | OptimiseForm | ToleranceForm | SensitivityForm
-
-
-@dataclass
-class Forms:
-    """The forms of a stage, by what they are for."""
-
-    sweep: SweepForm
-    """That of a sweep."""
-    optimise: OptimiseForm
-    """That of an optimisation."""
-    tolerance: ToleranceForm
-    """That of a lot."""
-    sensitivity: SensitivityForm
-    """That of sensitivities."""
-
-    @classmethod
-    def usual(cls, facts: StageFacts) -> "Forms":
-        """Return the forms as they are filled at first: a first run is one press."""
-        usual = list(facts.usual)
-        required = [r for r in facts.required if r.figure.name in facts.of_lots]
-        return cls(
-            sweep=SweepForm(over=[RangeWords(facts.neck)] if facts.neck else [], of=usual),
-            optimise=OptimiseForm(
-                goals=[LimitWords(facts.frequency, "maximise")],
-                required=list(facts.unasked),
-                keep=[],
-                over=[name for name in facts.variables if name in facts.flexure],
-            ),
-            tolerance=ToleranceForm(require=[*map(LimitWords.of, required)], of=usual.copy()),
-            sensitivity=SensitivityForm(of=usual.copy()),
-        )
-
-    def of(self, kind: str) -> Form:
-        """Return the form of a kind."""
-        return getattr(self, kind)
+def usual_forms(facts: StageFacts) -> dict[str, ExploreForm]:
+    """Return the forms as they are filled at first: a first run is one press."""
+    usual = facts.usual
+    required = [r for r in facts.required if r.figure.name in facts.of_lots]
+    return {
+        "sweep": ExploreForm(
+            SweepRequest(), of=[*usual], over=[RangeWords(facts.neck)] if facts.neck else []
+        ),
+        "optimise": ExploreForm(
+            OptimiseRequest(model="lumped"),
+            goals=[LimitWords(facts.frequency, "maximise")],
+            over=[RangeWords(n, is_chosen=n in facts.flexure) for n in facts.variables],
+        ),
+        "tolerance": ExploreForm(
+            ToleranceRequest(model="lumped"),
+            of=[*usual],
+            limits=[LimitWords.of(r) for r in required],
+        ),
+        "sensitivity": ExploreForm(SensitivityRequest(), of=[*usual]),
+    }
 
 
 @dataclass
@@ -251,7 +172,7 @@ class Run:
     """The stage."""
     facts: StageFacts
     """What is known of it."""
-    request: Request
+    request: ExploreRequest
     """What was asked for."""
     folder: Path
     """Where its files lie."""
@@ -291,25 +212,20 @@ class ExploreState:
     """One of `KINDS`."""
     facts: Remembered[StageFacts] = field(default_factory=Remembered)
     """What is known of each stage."""
-    forms: Forms | None = None
-    """The forms, of the stage at hand."""
+    forms: dict[str, ExploreForm] = field(default_factory=dict)
+    """The forms of the stage at hand, by what they are for."""
     forms_of: Variant | None = None
     """The stage that the forms were filled for."""
     runs: dict[str, Run] = field(default_factory=dict)
     """What was started last, of each kind."""
 
     @property
-    def form(self) -> Form:
+    def form(self) -> ExploreForm:
         """The form that is shown."""
-        assert self.forms is not None
-        return self.forms.of(self.kind)
+        return self.forms[self.kind]
 
     def fit(self, variant: Variant, facts: StageFacts) -> None:
         """Fill the forms anew where another stage is at hand; one that was changed keeps them."""
-        if (
-            self.forms is None
-            or self.forms_of is None
-            or self.forms_of.template != variant.template
-        ):
-            self.forms = Forms.usual(facts)
+        if self.forms_of is None or self.forms_of.template != variant.template:
+            self.forms = usual_forms(facts)
         self.forms_of = variant

@@ -23,6 +23,7 @@ from flexstage.explore.prepare import (
     swept,
 )
 from flexstage.explore.requests import (
+    ExploreRequest,
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
@@ -34,7 +35,6 @@ from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.explore.workers import Workers
-from flexstage.files.request import Request
 from flexstage.files.write import write_files
 from flexstage.table import Table
 from flexstage.web.pictures import inline
@@ -64,7 +64,7 @@ class Explored:
     """What is to be known of it and of its files."""
 
 
-def question_of(template: StageTemplate, request: Request) -> Question:
+def question_of(template: StageTemplate, request: ExploreRequest) -> Question:
     """Return what a sweep or an optimisation is about; what is wrong with a request is told."""
     match request:
         case SweepRequest():
@@ -78,7 +78,7 @@ def question_of(template: StageTemplate, request: Request) -> Question:
     return None
 
 
-def explored(folder: Path, template: StageTemplate, request: Request, key: str) -> Explored:
+def explored(folder: Path, template: StageTemplate, request: ExploreRequest, key: str) -> Explored:
     """Do what is asked of a stage, and write what the command writes into a folder.
 
     Finished batches are kept there until then, so that what was cancelled goes on from them. Ids in

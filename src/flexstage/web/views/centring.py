@@ -225,7 +225,7 @@ class CentringView:
         with ui.expansion("You know how the stage lies on the table").classes("full-width"):
             field = ui.number(
                 "Direction of its x axis [°], as the angle counts",
-                value=round(math.degrees(self._state.mount), 9),
+                value=round(math.degrees(self._state.request.mounting_angle), 9),
             ).props("dense outlined debounce=800")
             field.on_value_change(lambda e: self._mounted(e.value))
             by = ", ".join(
@@ -236,7 +236,7 @@ class CentringView:
 
     def _mounted(self, degrees: float | None) -> None:
         if degrees is not None:
-            self._state.mount = math.radians(degrees)
+            self._state.ask(mounting_angle=math.radians(degrees))
             self._evaluate()
 
     def _towards_centre(self) -> None:
@@ -266,7 +266,7 @@ class CentringView:
             self._left(found[0], found[-1])
 
     def _left(self, first: dict[str, Any], last: dict[str, Any]) -> None:
-        given = self._state.radius, self._page.preferences
+        given = self._state.request.radius, self._page.preferences
         with div("issue good"):
             for (name, value, told), (_, before, _) in zip(
                 figures(last, *given)[:2], figures(first, *given)[:2], strict=True
@@ -338,7 +338,7 @@ class CentringView:
         found = state.found if state.up_to_date else None
         if found is not None:
             with div("row-of-figures"):
-                for shown in figures(found.settings[-1], state.radius, preferences):
+                for shown in figures(found.settings[-1], state.request.radius, preferences):
                     figure(*shown)
             picture(found.svg)
         show_table(rows_of(state, preferences))

@@ -5,27 +5,20 @@ import hashlib
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.errors import FlexstageError
 from flexstage.files.names import file_name
 from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import checked
 from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.fields import Fields, in_form_words
+from flexstage.web.explore.fields import Fields
 from flexstage.web.explore.forms import build_form, what_it_takes
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.state import KINDS, ExploreState, Run
 from flexstage.web.explore.work import explored, question_of
 from flexstage.web.figures import picture
-from flexstage.web.page import Page, PanelHeading, div, panel, remark
-
-_PURPOSES = {
-    "sweep": "Vary parameters, and see what the figures do.",
-    "optimise": "Find the best dimensions; of several goals the Pareto front.",
-    "tolerance": "What the workshop makes of the stage: spread, yield, what to tighten.",
-    "sensitivity": "Which parameter moves which figure.",
-}
+from flexstage.web.page import Page, PanelHeading, div, in_page_words, panel, remark
 
 
 def build(page: Page) -> None:
@@ -88,7 +81,7 @@ class ExploreView:
         except FlexstageError as error:
             self._form.clear()
             with self._form:
-                ui.label(in_form_words(str(error))).classes("issue error").props('role="alert"')
+                ui.label(in_page_words(str(error))).classes("issue error").props('role="alert"')
             return
         self._state.facts.put(variant, facts)
         if variant == self._design.now:
@@ -102,8 +95,8 @@ class ExploreView:
         self._form.clear()
         with self._form:
             PanelHeading(KINDS[state.kind])
-            remark(_PURPOSES[state.kind])
-            fields = Fields(facts, self._page.preferences, self._changed)
+            remark(type(state.form.request).__doc__ or "")
+            fields = Fields(facts, self._page, self._changed)
             with div("form"):
                 build_form(state.form, fields)
             with div("go"):
@@ -121,12 +114,11 @@ class ExploreView:
     def _changed(self) -> None:
         """Say what the form as it is takes, or what it lacks."""
         assert self._facts is not None
-        form = self._state.form
         try:
-            form.request(self._facts)
-            told, is_possible = what_it_takes(form, self._facts), True
+            request = self._state.form.whole(self._facts)
+            told, is_possible = what_it_takes(request, self._facts), True
         except FlexstageError as error:
-            told, is_possible = in_form_words(str(error)), False
+            told, is_possible = in_page_words(str(error)), False
         self._takes.text = told
         self._takes.classes(
             add="" if is_possible else "issue", remove="issue" if is_possible else ""
@@ -137,15 +129,12 @@ class ExploreView:
 
     async def _start(self) -> None:
         with self._page.sentences():
-            try:
-                await self._started()
-            except (FlexstageError, OSError) as error:
-                raise ModelError(in_form_words(str(error))) from error
+            await self._started()
 
     async def _started(self) -> None:
         state, facts, variant = self._state, self._facts, self._design.now
         assert facts is not None
-        request = state.form.request(facts)
+        request = state.form.whole(facts)
         question = await asyncio.to_thread(question_of, facts.template, request)
         before = state.runs.get(state.kind)
         if before is not None:
