@@ -129,8 +129,8 @@ def whole_stage() -> DynamicModel:
         stage,
         lumped_system(stage),
         creep=LogCreep(rate_per_decade=0.017),
-        bandwidth_hz=1900.0,
-        current_limit=0.2,
+        bandwidth=1900.0,
+        current=0.2,
         sensors={"x": Sensor(gain=1.01, offset=3e-8, bandwidth_hz=4100.0, quantisation=1e-9)},
     )
 

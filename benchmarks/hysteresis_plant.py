@@ -130,7 +130,7 @@ def plant(count: int = SAMPLES) -> Iterator[Row]:
     stage: Stage = design("vgtu-piezo")
     system = superelement_model(stage).system
     equations = _Equations(system)
-    ours = dynamic_model(stage, system, step=DT, hysteresis=STACKS, creep=CREEP)
+    ours = dynamic_model(stage, system, time_step=DT, hysteresis=STACKS, creep=CREEP)
     u, few = voltages(count), voltages(FEW)
     exact = equations.integrated(few, "DOP853", 1e-12, split=True)
     invented = {
@@ -140,11 +140,11 @@ def plant(count: int = SAMPLES) -> Iterator[Row]:
     whole = dynamic_model(
         stage,
         system,
-        step=DT,
+        time_step=DT,
         hysteresis=invented,
         creep=CREEP,
-        bandwidth_hz=700.0,
-        current_limit=0.5,
+        bandwidth=700.0,
+        current=0.5,
         sensors={name: Sensor(noise_rms=5e-9, seed=3) for name in STACKS},
     )
 

@@ -112,7 +112,7 @@ def twin(seconds: float = SECONDS) -> Iterator[Row]:
 
     controller = VirtualController(virtual_stage(stage, model="superelement", seed=1))
 
-    plant = dynamic_model(stage, system, step=dt, hysteresis=STACKS, creep=CREEP)
+    plant = dynamic_model(stage, system, time_step=dt, hysteresis=STACKS, creep=CREEP)
     found = modes(system, drives="in place", count=None)
     ports = [system.drive(stage.axis(a).drive) for a in STACKS]
     push = np.array([(p.stiffness or 0.0) * (p.vector @ found.shapes) for p in ports]).T.copy()

@@ -138,11 +138,11 @@ def bench(seed: int, axis: str = "x", **options: object) -> Bench:
     assert limits.voltage is not None
     made = excitation(
         limits.voltage,
-        sample_rate_hz=RATE_HZ,
-        rates_hz=(1.0, 50.0),
-        natural_frequency_hz=DRAWN_MODE_HZ.get(axis),
-        slope_limit=limits.slew,
-        hold=5.0,
+        sample_rate=RATE_HZ,
+        rates=(1.0, 50.0),
+        frequency=DRAWN_MODE_HZ.get(axis),
+        slew=limits.slew,
+        hold_time=5.0,
     )
     command = np.zeros((len(stage.axes), made.voltage.size))
     command[number] = made.voltage

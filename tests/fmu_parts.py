@@ -48,19 +48,19 @@ def model(name: str, step: float = 1e-4) -> DynamicModel:
         return dynamic_model(
             stage,
             lumped_system(stage),
-            step=step,
-            bandwidth_hz=1900.0,
-            current_limit=0.2,
+            time_step=step,
+            bandwidth=1900.0,
+            current=0.2,
             creep=LogCreep(rate_per_decade=0.013),
             sensors={"x": Sensor(gain=1.003, offset=2e-8, bandwidth_hz=3100.0)},
         )
     if name == "bare":
         stage = design("vgtu-piezo")
-        return dynamic_model(stage, lumped_system(stage), step=step, mode_count=7)
+        return dynamic_model(stage, lumped_system(stage), time_step=step, keep_modes=7)
     if name == "relaxing":
         stage = design("vgtu-piezo")
         creep = CreepSpectrum(times=(0.0006, 0.04, 3.1), weights=(0.14, 0.03, 0.08))
-        return dynamic_model(stage, lumped_system(stage), step=step, mode_count=7, creep=creep)
+        return dynamic_model(stage, lumped_system(stage), time_step=step, keep_modes=7, creep=creep)
     if name == "humming":
         stage = design("parallelogram")
         system = lumped_system(stage)
@@ -73,10 +73,10 @@ def model(name: str, step: float = 1e-4) -> DynamicModel:
             mains_phase=0.7,
         )
         return dynamic_model(
-            stage, system, step=step, sensors={p.name: sensor for p in system.probes[:1]}
+            stage, system, time_step=step, sensors={p.name: sensor for p in system.probes[:1]}
         )
     stage = design({"screws": "vgtu-mechanical"}.get(name, name))
-    return dynamic_model(stage, lumped_system(stage), step=step)
+    return dynamic_model(stage, lumped_system(stage), time_step=step)
 
 
 @functools.cache

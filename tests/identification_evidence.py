@@ -98,8 +98,8 @@ def stack() -> Bench:
     """Return the simulated record [V, um], at two rates."""
     rate = 500.0
     made = excitation(
-        (0.0, 120.0), sample_rate_hz=rate, duration=25.0, rates_hz=(0.5, 5.0),
-        natural_frequency_hz=240.0, resonance=False,
+        (0.0, 120.0), sample_rate=rate, duration=25.0, rates=(0.5, 5.0),
+        frequency=240.0, multisine=False,
     )  # fmt: skip
     u = made.voltage
     return Bench(u=u, y=measured_by(u, 1.0 / rate), rate_hz=rate, stack=True)

@@ -31,6 +31,7 @@ from flexstage.virtual.stack_stepping import (
     relaxed_stacks,
     step_stack,
 )
+from flexstage.virtual.stage import Conditions
 
 #: Slopes of stacks without hysteresis, by axis [m/V].
 SLOPES = {"x": 3.1e-7, "y": 2.6e-7}
@@ -105,12 +106,14 @@ def small_stage(
         stage=STAGE,
         model=assembled_model(damped_system(), drives),
         axes=parts,
-        sample_rate_hz=sample_rate_hz,
-        quiet=quiet,
-        scatter=False,
-        sensors=sensors,
-        seed=seed,
         charge=charge,
+        conditions=Conditions(
+            sample_rate_hz=sample_rate_hz,
+            quiet=quiet,
+            scatter=False,
+            sensors=sensors or SensorBench(),
+            seed=seed,
+        ),
     )
 
 

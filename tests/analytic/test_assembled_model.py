@@ -266,7 +266,7 @@ def test_the_stage_gives_range_and_capacitance() -> None:
     system = lumped_system(stage)
     stack = BoucWen(gain=3.8e-7, hysteresis_gain=1.1e-7, beta=0.05, gamma=0.03)
     both = {"x": stack, "y": stack}
-    model = dynamic_model(stage, system, hysteresis=both, bandwidth_hz=700.0, current_limit=0.2)
+    model = dynamic_model(stage, system, hysteresis=both, bandwidth=700.0, current=0.2)
     amplifier = model.drive("x").amplifier
     assert amplifier is not None
     assert amplifier.voltage_range == (0.0, 120.0)
@@ -276,13 +276,13 @@ def test_the_stage_gives_range_and_capacitance() -> None:
     with pytest.raises(ModelError, match="no piezo stack, nor an axis of one"):
         dynamic_model(stage, system, hysteresis={"z": stack})
     with pytest.raises(ModelError, match="give its bandwidth too"):
-        dynamic_model(stage, system, hysteresis=both, current_limit=0.2)
+        dynamic_model(stage, system, hysteresis=both, current=0.2)
     assert isinstance(stage.drives[0], PiezoStack)
     blank = dataclasses.replace(
         stage, drives=(dataclasses.replace(stage.drives[0], capacitance=None), stage.drives[1])
     )
     with pytest.raises(ModelError, match="has no capacitance"):
-        dynamic_model(blank, system, hysteresis=both, bandwidth_hz=700.0, current_limit=0.2)
+        dynamic_model(blank, system, hysteresis=both, bandwidth=700.0, current=0.2)
     screws = design("vgtu-mechanical")
     with pytest.raises(ModelError, match="is no piezo stack"):
         dynamic_model(screws, lumped_system(screws), hysteresis={screws.drives[0].name: stack})

@@ -49,11 +49,11 @@ SENSORS = {
 def piezo(**options: object) -> DynamicModel:
     stage = design("vgtu-piezo")
     given = {
-        "bandwidth_hz": 1700.0,
-        "current_limit": 0.23,
+        "bandwidth": 1700.0,
+        "current": 0.23,
         "creep": LogCreep(rate_per_decade=0.017),
         "sensors": SENSORS,
-        "step": 1.1e-4,
+        "time_step": 1.1e-4,
     } | options
     return dynamic_model(stage, lumped_system(stage), **given)  # type: ignore[arg-type]
 
@@ -145,8 +145,8 @@ def test_optimisation_does_not_change_a_bit(
 def test_hysteresis_in_pieces_gives_the_same_bits(kind: str, other: str, tmp_path: Path) -> None:
     # another kind on the other drive: each finds its own
     model = piezo(
-        hysteresis={"x": in_pieces()[kind], "y": in_pieces()[other]}, bandwidth_hz=None,
-        current_limit=None, sensors=None, mode_count=9,
+        hysteresis={"x": in_pieces()[kind], "y": in_pieces()[other]}, bandwidth=None,
+        current=None, sensors=None, keep_modes=9,
     )  # fmt: skip
     u = wandering(150, [RANGE, RANGE], seed=11)
     expected = stepped(model, u)[0]
@@ -159,7 +159,7 @@ def test_hysteresis_in_pieces_gives_the_same_bits(kind: str, other: str, tmp_pat
 def test_fewer_modes_and_coarse_steps_give_the_same_bits(mode_count: int, tmp_path: Path) -> None:
     # at 3 ms modes turn by many radians and lags by more than their time constant
     creep = LogCreep(rate_per_decade=0.02, shortest=0.0017, longest=3.0, per_decade=1)
-    model = piezo(mode_count=mode_count, step=3.1e-3, creep=creep)
+    model = piezo(keep_modes=mode_count, time_step=3.1e-3, creep=creep)
     u = wandering(150, [RANGE, RANGE], seed=3)
     np.testing.assert_array_equal(CStage(tmp_path, model).run(u), stepped(model, u)[0])
 
@@ -167,7 +167,7 @@ def test_fewer_modes_and_coarse_steps_give_the_same_bits(mode_count: int, tmp_pa
 @pytest.mark.parametrize("name", ["vgtu-mechanical", "parallelogram"])
 def test_linear_drives_give_the_same_bits(name: str, tmp_path: Path) -> None:
     stage = design(name)
-    model = dynamic_model(stage, lumped_system(stage), step=0.9e-4)
+    model = dynamic_model(stage, lumped_system(stage), time_step=0.9e-4)
     ranges = [(-1e-4, 1.3e-4)] * len(model.drives)
     u = wandering(150, ranges, seed=6)
     np.testing.assert_array_equal(CStage(tmp_path, model).run(u), stepped(model, u)[0])
@@ -210,7 +210,7 @@ def without_closed_form() -> dict[str, HysteresisModel]:
 def test_fitted_hysteresis_agrees_to_12_digits(kind: str, other: str, tmp_path: Path) -> None:
     # both fit the same pieces; numpy takes logarithms and roots of whole arrays by its own kernels
     both = {"x": without_closed_form()[kind], "y": without_closed_form()[other]}
-    model = piezo(hysteresis=both, mode_count=9, sensors=None)
+    model = piezo(hysteresis=both, keep_modes=9, sensors=None)
     u = wandering(80, [RANGE, RANGE], seed=13)
     expected = stepped(model, u)[0]
     made = CStage(tmp_path, model).run(u)
@@ -232,7 +232,7 @@ def test_settled_and_readings_at_rest(full: DynamicModel, tmp_path: Path) -> Non
 
 
 def test_a_jump_passes_the_hysteresis_and_takes_no_time(tmp_path: Path) -> None:
-    model = piezo(bandwidth_hz=None, current_limit=None)
+    model = piezo(bandwidth=None, current=None)
     u = wandering(60, [RANGE, RANGE], seed=2)
     made = CStage(tmp_path, model)
     made.run(u)
@@ -271,7 +271,7 @@ def test_a_jump_of_an_imposed_displacement_is_a_very_short_ramp(tmp_path: Path) 
     # difference falls with the length of the ramp
     stage = design("vgtu-mechanical")
     system = lumped_system(stage)
-    coarse = dynamic_model(stage, system, step=1e-4, mode_count=6)
+    coarse = dynamic_model(stage, system, time_step=1e-4, keep_modes=6)
     made = CStage(tmp_path, coarse)
     leap = [3.1e-5, -1.7e-5]
     made.jump(*leap)
@@ -279,7 +279,7 @@ def test_a_jump_of_an_imposed_displacement_is_a_very_short_ramp(tmp_path: Path) 
     after = made.run(np.tile(leap, (30, 1)))
     differences = []
     for parts in (200, 400):
-        fine = dynamic_model(stage, system, step=1e-4 / parts, mode_count=6)
+        fine = dynamic_model(stage, system, time_step=1e-4 / parts, keep_modes=6)
         _, memory = stepped(fine, np.array([leap]))
         # the memory is in SI units, so a model of another step takes it
         held = {d.name: np.full(30, v) for d, v in zip(coarse.drives, leap, strict=True)}
@@ -323,7 +323,7 @@ def test_imposed_displacement_follows_the_frequency_response(tmp_path: Path) -> 
     # transient after this long is below 1e-7
     stage = design("vgtu-mechanical")
     system = lumped_system(stage)
-    model = dynamic_model(stage, system, step=2e-6)
+    model = dynamic_model(stage, system, time_step=2e-6)
     made = CStage(tmp_path, model)
     drives = [d.name for d in model.drives]
     for f in (210.0, 830.0):
@@ -349,14 +349,14 @@ def test_what_cannot_be_stepped_is_said(full: DynamicModel, tmp_path: Path) -> N
     assert "a command is not finite" in (made.message([[3.0, np.inf]]) or "")
     assert bytes(made.bytes) == before
     # a way so long that its exponential would take thousands of parts
-    other = CStage(tmp_path / "other", piezo(bandwidth_hz=None, current_limit=None))
+    other = CStage(tmp_path / "other", piezo(bandwidth=None, current=None))
     assert "too far in one step" in (other.message([[1e6, 0.0]]) or "")
 
 
 def test_hysteresis_that_runs_away_is_said(tmp_path: Path) -> None:
     g = STROKE / 120.0
     wild = BoucWen(gain=g, hysteresis_gain=0.3 * g, beta=0.01, gamma=-0.4)
-    model = piezo(bandwidth_hz=None, current_limit=None)
+    model = piezo(bandwidth=None, current=None)
     x, y = model.drives
     model = replace(model, drives=(replace(x, hysteresis=wild), y))
     made = CStage(tmp_path, model)

@@ -68,9 +68,9 @@ def everything() -> DynamicModel:
         stage,
         lumped_system(stage),
         hysteresis={"x": usual, "y": sharp},
-        mode_count=9,
-        bandwidth_hz=1700.0,
-        current_limit=0.2,
+        keep_modes=9,
+        bandwidth=1700.0,
+        current=0.2,
         creep=LogCreep(rate_per_decade=0.017, longest=10.0),
         sensors={"x": Sensor(gain=1.01, bandwidth_hz=3000.0, quantisation=1e-10)},
     )
@@ -157,7 +157,7 @@ def test_single_precision_follows_within_its_rounding(tmp_path: Path) -> None:
     # step is off by as much. The slowest mode of this stage sets it
     stage = design("vgtu-piezo")
     model = dynamic_model(
-        stage, lumped_system(stage), mode_count=17, bandwidth_hz=1700.0,
+        stage, lumped_system(stage), keep_modes=17, bandwidth=1700.0,
         creep=LogCreep(rate_per_decade=0.017, longest=10.0),
     )  # fmt: skip
     u = wandering(200, [(0.0, 120.0)] * 2, seed=15)

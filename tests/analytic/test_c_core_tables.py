@@ -175,8 +175,8 @@ def piezo(creep: Creep = LOGARITHM) -> DynamicModel:
     return dynamic_model(
         stage,
         lumped_system(stage),
-        mode_count=17,
-        bandwidth_hz=1700.0,
+        keep_modes=17,
+        bandwidth=1700.0,
         creep=creep,
         sensors={"y": Sensor(gain=1.02, bandwidth_hz=4100.0, quantisation=1e-9)},
     )

@@ -207,7 +207,7 @@ def test_a_force_needs_no_spring() -> None:
 def test_a_run_with_hysteresis_follows_the_dynamic_model() -> None:
     """The hysteresis block before the linear part, step by step, against exact stepping."""
     system = lumped_system(_PIEZO).with_damping(fitted_damping(lumped_system(_PIEZO)))
-    model = dynamic_model(_PIEZO, system, step=5e-6)
+    model = dynamic_model(_PIEZO, system, time_step=5e-6)
     t = np.arange(1500) * model.step
     u = 40.0 * (1.0 - np.cos(2.0 * np.pi * 270.0 * t)) + 9.0 * np.sin(2.0 * np.pi * 530.0 * t) * t
     wanted = model.as_exported().simulate({"x": u, "y": 0.0 * u}).readings
@@ -241,7 +241,7 @@ def test_the_chain_of_a_drive_is_drawn_in_order() -> None:
     model = dynamic_model(
         _PIEZO,
         lumped_system(_PIEZO),
-        bandwidth_hz=1900.0,
+        bandwidth=1900.0,
         creep=LogCreep(rate_per_decade=0.018),
         sensors={"y": Sensor(gain=1.02, bandwidth_hz=4000.0)},
     )

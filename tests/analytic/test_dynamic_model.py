@@ -42,8 +42,8 @@ def test_a_piezo_stage_answers_as_it_did() -> None:
         _STAGE,
         _SYSTEM,
         creep=LogCreep(rate_per_decade=0.017),
-        bandwidth_hz=1900.0,
-        current_limit=0.2,
+        bandwidth=1900.0,
+        current=0.2,
         sensors={"x": Sensor(gain=1.01, offset=3e-8, bandwidth_hz=4100.0)},
     )
     found = model.simulate(_commands())
@@ -61,7 +61,7 @@ def test_a_piezo_stage_answers_as_it_did() -> None:
 
 
 def test_samples_one_by_one_give_what_a_sequence_gives() -> None:
-    model = dynamic_model(_STAGE, _SYSTEM, creep=LogCreep(rate_per_decade=0.02), bandwidth_hz=2e3)
+    model = dynamic_model(_STAGE, _SYSTEM, creep=LogCreep(rate_per_decade=0.02), bandwidth=2e3)
     commands = _commands(60)
     whole = model.simulate(commands)
     state = model.settled({name: float(u[0]) for name, u in commands.items()})
@@ -77,7 +77,7 @@ def test_samples_one_by_one_give_what_a_sequence_gives() -> None:
 @pytest.mark.parametrize("frequency_hz", [37.0, 412.0, 655.0])
 def test_an_imposed_displacement_answers_as_in_frequency(frequency_hz: float) -> None:
     system = lumped_system(_SCREWS)
-    model = dynamic_model(_SCREWS, system, step=2e-5)
+    model = dynamic_model(_SCREWS, system, time_step=2e-5)
     n = 20000
     t = np.arange(n) * model.step
     u = {"x": 1e-4 * np.sin(2.0 * np.pi * frequency_hz * t), "y": np.zeros(n)}
@@ -99,7 +99,7 @@ def test_an_imposed_displacement_answers_as_in_frequency(frequency_hz: float) ->
 def test_modes_left_out_are_kept_at_rest(stage) -> None:
     system = lumped_system(stage)
     full = dynamic_model(stage, system, hysteresis="none")
-    few = dynamic_model(stage, system, hysteresis="none", mode_count=7)
+    few = dynamic_model(stage, system, hysteresis="none", keep_modes=7)
     assert few.omega.size == 7
     value = {d.name: 31.0 if d.unit == "V" else 3.1e-5 for d in full.drives}
     at_rest = {name: np.full(3, u) for name, u in value.items()}
@@ -168,9 +168,9 @@ def test_an_identified_drive_reads_at_rest_what_it_was_identified_to() -> None:
         ({"hysteresis": {"x": _identified(output_unit="V")}}, "must go from V"),
         ({"hysteresis": {"x": _identified(output_unit="mm")}}, "free stroke"),
         ({"hysteresis": "typical"}, "usual or none"),
-        ({"step": 0.0}, "must be 1e-12 to"),
-        ({"mode_count": 0}, "at least one mode"),
-        ({"current_limit": 0.1}, "bandwidth"),
+        ({"time_step": 0.0}, "must be from 1e-12 to"),
+        ({"keep_modes": 0}, "a whole number from 1"),
+        ({"current": 0.1}, "bandwidth"),
         ({"sensors": {"q": Sensor()}}, "no probe 'q'"),
     ],
 )
@@ -217,7 +217,7 @@ def test_notes_speak_of_the_drives_that_there_are() -> None:
 def test_what_modes_left_out_add_creeps_too() -> None:
     creep = LogCreep(rate_per_decade=0.04)
     full = dynamic_model(_STAGE, _SYSTEM, creep=creep)
-    few = dynamic_model(_STAGE, _SYSTEM, creep=creep, mode_count=2)
+    few = dynamic_model(_STAGE, _SYSTEM, creep=creep, keep_modes=2)
     u = {"x": np.full(2, 71.0), "y": np.full(2, 23.0)}
     wanted, found = full.simulate(u).readings, few.simulate(u).readings
     for probe in wanted:
@@ -238,7 +238,7 @@ def test_a_reading_that_falls_with_the_command_falls() -> None:
 def test_an_amplifier_is_no_faster_than_its_stack_allows() -> None:
     (x, *others) = _STAGE.drives
     slow = replace(_STAGE, drives=(replace(x, largest_slew=3100.0), *others))
-    model = dynamic_model(slow, _SYSTEM, bandwidth_hz=9000.0)
+    model = dynamic_model(slow, _SYSTEM, bandwidth=9000.0)
     amplifier = model.drive("x").amplifier
     assert amplifier is not None
     assert amplifier.largest_rate == 3100.0

@@ -12,19 +12,22 @@ from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import lfilter
 
 from flexstage.errors import ModelError
+from flexstage.files.request import request_fields
 from flexstage.hysteresis.excitations.design import Excitation, excitation
-from flexstage.hysteresis.excitations.excitation import SHAPES, Movement, memory_coverage, multisine
+from flexstage.hysteresis.excitations.excitation import Movement, memory_coverage, multisine
 from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, shortest
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach.law import preisach_columns
+from flexstage.hysteresis.requests import ExciteRequest
 from flexstage.records import Record
 
+SHAPES = request_fields(ExciteRequest)["shape"].words
 RANGE = (-17.0, 113.0)
 
 
 def made(**options) -> Excitation:
-    usual = {"sample_rate_hz": 2000.0, "rates_hz": (0.45, 4.7), "slope_limit": 1900.0}
+    usual = {"sample_rate": 2000.0, "rates": (0.45, 4.7), "slew": 1900.0}
     return excitation(RANGE, **(usual | options))
 
 
@@ -106,16 +109,16 @@ def test_every_limit_holds_at_every_sample(
     try:
         e = excitation(
             (low, low + span),
-            sample_rate_hz=rate,
+            sample_rate=rate,
             duration=duration,
-            rates_hz=(fast / ratio, fast),
+            rates=(fast / ratio, fast),
             shape=shape,
-            slope_limit=limit,
-            current_limit=0.9 * capacitance * limit,
+            slew=limit,
+            current=0.9 * capacitance * limit,
             capacitance=capacitance,
-            natural_frequency_hz=natural,
-            rest_voltage=low + rest * span,
-            hold=1.3,
+            frequency=natural,
+            rest=low + rest * span,
+            hold_time=1.3,
         )
     except ModelError as error:
         if duration is None or "take at least" not in str(error):
@@ -145,14 +148,14 @@ def test_every_limit_holds_at_every_sample(
 @pytest.mark.parametrize("seed", range(4))
 def test_a_limit_that_is_met_is_not_exceeded_by_rounding(seed):
     # the multisine is scaled to the limit of the slope
-    options = {"rates_hz": (0.2,), "slope_limit": 61.3, "natural_frequency_hz": 83.0, "hold": 0.0}
+    options = {"rates": (0.2,), "slew": 61.3, "frequency": 83.0, "hold_time": 0.0}
     slope = made(**options, seed=seed).largest_slope
     assert 61.29 < slope <= 61.3
 
 
 def test_the_rest_voltage_is_met_beside_an_end_of_the_range():
     low, rest = 1.57e-7, 2.0000001569999997
-    e = excitation((low, low + 2.0), sample_rate_hz=500.0, rates_hz=(1.0,), rest_voltage=rest)
+    e = excitation((low, low + 2.0), sample_rate=500.0, rates=(1.0,), rest=rest)
     assert e.voltage[0] == e.voltage[-1] == rest
     assert e.voltage.min() >= low
 
@@ -167,29 +170,27 @@ def test_the_current_is_the_capacitance_times_the_slope():
 
 
 def test_a_limit_of_the_current_bounds_the_rates():
-    e = excitation(
-        RANGE, sample_rate_hz=2000.0, current_limit=3e-3, capacitance=7e-6, shape="triangle"
-    )
+    e = excitation(RANGE, sample_rate=2000.0, current=3e-3, capacitance=7e-6, shape="triangle")
     assert e.rates_hz[1] == pytest.approx(3e-3 / 7e-6 / 260.0, rel=1e-4)
     assert e.largest_current is not None
     assert 2.97e-3 < e.largest_current <= 3e-3
 
 
 def test_not_a_sample_is_run_beyond_the_duration():
-    longest = made(duration=21.0, hold=2.0).duration
-    assert made(duration=longest, hold=2.0).duration == longest
-    assert made(duration=longest - 0.4 / 2000.0, hold=2.0).duration < longest
+    longest = made(duration=21.0, hold_time=2.0).duration
+    assert made(duration=longest, hold_time=2.0).duration == longest
+    assert made(duration=longest - 0.4 / 2000.0, hold_time=2.0).duration < longest
 
 
 def test_smooth_loops_rise_and_fall_over_two_periods_of_the_stage():
-    e = made(natural_frequency_hz=83.0)
+    e = made(frequency=83.0)
     part = next(p for p in e.parts if p.name == "major loops" and p.rate_hz == 4.7)
     steady = 260.0 * 4.7 / (1.0 - 2.0 / 83.0 * 2.0 * 4.7)
     assert part.largest_slope == pytest.approx(steady, rel=5e-3)
 
 
 def test_the_rate_is_that_of_the_major_loops():
-    e = made(shape="sine", slope_limit=2500.0)
+    e = made(shape="sine", slew=2500.0)
     for rate in (0.45, 4.7):
         part = next(p for p in e.parts if p.name == "major loops" and p.rate_hz == rate)
         assert part.duration == pytest.approx(2.0 / rate, rel=2e-3)
@@ -197,7 +198,7 @@ def test_the_rate_is_that_of_the_major_loops():
 
 
 def test_loops_stay_below_a_tenth_of_the_natural_frequency():
-    e = made(natural_frequency_hz=83.0)
+    e = made(frequency=83.0)
     turning = np.flatnonzero(np.diff(np.sign(np.diff(e.voltage))) != 0)
     quasi_static = e.parts[-3].last
     assert e.parts[-2].name == "multisine at the resonance"
@@ -207,7 +208,7 @@ def test_loops_stay_below_a_tenth_of_the_natural_frequency():
 
 
 def test_the_multisine_is_small_and_around_the_natural_frequency():
-    e = made(natural_frequency_hz=83.0)
+    e = made(frequency=83.0)
     part = e.parts[-2]
     x = e.voltage[part.first : part.last][-int(4.0 * 2000.0) :]
     assert 0.5 * 0.018 * 130.0 < np.ptp(x) <= 0.018 * 130.0 + 1e-9
@@ -215,22 +216,22 @@ def test_the_multisine_is_small_and_around_the_natural_frequency():
     f = np.fft.rfftfreq(x.size, 1.0 / 2000.0)
     assert power[(f > 30.0) & (f < 135.0)].sum() > 0.999 * power.sum()
     assert not any("multisine" in p.name for p in made().parts)
-    plain = made(natural_frequency_hz=83.0, resonance=False)
+    plain = made(frequency=83.0, multisine=False)
     assert not any("multisine" in p.name for p in plain.parts)
     # a low limit of the slope makes it smaller, and leaves it out in the end
-    slow = made(natural_frequency_hz=83.0, rates_hz=(0.02, 0.2), slope_limit=64.0, hold=0.0)
+    slow = made(frequency=83.0, rates=(0.02, 0.2), slew=64.0, hold_time=0.0)
     tiny = slow.voltage[slow.parts[-2].first : slow.parts[-2].last][-4000:]
     assert np.ptp(tiny) < 0.3
     none = excitation(
         RANGE,
-        sample_rate_hz=700.0,
-        rates_hz=(0.01,),
-        slope_limit=3.0,
-        natural_frequency_hz=83.0,
-        hold=0.0,
+        sample_rate=700.0,
+        rates=(0.01,),
+        slew=3.0,
+        frequency=83.0,
+        hold_time=0.0,
     )
     assert "too small to be seen" in " ".join(none.warnings)
-    coarse = made(natural_frequency_hz=300.0)
+    coarse = made(frequency=300.0)
     assert "needs a sample rate of at least 2400 Hz" in " ".join(coarse.warnings)
 
 
@@ -252,7 +253,7 @@ def test_what_was_before_is_wiped_out_by_the_conditioning():
 
 
 def test_the_identification_finds_two_rates_and_minor_loops_in_it():
-    for options in ({}, {"duration": 9.0}, {"natural_frequency_hz": 150.0}):
+    for options in ({}, {"duration": 9.0}, {"frequency": 150.0}):
         e = made(**options)
         found = cycles(e.voltage, 1.0 / e.sample_rate_hz)
         assert found.has_minor_loops
@@ -263,7 +264,7 @@ def test_the_identification_finds_two_rates_and_minor_loops_in_it():
 
 
 def test_the_same_loops_are_run_at_every_rate():
-    e = made(rates_hz=(0.4, 1.3, 3.9))
+    e = made(rates=(0.4, 1.3, 3.9))
     loops = {
         rate: {
             round(float(v), 6)
@@ -285,20 +286,20 @@ def _turns(u):
 
 
 def test_the_hold_waits_at_two_levels():
-    e = made(hold=6.6)
+    e = made(hold_time=6.6)
     part = next(p for p in e.parts if p.name == "step and hold")
     u = e.voltage[part.first : part.last]
     assert np.count_nonzero(u == u.max()) == pytest.approx(4.4 * 2000, abs=2)
     assert np.count_nonzero(u == u[-1]) == pytest.approx(2.2 * 2000, abs=2)
     assert u[-1] < u.max() - 0.5 * 130.0
-    assert not any(p.name == "step and hold" for p in made(hold=0.0).parts)
+    assert not any(p.name == "step and hold" for p in made(hold_time=0.0).parts)
 
 
 def test_what_does_not_fit_is_left_out_in_its_order():
     left = []
     raised = []
     for duration in (80.0, 40.0, 25.0, 18.0, 12.0, 9.0, 6.0):
-        e = made(duration=duration, natural_frequency_hz=150.0)
+        e = made(duration=duration, frequency=150.0)
         # most of the time is used
         assert 0.62 * duration < e.duration <= duration
         left.append(e.left_out)
@@ -320,14 +321,12 @@ def test_what_does_not_fit_is_left_out_in_its_order():
 
 
 def test_rates_that_nobody_asked_for_are_raised_as_the_limits_allow():
-    slow = excitation(RANGE, sample_rate_hz=2000.0, slope_limit=4300.0, shape="triangle")
+    slow = excitation(RANGE, sample_rate=2000.0, slew=4300.0, shape="triangle")
     assert slow.rates_hz == (0.5, 5.0)
-    e = excitation(
-        RANGE, sample_rate_hz=2000.0, slope_limit=4300.0, shape="triangle", duration=17.0
-    )
+    e = excitation(RANGE, sample_rate=2000.0, slew=4300.0, shape="triangle", duration=17.0)
     assert 5.0 < e.rates_hz[1] < 4300.0 / 260.0
     assert e.rates_hz[1] == pytest.approx(10.0 * e.rates_hz[0])
-    low = excitation(RANGE, sample_rate_hz=2000.0, slope_limit=430.0, shape="triangle")
+    low = excitation(RANGE, sample_rate=2000.0, slew=430.0, shape="triangle")
     assert low.rates_hz[1] == pytest.approx(430.0 / 260.0, rel=1e-4)
 
 
@@ -346,14 +345,14 @@ def test_the_least_time_is_the_least_time():
 
 
 def test_one_rate_and_near_rates_are_warned_of():
-    assert "one rate only" in made(rates_hz=(2.0,)).warnings[0]
-    assert "only a factor of 4 apart" in made(rates_hz=(1.1, 4.4)).warnings[0]
+    assert "one rate only" in made(rates=(2.0,)).warnings[0]
+    assert "only a factor of 4 apart" in made(rates=(1.1, 4.4)).warnings[0]
     assert made().warnings == ()
-    assert "no limit" in made(slope_limit=None).warnings[0]
+    assert "no limit" in made(slew=None).warnings[0]
 
 
 def test_equal_seeds_give_equal_records():
-    a, b, c = (made(natural_frequency_hz=90.0, seed=s).voltage for s in (4, 4, 5))
+    a, b, c = (made(frequency=90.0, seed=s).voltage for s in (4, 4, 5))
     np.testing.assert_array_equal(a, b)
     assert not np.array_equal(a, c)
 
@@ -370,22 +369,21 @@ def test_as_a_record():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"rates_hz": (0.5, 9.0)}, r"smooth loops over 130 V at 9 Hz .* slope or current .* 6\.57"),
-        ({"rates_hz": (0.5, 8.0), "shape": "sine"}, r"allows at most 4\.65"),
-        ({"rates_hz": (0.5, 8.0), "slope_limit": None, "natural_frequency_hz": 61.0}, "6.1 Hz"),
-        ({"rates_hz": (0.5, 180.0), "slope_limit": None}, "the sample rate allows"),
-        ({"rates_hz": ()}, "rates must be positive"),
-        ({"rates_hz": (0.0, 1.0)}, "rates must be positive"),
-        ({"current_limit": 0.01}, "needs the capacitance"),
-        ({"capacitance": -1e-6}, "capacitance must be positive"),
-        ({"slope_limit": 0.0}, "slope limit must be positive"),
-        ({"slope_limit": 1e-3}, "too low to be resolved"),
-        ({"sample_rate_hz": math.nan}, "sample rate must be positive"),
-        ({"duration": math.inf}, "duration must be positive"),
-        ({"hold": -1.0}, "time of the hold"),
-        ({"shape": "square"}, "must be one of smooth, sine, triangle"),
-        ({"rest_voltage": 120.0}, "rest voltage must be in -17 V to 113 V"),
-        ({"rates_hz": (1e-4, 1.0)}, "at most 20000000 are allowed"),
+        ({"rates": (0.5, 9.0)}, r"smooth loops over 130 V at 9 Hz .* slope or current .* 6\.57"),
+        ({"rates": (0.5, 8.0), "shape": "sine"}, r"allows at most 4\.65"),
+        ({"rates": (0.5, 8.0), "slew": None, "frequency": 61.0}, "6.1 Hz"),
+        ({"rates": (0.5, 180.0), "slew": None}, "the sample rate allows"),
+        ({"rates": (0.0, 1.0)}, "--rates must be above 0"),
+        ({"current": 0.01}, "needs the capacitance"),
+        ({"capacitance": -1e-6}, "--capacitance must be above 0"),
+        ({"slew": 0.0}, "--slew must be above 0"),
+        ({"slew": 1e-3}, "too low to be resolved"),
+        ({"sample_rate": math.nan}, "--sample-rate must be above 0"),
+        ({"duration": math.inf}, "--duration must be above 0"),
+        ({"hold_time": -1.0}, "--hold-time must be not below 0"),
+        ({"shape": "square"}, "--shape must be one of smooth, sine, triangle"),
+        ({"rest": 120.0}, "rest voltage must be in -17 V to 113 V"),
+        ({"rates": (1e-4, 1.0)}, "at most 20000000 are allowed"),
     ],
 )
 def test_impossible_requests_are_refused(options, said):
@@ -397,7 +395,7 @@ def test_impossible_requests_are_refused(options, said):
 @pytest.mark.parametrize("given_range", [(5.0, 5.0), (9.0, -2.0), (0.0, math.inf)])
 def test_an_impossible_range_is_refused(given_range):
     with pytest.raises(ModelError, match="range must rise"):
-        excitation(given_range, sample_rate_hz=1000.0)
+        excitation(given_range, sample_rate=1000.0)
 
 
 # ----------------------------------------------------------------------------------- coverage
@@ -442,7 +440,7 @@ def test_coverage_grows_with_what_is_run():
     assert share[0] < share[1] < share[2]
     # the same once more shows nothing new
     assert share[3] == share[1]
-    e = made(hold=0.0)
+    e = made(hold_time=0.0)
     assert e.coverage == memory_coverage(e.voltage).sum() / (16 * 17) > 0.97
 
 
@@ -526,9 +524,7 @@ def _identified(u, y, skip):
 def test_it_identifies_better_than_sines_of_the_same_time(other):
     """Held-out error of a model of another class than the plant, fitted to either record."""
     rates = (0.4, 4.1)
-    e = excitation(
-        RANGE, sample_rate_hz=400.0, rates_hz=rates, duration=24.0, slope_limit=1500.0, seed=2
-    )
+    e = excitation(RANGE, sample_rate=400.0, rates=rates, duration=24.0, slew=1500.0, seed=2)
     if other == "one rate":
         phase = 2.0 * np.pi * math.sqrt(rates[0] * rates[1]) * e.time
     else:

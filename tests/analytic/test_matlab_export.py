@@ -94,7 +94,7 @@ def test_one_step_is_that_of_the_continuous_equations(hold: str) -> None:
     creep = LogCreep(rate_per_decade=0.06, shortest=3e-4, longest=0.05)
     stage, system = _STAGES["vgtu-piezo"], _SYSTEMS["vgtu-piezo"]
     model = dynamic_model(
-        stage, system, step=1.3e-4, hysteresis={"y": _STACK}, creep=creep, mode_count=3
+        stage, system, time_step=1.3e-4, hysteresis={"y": _STACK}, creep=creep, keep_modes=3
     )
     form = linear_part(model)
     data = loadmat(io.BytesIO(matlab_files(stage, system, model=model)["vgtu_piezo.mat"]))
@@ -178,7 +178,7 @@ def test_the_file_names_everything() -> None:
         "vgtu-piezo",
         hysteresis={"x": _STACK},
         creep=LogCreep(rate_per_decade=0.021),
-        bandwidth_hz=1700.0,
+        bandwidth=1700.0,
         sensors={"y": Sensor(gain=1.02, bandwidth_hz=900.0)},
     )
     model = data["model"]
@@ -262,7 +262,7 @@ def test_modes_left_out_creep_with_the_free_displacement() -> None:
                 system,
                 hysteresis={"x": _STACK, "y": _STACK},
                 creep=creep,
-                mode_count=count,
+                keep_modes=count,
             )
         )
         for count in (None, 1)

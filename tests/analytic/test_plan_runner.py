@@ -111,7 +111,7 @@ def test_figures_are_those_of_the_closed_forms(tmp_path):
     assert value("straightness") < 2e-9
     assert value("workspace_area", "xy") == pytest.approx(60.0**2 * GAIN * 4.3e-7, rel=1e-4)
     assert found.origin == "virtual"
-    assert found.instrument.model == "in memory"
+    assert found.run.instrument.model == "in memory"
     assert _lead(found).startswith(f"{len(found.steps)} steps on ")
     # the cycle that only prepares is left out of the evaluation
     (motion, *_) = found.step("figures").found.results
@@ -222,7 +222,7 @@ def test_a_run_that_is_whole_is_read_and_nothing_moves(tmp_path):
     assert waves(again) == []
     assert [f.estimate.value for f in second.figures] == [f.estimate.value for f in first.figures]
     assert not any(step.repeated for step in second.records)
-    assert second.started == first.started
+    assert second.run.started == first.run.started
 
 
 def test_a_state_that_cannot_be_written_hides_no_failure(tmp_path, monkeypatch):
@@ -474,7 +474,8 @@ STEP = {"status": "complete", "fingerprint": "", "partial": []}
     ],
 )
 def test_a_state_with_a_field_of_another_kind_is_refused(tmp_path, key, change):
-    (tmp_path / "run.json").write_text(json.dumps({"run": 1, "steps": {}, **change}))
+    whole = {"run": 1, "stage": "guide", "instrument": {"vendor": "v", "model": "m"}, "steps": {}}
+    (tmp_path / "run.json").write_text(json.dumps(whole | change))
     with pytest.raises(PlanError, match=re.escape(f"run.json{key}: ")):
         run_plan(made(), bench(), tmp_path, resume=True)
 

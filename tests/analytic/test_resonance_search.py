@@ -32,11 +32,11 @@ def record(
 ) -> Record:
     made = excitation(
         (0.0, 113.0),
-        sample_rate_hz=RATE,
-        rates_hz=(1.1, 9.0),
-        natural_frequency_hz=412.0,
-        resonance=multisine,
-        hold=2.0,
+        sample_rate=RATE,
+        rates=(1.1, 9.0),
+        frequency=412.0,
+        multisine=multisine,
+        hold_time=2.0,
         duration=duration,
     )
     y = LogCreep(rate_per_decade=0.011).simulate(STACK.simulate(made.voltage).values, 1.0 / RATE)

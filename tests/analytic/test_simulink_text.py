@@ -49,8 +49,8 @@ def files() -> dict[str, bytes]:
         stage,
         lumped_system(stage),
         creep=LogCreep(rate_per_decade=0.013),
-        bandwidth_hz=900.0,
-        current_limit=0.1,
+        bandwidth=900.0,
+        current=0.1,
         sensors={"x": Sensor(gain=1.1, offset=1e-7, quantisation=1e-9, mains_amplitude=2e-9)},
     )
     return simulink_files(stage_diagram(stage, model=model), name="stage", model=model)

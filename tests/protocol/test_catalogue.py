@@ -180,11 +180,11 @@ def test_the_calibration_that_holds_is_the_latest_before(catalogue):
     assert catalogue.calibrations(stage="vgtu-piezo", what=first.what) == [later, first]
     assert catalogue.calibrations(serial_number="Ž 7") == [elsewhere]
     at = START + timedelta(days=9)
-    assert catalogue.calibrations(at=at) == [offset, elsewhere, first]
-    assert catalogue.calibrations(at=at + timedelta(days=1), what=later.what, stage=PIEZO.name) == [
-        later
-    ]
-    assert catalogue.calibrations(at=START - timedelta(seconds=1)) == []
+    assert catalogue.calibrations(valid_at=at) == [offset, elsewhere, first]
+    day_after = at + timedelta(days=1)
+    found = catalogue.calibrations(valid_at=day_after, what=later.what, stage=PIEZO.name)
+    assert found == [later]
+    assert catalogue.calibrations(valid_at=START - timedelta(seconds=1)) == []
 
 
 def test_models_are_kept_with_their_figures(catalogue):

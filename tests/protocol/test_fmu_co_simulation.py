@@ -237,8 +237,8 @@ def test_tuned_parameters_give_the_model_that_is_built_with_them(version: str, h
     other = dynamic_model(
         stage,
         lumped_system(stage),
-        bandwidth_hz=1900.0,
-        current_limit=0.2,
+        bandwidth=1900.0,
+        current=0.2,
         creep=LogCreep(rate_per_decade=0.029),
         hysteresis={"x": changed, "y": y.hysteresis},  # type: ignore[dict-item]
         sensors={"x": Sensor(gain=0.97, offset=2e-8, bandwidth_hz=2300.0)},

@@ -67,7 +67,7 @@ def test_an_object_of_the_users_own():
         ("twin://?seed=-1", "'seed' of .* must be a whole number from 0, got '-1'"),
         ("twin://?seed=" + "9" * 400, "'seed' of .* must be a whole number from 0"),
         ("twin://?seed=1.5", "'seed' of .* must be a whole number from 0, got '1.5'"),
-        ("twin://?rate=nan", "'rate' of .* must be a number from 0, got 'nan'"),
+        ("twin://?servo_rate=nan", "'servo_rate' of .*: expected a frequency .*, got 'nan'"),
         ("twin://?model=solid", "must be lumped or superelement, got 'solid'"),
         ("twin://?amplifier=tube", "must be voltage or charge, got 'tube'"),
         ("twin://?fast=maybe", "'fast' of .* must be 1 or 0, got 'maybe'"),

@@ -378,7 +378,7 @@ def test_options_that_leave_it_open_are_refused(given: dict[str, Any], told: str
 
 def test_a_named_host_is_known_and_a_foreign_one_is_not() -> None:
     options = PanelOptions(
-        folder=Path("files"), host="0.0.0.0", password=PASSWORD, host_names=("stage.lab",)
+        folder=Path("files"), host="0.0.0.0", password=PASSWORD, host_name=("stage.lab",)
     )
     assert options.is_own_name("Stage.Lab")
     assert options.is_own_name("192.168.7.3")

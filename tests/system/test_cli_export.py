@@ -13,7 +13,7 @@ from scipy.io import loadmat
 from flexstage.characteristic import Characteristics
 from flexstage.cli import main
 from flexstage.designs import design
-from flexstage.export.formats import FORMATS
+from flexstage.export.request import FORMATS
 from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
 from flexstage.stage.file import write_stage
 
@@ -107,10 +107,10 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["vgtu-piezo", "--to", "dwg"], "--to is one or more of"),
+        (["vgtu-piezo", "--to", "dwg"], "'--to': must be one or more of diagram"),
         (["vgtu-piezo", "--to", "c", "--precision", "half"], "double or single"),
         (["vgtu-piezo", "--to", "fmu", "--fmi", "1.0"], "2.0, 3.0 or both"),
-        (["vgtu-piezo", "--to", "c", "--step", "-1 ms"], "--time-step must be above zero"),
+        (["vgtu-piezo", "--to", "c", "--step", "-1 ms"], "'--time-step': must be from 1e-12"),
         (["vgtu-piezo", "--to", "c", "--step", "3 mm"], "not a unit of time"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis is usual, none"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "x=missing.yaml"], "no file missing.yaml"),

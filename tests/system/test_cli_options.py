@@ -27,6 +27,7 @@ VALUES = {
     "TIME": "2 s", "NUMBER": "7", "NUMBER|auto": "7", "FREQUENCIES": "0.5,5", "RATIO": "0.02",
     "FILE": "other.csv", "UNIT": "um", "LOW:HIGH": "0:120", "FREQUENCY": "2 kHz",
     "ROLE=UNIT": "along=um", "SEED": "3", "NAMES": "a,b", "KIND": "motion", "TEXT": "7",
+    "DATE": "2031-05-17",
 }  # fmt: skip
 
 
@@ -93,10 +94,10 @@ def test_results_by_either_name_are_the_same(capsys: pytest.CaptureFixture[str])
         capsys, *notch, "--half-angle", "40 deg"
     )
     drive = ("excite", "--voltage", "0:100", "--duration", "20 s", "--json")
-    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance", "--hold", "0 s")
-    new = printed(capsys, *drive, "--loop-rates", "0.5,5", "--no-multisine", "--hold-time", "0 s")
+    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance")
+    new = printed(capsys, *drive, "--rates", "0.5,5", "--no-multisine")
     assert old == new
-    assert new != printed(capsys, *drive, "--loop-rates", "0.5,2", "--no-multisine")
+    assert new != printed(capsys, *drive, "--rates", "0.5,2", "--no-multisine")
 
 
 def test_behind_a_double_dash_no_name_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.experiments.state import RunState, write_state
+from flexstage.instruments.protocol import Identity
 
 TWIN = "twin://?seed=7&model=lumped"
 PLAN = """\
@@ -100,7 +101,8 @@ def test_a_run_that_is_taken_up_again_tells_the_same_notes_and_units(capsys, don
 def test_a_folder_of_another_stage_is_refused(capsys, done):
     place = done / "other"
     place.mkdir()
-    begun = RunState(stage="vgtu-piezo", instrument={"simulated": True}, steps={})
+    identity = Identity(vendor="v", model="m", simulated=True)
+    begun = RunState(stage="vgtu-piezo", instrument=identity, steps={})
     write_state(place, begun)
     words = ["run", str(done / "modes.yaml"), "--stage", "vgtu-mechanical", "--instrument", TWIN,
              "--steps", "blow", "--out", str(place), "--catalogue", "none", "--resume"]  # fmt: skip

@@ -178,9 +178,9 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--axes", "2"], "such as X,Y, got '2'"),  # the second is called so already
         (["vgtu-piezo", "--axes", "X,"], "got 'X,'"),
         (["vgtu-piezo", "--axes", "a-b"], "got 'a-b'"),
-        (["vgtu-piezo", "--port", "70000"], "--port must be 0 to 65535, got 70000"),
+        (["vgtu-piezo", "--port", "70000"], "a whole number from 0 to 65535, got '70000'"),
         (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
-        (["vgtu-piezo", "--rate", "1 Hz"], "1 kHz to 50 kHz, got '1 Hz'"),
+        (["vgtu-piezo", "--rate", "1 Hz"], "must be from 1000 to 50000"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
         (["vgtu-piezo", "--serial-number", "ä"], "plain printable"),
     ],

@@ -135,16 +135,22 @@ def test_a_result_without_uncertainty_is_drawn(tmp_path, equation):
     [
         (("--trials", "some"), "whole number or auto"),
         (("--trials", "1.5"), "whole number or auto"),
-        (("--trials", "10"), "1000 to"),
         (("--confidence", "95"), "between 0 and 1"),
     ],
 )
-def test_bad_options_are_one_sentence(file, words, message):
+def test_options_that_are_none_are_refused(file, words, message):
     done = run(file, *words)
+    assert done.exit_code == 2
+    assert f"'{words[0]}': must be" in done.output
+    assert message in done.output
+
+
+def test_too_few_trials_are_one_sentence(file):
+    done = run(file, "--trials", "10")
     assert isinstance(done.exception, FlexstageError)
     # a value error is bad input, for which the command line ends with 2
     assert isinstance(done.exception, ValueError)
-    assert message in str(done.exception)
+    assert "1000 to" in str(done.exception)
     assert "\n" not in str(done.exception)
 
 

@@ -151,8 +151,8 @@ def test_identified_and_followed_through_the_commands_of_a_controller() -> None:
     with connect("twin://vgtu-piezo?model=lumped&seed=5") as twin:
         axis = twin.axes["x"]
         made = excitation(
-            (0.0, 120.0), sample_rate_hz=10e3, rates_hz=(1.0, 50.0), natural_frequency_hz=820.0,
-            slope_limit=3e4, duration=25.0,
+            (0.0, 120.0), sample_rate=10e3, rates=(1.0, 50.0), frequency=820.0,
+            slew=3e4, duration=25.0,
         )  # fmt: skip
         wave = Waveform(values={"x": made.voltage}, sample_rate_hz=10e3, quantity="voltage")
         record = run_waveform(twin, wave, SIGNALS[:2], rate_hz=10e3)
@@ -179,7 +179,7 @@ def test_identified_and_followed_through_the_commands_of_a_controller() -> None:
 def test_feedforward_of_a_quick_identification() -> None:
     """Two rates, a thousand samples a second, no resonance: what takes seconds to identify."""
     stage = virtual_stage(design("vgtu-piezo"), seed=4)
-    made = excitation((0.0, 120.0), sample_rate_hz=1e3, rates_hz=(1.0, 10.0), hold=3.0)
+    made = excitation((0.0, 120.0), sample_rate=1e3, rates=(1.0, 10.0), hold_time=3.0)
     at = np.arange(10 * made.voltage.size) / 10.0
     command = np.zeros((2, at.size))
     command[1] = np.interp(at, np.arange(made.voltage.size), made.voltage)

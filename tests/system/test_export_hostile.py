@@ -138,7 +138,7 @@ def test_names_in_step_are_those_of_the_stage(tmp_path: Path) -> None:
 def test_variables_of_an_fmu_differ_whatever_drives_are_called(tmp_path: Path) -> None:
     names = {"drives": ("ä.1", "微"), "probes": ("..", "é"), "axes": ("x", "y")}
     stage = _stage(tmp_path, name=_HOSTILE, title=_HOSTILE, **names)
-    model = dynamic_model(stage, lumped_system(stage), bandwidth_hz=2e3)
+    model = dynamic_model(stage, lumped_system(stage), bandwidth=2e3)
     for version in ("2.0", "3.0"):
         (content,) = fmu_files(model, version=version, binary=False).values()  # type: ignore[arg-type]
         path = tmp_path / "stage.fmu"

@@ -132,7 +132,7 @@ def test_mass_damping_and_stiffness_by_octaves_exponential(tmp_path: Path) -> No
 def test_continuous_matrices_by_octaves_integrator(name: str, tmp_path: Path) -> None:
     """The lowest modes by `lsode`, corner by corner."""
     system = _SYSTEMS[name]
-    model = dynamic_model(_STAGES[name], system, hysteresis="none", mode_count=4, step=2.3e-4)
+    model = dynamic_model(_STAGES[name], system, hysteresis="none", keep_modes=4, time_step=2.3e-4)
     w = _free(60, model.step)
     w -= w[0]
     script = """
@@ -216,7 +216,7 @@ def test_every_way_of_an_amplifier(tmp_path: Path) -> None:
     amplifier = Amplifier(
         bandwidth_hz=1100.0, slew_limit=41e3, voltage_range=(-20.0, 120.0), gain=1.07
     )
-    model = dynamic_model(_STAGES["vgtu-piezo"], _SYSTEMS["vgtu-piezo"], bandwidth_hz=1100.0)
+    model = dynamic_model(_STAGES["vgtu-piezo"], _SYSTEMS["vgtu-piezo"], bandwidth=1100.0)
     # without a limit of its rate the output passes an end and comes back inside a step
     quick = Amplifier(bandwidth_hz=2900.0, voltage_range=(-17.0, 110.0), gain=0.96)
     x, y = model.drives

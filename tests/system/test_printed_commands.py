@@ -70,8 +70,8 @@ def measured(file: Path, rates: tuple[float, ...] = (0.5, 5.0)) -> None:
     from flexstage.virtual import virtual_stack
 
     drive = excitation(
-        (0.0, 120.0), sample_rate_hz=1000.0, duration=25.0, rates_hz=rates,
-        natural_frequency_hz=640.0, resonance=False,
+        (0.0, 120.0), sample_rate=1000.0, duration=25.0, rates=rates,
+        frequency=640.0, multisine=False,
     )  # fmt: skip
     free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(drive.voltage).values
     moved = LogCreep(rate_per_decade=0.015).simulate(free, 1e-3).values

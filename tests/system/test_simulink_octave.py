@@ -381,11 +381,11 @@ def _chained(step: float) -> DynamicModel:
     return dynamic_model(
         stage,
         lumped_system(stage),
-        step=step,
+        time_step=step,
         hysteresis={"x": MODEL, "y": replace(MODEL, beta=0.04)},
         creep=CREEP,
         sensors={"y": Sensor(gain=0.97, bandwidth_hz=730.0)},
-        mode_count=3,
+        keep_modes=3,
     )
 
 

@@ -22,7 +22,6 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     **{name: {"--out": "--folder"} for name in ("optimise", "sensitivity", "sweep", "tolerance")},
     "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
     "excite": {
-        "--rates": "--loop-rates",
         "--hold": "--hold-time",
         "--resonance": "--multisine",
         "--no-resonance": "--no-multisine",
@@ -57,12 +56,7 @@ class CliCommand(TyperCommand):
         return _with_former_names(super().make_parser(ctx), self.name)
 
     def get_params(self, ctx: Any) -> list[Any]:
-        parameters = super().get_params(ctx)
-        texts = request_texts(self.callback)
-        for parameter in parameters:
-            if getattr(parameter, "help", None) is None and parameter.name in texts:
-                vars(parameter)["help"] = texts[parameter.name]
-        return parameters
+        return _with_help(super().get_params(ctx), self.callback)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         # optional arguments are in brackets
@@ -90,6 +84,9 @@ class CliGroup(TyperGroup):
     def make_parser(self, ctx: Any) -> Any:
         return _with_former_names(super().make_parser(ctx), self.name)
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _with_help(super().get_params(ctx), self.callback)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         # the first paragraph of the help of each
         sections: dict[str, list[tuple[str, str]]] = {}
@@ -100,6 +97,14 @@ class CliGroup(TyperGroup):
         for title, rows in sections.items():
             with formatter.section(title):
                 formatter.write_dl([(name.ljust(width), sentence) for name, sentence in rows])
+
+
+def _with_help(parameters: list[Any], command: Any) -> list[Any]:
+    texts = request_texts(command)
+    for parameter in parameters:
+        if getattr(parameter, "help", None) is None and parameter.name in texts:
+            vars(parameter)["help"] = texts[parameter.name]
+    return parameters
 
 
 def _with_former_names(parser: Any, command: str | None) -> Any:

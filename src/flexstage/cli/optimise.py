@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from flexstage.cli.options import (
-    USUAL_WORKERS,
     JsonOption,
     QuietOption,
-    WorkerOptions,
     from_docstring,
 )
 from flexstage.cli.output import (
@@ -25,7 +23,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.explore.requests import OptimiseRequest
+from flexstage.explore.requests import USUAL_WORKERS, OptimiseRequest, WorkerRequest
 
 if TYPE_CHECKING:
     from flexstage.explore import Front, Optimum
@@ -38,7 +36,7 @@ def optimise(
     folder: OutputFolder = None,
     figure: FigureFile = None,
     taken: ParameterOptions = NOTHING_SET,
-    sharing: WorkerOptions = USUAL_WORKERS,
+    sharing: WorkerRequest = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:

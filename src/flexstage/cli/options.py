@@ -5,20 +5,14 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_origin
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.ranges import written_as
 from flexstage.files.request import Request, RequestField, request_fields, request_groups
-from flexstage.studies.requests import ModelName
-
-if TYPE_CHECKING:
-    from flexstage.explore import Workers
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -220,18 +214,10 @@ def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result, or the error, as one JSON object.")
 ]
-_model = written_as(ModelName)
-ModelOption = Annotated[str, option("NAME", _model.help if _model else "")]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
 AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
-SlewOption = Annotated[
-    str | None, option("SLOPE", 'Largest slope of the voltage, such as "2000 V/s".')
-]
-CurrentOption = Annotated[
-    str | None, option("CURRENT", 'Largest current of the amplifier, such as "50 mA".')
-]
 PlaneOption = Annotated[
     str,
     one_of(
@@ -273,14 +259,6 @@ def positive_length(text: str, name: str, bare_unit: str | None = None) -> float
     return value
 
 
-def voltage_range(text: str) -> tuple[float, float]:
-    """Return the two ends of a range of voltages that an option gives [V]."""
-    words = text.split(":")
-    refuse(len(words) != 2, f"--voltage must be a range such as \"0:120\", got '{text}'")
-    low, high = (quantity(word, "voltage", bare_unit="V") for word in words)
-    return low, high
-
-
 def relative(text: str) -> float:
     """Return the share that an option gives [1], as a percentage or as a plain number.
 
@@ -299,32 +277,3 @@ def relative(text: str) -> float:
             f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
         )
     return value
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorkerOptions:
-    """Who does the work.
-
-    Parameters
-    ----------
-    workers
-        --workers N: Number of processes that share long work (default: one for each core); 1 is
-        this process alone. The numbers are the same whatever it is.
-    scheduler
-        --scheduler ADDRESS: Have a Dask cluster do the work, by the address of its scheduler, such
-        as tls://HOST:8786.
-    """
-
-    panel: ClassVar[str] = "Workers"
-    workers: int | None = None
-    scheduler: str | None = None
-
-    def open(self) -> "AbstractContextManager[Workers]":
-        """Return the workers, for a `with` block."""
-        from flexstage.explore import open_workers
-
-        return open_workers(self.workers, self.scheduler)
-
-
-#: None of them given.
-USUAL_WORKERS = WorkerOptions()

@@ -19,6 +19,7 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import FlexstageError, PlanError
+from flexstage.experiments.requests import BenchRequest, RunRequest
 
 if TYPE_CHECKING:
     from flexstage.experiments import DryRun, PlanResult
@@ -27,17 +28,13 @@ if TYPE_CHECKING:
 @from_docstring
 def run(
     plan: Annotated[str, typer.Argument()],
-    instrument: str | None = None,
+    *,
+    bench: BenchRequest,
+    request: RunRequest,
+    dry_run: bool = False,
+    out: OutputFolder = None,
     stage: str | None = None,
     taken: StageOptions = AS_DESCRIBED,
-    out: OutputFolder = None,
-    dry_run: bool = False,
-    resume: bool = False,
-    only: str | None = None,
-    operator: str = "",
-    note: str = "",
-    catalogue: str | None = None,
-    yes: bool = False,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -50,28 +47,12 @@ def run(
     ----------
     plan
         PLAN: A plan file, or the name of a built-in plan.
-    instrument
-        ADDRESS: gcs://HOST:PORT, serial:///dev/ttyUSB0, ni://Dev1, or twin://?seed=3 for a
-        simulation; required except with --dry-run.
-    stage
-        STAGE: A stage file, or the name of a built-in design, instead of that of the plan.
-    out
-        Folder of the run (default: runs/TIME-STAGE).
     dry_run
         Check the plan and list its motions, without an instrument.
-    resume
-        Continue the interrupted run in --folder.
-    only
-        NAMES: Steps to carry out, separated by commas; the steps that they need are included.
-    operator
-        TEXT: Name of the operator, for the records.
-    note
-        TEXT: A remark for the records.
-    catalogue
-        URL: Catalogue of the records: a file, or the URL of a database; 'none' for none (default:
-        that of the user).
-    yes
-        Do not ask for confirmation before a real instrument moves.
+    out
+        Folder of the run (default: runs/TIME-STAGE).
+    stage
+        STAGE: A stage file, or the name of a built-in design, instead of that of the plan.
     """
     from flexstage.experiments import find_plan, read_plan
     from flexstage.experiments.plan import stage_source
@@ -79,13 +60,11 @@ def run(
     file = find_plan(plan)
     wanted = read_plan(file)
     own = taken.stage(stage if stage is not None else stage_source(wanted, file.parent))
-    chosen = None if only is None else tuple(s.strip() for s in only.split(",") if s.strip())
-    refuse(chosen == (), "--only names no step: give names separated by commas", PlanError)
-    wanted.chosen(chosen)
+    wanted.chosen(request.only)
     if dry_run:
         from flexstage.experiments import dry_run as tried
 
-        found = tried(wanted, own, only=chosen)
+        found = tried(wanted, own, only=request.only)
         if json:
             print_json(_plain_dry(found))
         else:
@@ -94,7 +73,7 @@ def run(
             typer.echo(f"flexstage: {found.problems[0]}", err=True)
             raise typer.Exit(2)
         return
-    if instrument is None:
+    if bench.instrument is None:
         raise PlanError(
             "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
             "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
@@ -102,14 +81,17 @@ def run(
     from flexstage.files.write import require_writable
 
     lacking = "--resume needs --folder: the folder of the run that was interrupted"
-    refuse(resume and out is None, lacking, PlanError)
+    refuse(request.resume and out is None, lacking, PlanError)
     from flexstage.experiments.runner import new_run_folder
 
     folder = out if out is not None else new_run_folder(Path("runs"), own.name, file.stem)
     require_writable(folder)
+    from flexstage.instruments.catalogue.address import chosen_catalogue
+
+    catalogue = chosen_catalogue(bench.catalogue)
     result = _carried_out(
-        wanted, own, instrument, folder, title=file.stem, resume=resume, only=chosen,
-        operator=operator, note=note, catalogue=_catalogue(catalogue), yes=yes, quiet=quiet,
+        bench, wanted, folder, request, stage=own, title=file.stem, catalogue=catalogue,
+        quiet=quiet,
     )  # fmt: skip
     from flexstage.report.run import run_text
 
@@ -120,36 +102,30 @@ def run(
     _print(result)
 
 
-def _catalogue(text: str | None) -> str | None:
-    if text is not None and text.casefold() == "none":
-        return None
-    if text is not None:
-        from flexstage.instruments.catalogue.address import require_address
-
-        # what cannot be opened is told behind the run, and what can never be one before it
-        require_address(text)
-        return text
-    from flexstage.instruments.catalogue.address import default_catalogue
-
-    return str(default_catalogue())
-
-
 def _carried_out(
-    wanted: Any, own: Any, address: str, folder: Path, *, yes: bool, quiet: bool, **options: Any
+    bench: BenchRequest,
+    plan: Any,
+    folder: Path,
+    request: RunRequest,
+    *,
+    stage: Any,
+    quiet: bool,
+    **more: Any,
 ) -> "PlanResult":
     from flexstage.experiments import run_plan
     from flexstage.instruments.connect import connect
 
-    device = connect(address, own)
+    address = bench.instrument or ""
+    device = connect(address, stage)
     try:
-        if not device.identity.simulated and not yes:
-            _ask(device.identity, own.name)
+        if not device.identity.simulated and not bench.yes:
+            _ask(device.identity, stage.name)
         if device.identity.simulated and address.startswith("ni:"):
             # a card is simulated where its driver is missing, whoever meant to measure
             typer.echo(f"flexstage: {device.settings().get('driver', address)}", err=True)
         try:
             with progress_bar("run", quiet=quiet):
-                return run_plan(wanted, device, folder, stage=own, **options)
+                return run_plan(plan, device, folder, request, stage=stage, **more)
         except (KeyboardInterrupt, SystemExit):  # the latter by a signal to end
             sys.stderr.write(f"\nthe stage was stopped; {_how_to_resume(folder)}\n")
             raise

@@ -1,7 +1,6 @@
 """`flexstage runs`: what was recorded, and what became of it."""
 
 import dataclasses
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +20,8 @@ from flexstage.cli.output import (
 )
 from flexstage.errors import RecordError
 from flexstage.files.plain import picked
+from flexstage.files.request import option_words
+from flexstage.instruments.requests import CalibrationsRequest, RunsRequest
 
 if TYPE_CHECKING:
     from flexstage.instruments.catalogue.entries import CalibrationEntry, RunEntry
@@ -42,49 +43,27 @@ _Catalogue = Annotated[
         "--catalogue",
     ),
 ]
-_Stage = Annotated[str | None, option("NAME", "Only this stage.")]
-_Serial = Annotated[str | None, option("TEXT", "Only the stage with this serial number.")]
 
 
 @runs.callback(invoke_without_command=True)
 @from_docstring
 def _list(
     context: typer.Context,
-    stage: _Stage = None,
-    serial_number: _Serial = None,
-    test: str | None = None,
-    since: str | None = None,
-    limit: Annotated[int | None, typer.Option(min=1)] = None,
+    request: RunsRequest,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the runs in the catalogue, latest first.
-
-    Parameters
-    ----------
-    test
-        KIND: Only this kind of test, such as motion.
-    since
-        TIME: Only since a date, a date and time (UTC unless a zone is given), or "7 d" for the last
-        seven days.
-    limit
-        NUMBER: Largest number of runs, the latest ones.
-    """
+    """List the runs in the catalogue, latest first."""
     if context.invoked_subcommand is not None:
-        given = [n for n, v in (("--stage", stage),
-                                ("--serial-number", serial_number), ("--test", test),
-                                ("--since", since), ("--limit", limit),
-                                ("--catalogue", catalogue), ("--json", json)) if v]  # fmt: skip
+        given = option_words(request)
+        given += [name for name, v in (("--catalogue", catalogue), ("--json", json)) if v]
         if given:
             raise typer.BadParameter(f"give {given[0]} behind '{context.invoked_subcommand}'")
         return
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
-    start = _time(since)
     with Catalogue.open(catalogue, make=False) as opened:
-        found = opened.runs(
-            stage=stage, serial_number=serial_number, kind=test, since=start, limit=limit
-        )  # fmt: skip
+        found = opened.runs(request)
         where = opened.address
     if json:
         print_json({"catalogue": where, "runs": [_plain(entry) for entry in found]})
@@ -246,28 +225,16 @@ def recover(
 @runs.command(cls=CliCommand)
 @from_docstring
 def calibrations(
-    stage: _Stage = None,
-    serial_number: _Serial = None,
-    what: str | None = None,
-    valid_at: str | None = None,
+    request: CalibrationsRequest,
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """List the calibrations in the catalogue, latest first.
-
-    Parameters
-    ----------
-    what
-        NAME: Only this quantity, such as the gain of a sensor.
-    valid_at
-        TIME: Only those valid at a date, or a date and time.
-    """
+    """List the calibrations in the catalogue, latest first."""
     from flexstage.instruments.catalogue.catalogue import Catalogue
     from flexstage.report.run import shown_time
 
-    time = _time(valid_at)
     with Catalogue.open(catalogue, make=False) as opened:
-        found = opened.calibrations(stage=stage, serial_number=serial_number, what=what, at=time)
+        found = opened.calibrations(request)
         where = opened.address
     if json:
         rows = [_plain_calibration(entry) for entry in found]
@@ -289,36 +256,6 @@ def calibrations(
     )
     title = f"{count(len(found), 'calibration')} in {where}"
     print_table(console(), title, (*heads, "<valid from, UTC", "~<run"), rows)
-
-
-def _time(text: str | None) -> datetime | None:
-    """Read a date, a date and time, or how long ago."""
-    if text is None:
-        return None
-    word = text.strip()
-    try:
-        time = datetime.fromisoformat(word)
-    except ValueError:
-        return _ago(word)
-    if time.tzinfo is None:
-        return time.replace(tzinfo=UTC)
-    try:
-        return time.astimezone(UTC)
-    except OverflowError:  # before the first year, or after the last one
-        raise typer.BadParameter(f"'{text}' is no time that can be told in UTC") from None
-
-
-def _ago(text: str) -> datetime:
-    seconds = {"d": 86_400.0, "h": 3600.0, "min": 60.0}
-    number = text.rstrip("abcdefghijklmnopqrstuvwxyz").strip()
-    unit = text[len(text.rstrip("abcdefghijklmnopqrstuvwxyz")) :]
-    try:
-        return datetime.now(UTC) - timedelta(seconds=float(number) * seconds[unit])
-    except (KeyError, ValueError, OverflowError):
-        raise typer.BadParameter(
-            f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or how "
-            f"long ago, such as 7d, 12h or 30min, got '{text}'"
-        ) from None
 
 
 def _plain(entry: "RunEntry") -> dict[str, Any]:

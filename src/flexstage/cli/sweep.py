@@ -4,10 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flexstage.cli.options import (
-    USUAL_WORKERS,
     JsonOption,
     QuietOption,
-    WorkerOptions,
     from_docstring,
 )
 from flexstage.cli.output import (
@@ -22,7 +20,7 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
 from flexstage.errors import ModelError
-from flexstage.explore.requests import SweepRequest
+from flexstage.explore.requests import USUAL_WORKERS, SweepRequest, WorkerRequest
 
 if TYPE_CHECKING:
     from flexstage.explore import Sweep
@@ -35,7 +33,7 @@ def sweep(
     folder: OutputFolder = None,
     figure: FigureFile = None,
     taken: ParameterOptions = NOTHING_SET,
-    sharing: WorkerOptions = USUAL_WORKERS,
+    sharing: WorkerRequest = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:

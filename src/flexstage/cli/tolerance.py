@@ -4,10 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flexstage.cli.options import (
-    USUAL_WORKERS,
     JsonOption,
     QuietOption,
-    WorkerOptions,
     from_docstring,
     refuse,
 )
@@ -23,7 +21,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.explore.requests import ToleranceRequest
+from flexstage.explore.requests import USUAL_WORKERS, ToleranceRequest, WorkerRequest
 
 if TYPE_CHECKING:
     from flexstage.explore.tolerance import ToleranceStudy
@@ -38,7 +36,7 @@ def tolerance(
     figure: FigureFile = None,
     folder: OutputFolder = None,
     every_sample: bool = False,
-    sharing: WorkerOptions = USUAL_WORKERS,
+    sharing: WorkerRequest = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:

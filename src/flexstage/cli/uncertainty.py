@@ -2,11 +2,11 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     console,
@@ -17,6 +17,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.files.plain import picked, plain
+from flexstage.measure.requests import UncertaintyRequest
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,9 +30,7 @@ if TYPE_CHECKING:
 @from_docstring
 def uncertainty(
     file: Annotated[Path, typer.Argument()],
-    trials: str = "auto",
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    confidence: float = 0.95,
+    request: UncertaintyRequest,
     figure: FigureFile = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -42,13 +41,6 @@ def uncertainty(
     ----------
     file
         FILE: An uncertainty budget in YAML: quantity, unit, equation, influences, correlations.
-    trials
-        NUMBER|auto: Number of Monte Carlo trials; auto draws until two digits of the uncertainty
-        are stable.
-    seed
-        NUMBER: Random seed of the trials.
-    confidence
-        SHARE: Coverage probability of the intervals, 0 to 1.
     figure
         Draw the distribution and the budget. (.svg, .png or .pdf)
     """
@@ -59,7 +51,7 @@ def uncertainty(
     budget = read_budget(file)
     propagated = budget.propagate()
     with progress_bar("uncertainty", quiet=quiet):
-        drawn = budget.monte_carlo(trials=_trials(trials), seed=seed, confidence=confidence)
+        drawn = budget.monte_carlo(request)
     verdict = validate(propagated, drawn)
     named = {"quantity": budget.quantity, "unit": budget.unit, "factor": budget.factor}
     files = write_picture(figure, lambda: draw_budget(propagated, drawn, **named))
@@ -68,18 +60,6 @@ def uncertainty(
         print_json(result)
     else:
         _print(console(), result)
-
-
-def _trials(text: str) -> int | Literal["auto"]:
-    if text.strip().lower() == "auto":
-        return "auto"
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    whole = math.isfinite(number) and number == int(number)
-    refuse(not whole, f"--trials must be a whole number or auto, got '{text}'")
-    return int(number)
 
 
 def _result(

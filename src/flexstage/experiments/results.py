@@ -1,7 +1,6 @@
 """What the steps of a plan gave."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -17,7 +16,7 @@ from flexstage.experiments.campaign.results import Characterisation, TestResult
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import StepResult
 from flexstage.files.plain import picked, plain
-from flexstage.instruments.protocol import Identity
+from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import provenance
 from flexstage.stage import Stage
 
@@ -37,18 +36,8 @@ class PlanResult:
     """The plan."""
     stage: Stage
     """The stage."""
-    instrument: Identity
-    """What it was carried out on."""
-    settings: Mapping[str, str] = field(default_factory=dict)
-    """Settings of the instrument, as text."""
-    serial_number: str = ""
-    """Serial number of the stage."""
-    operator: str = ""
-    """Who carried it out."""
-    note: str = ""
-    """What they said about it."""
-    started: str
-    """Date and time of the start, UTC, ISO 8601."""
+    run: RunMetadata
+    """Who carried it out on what, and when it began."""
     finished: str
     """Date and time of the end, UTC, ISO 8601."""
     duration: float
@@ -57,15 +46,13 @@ class PlanResult:
     """Where everything was written."""
     steps: tuple[StepResult, ...]
     """What each step gave, in their order."""
-    title: str = ""
-    """What the plan is called."""
     notes: tuple[str, ...] = ()
     """What belongs to every figure."""
 
     @property
     def origin(self) -> Literal["measured", "virtual"]:
         """``measured``, or ``virtual`` where the instrument is a simulation."""
-        return "virtual" if self.instrument.simulated else "measured"
+        return "virtual" if self.run.instrument.simulated else "measured"
 
     @property
     def figures(self) -> tuple[MeasuredCharacteristic, ...]:
@@ -182,15 +169,16 @@ class PlanResult:
 
     def plain(self) -> dict[str, Any]:
         """Return all figures as plain data."""
-        made = provenance(self.plan, dict(self.settings))
+        made = provenance(self.plan, dict(self.run.settings))
         steps = (
             {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}
             for s in self.steps
         )
         return {
-            "plan": self.title or self.plan.title,
-            **picked(self, "stage=stage.name", "serial_number", "origin", "instrument", "operator"),
-            **picked(self, "note", "started", "finished", "duration", "folder"),
+            **picked(self.run, "plan", "stage", "serial_number"),
+            "origin": self.origin,
+            **picked(self.run, "instrument", "operator", "note", "started"),
+            **picked(self, "finished", "duration", "folder"),
             "figures": [self.plain_figure(f) for f in self.figures],
             "further_figures": [self.plain_figure(f) for f in self.further_figures],
             "steps": plain(list(steps)),

@@ -1,7 +1,6 @@
 """What the steps of a plan share while it is carried out."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
@@ -9,7 +8,6 @@ from flexstage.experiments.command import BASE_RATE_HZ, Command
 from flexstage.experiments.verb import PlanContext, StepResult
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.provenance import content_hash
 from flexstage.stage.limits import AxisLimits
 
 if TYPE_CHECKING:
@@ -21,20 +19,12 @@ if TYPE_CHECKING:
 class RunContext(PlanContext):
     """A plan that is being carried out: the one thing here that changes."""
 
-    title: str
-    """What it is called."""
     instrument: Instrument
     """The instrument."""
     folder: Path
     """Where everything is written."""
-    serial_number: str = ""
-    """The stage's serial number."""
-    operator: str = ""
-    """Who works."""
-    note: str = ""
-    """What they say about it."""
-    settings: Mapping[str, str] = field(default_factory=dict)
-    """Settings of the instrument at the start, as text."""
+    run: RunMetadata
+    """What is known at its start: stage, instrument and its settings, plan, operator."""
     results: dict[str, StepResult] = field(default_factory=dict)
     """What the steps gave so far, by name."""
     commands: dict[str, Command] = field(default_factory=dict)
@@ -64,20 +54,8 @@ class RunContext(PlanContext):
 
     def metadata(self, step: str, kind: str, axis: str) -> RunMetadata:
         """Return what is written at the head of a record."""
-        return RunMetadata(
-            stage=self.stage.name,
-            stage_hash=content_hash(self.stage),
-            serial_number=self.serial_number,
-            design=self.plan.stage,
-            instrument=self.instrument.identity,
-            settings=dict(self.instrument.settings()),
-            kind=kind,
-            axis=axis,
-            plan=self.title,
-            step=step,
-            operator=self.operator,
-            note=self.note,
-        )
+        settings = dict(self.instrument.settings())
+        return replace(self.run, settings=settings, kind=kind, axis=axis, step=step)
 
 
 def base_rate_of(instrument: Instrument) -> float:

@@ -9,14 +9,15 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
-import flexstage
 from flexstage import progress
 from flexstage.errors import FlexstageError, PlanError
 from flexstage.experiments.dry_run import dry_run, natural_frequency
 from flexstage.experiments.plan import Plan, Step, plan_stage
+from flexstage.experiments.requests import RunRequest
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.run_context import RunContext, base_rate_of
 from flexstage.experiments.state import (
@@ -32,6 +33,7 @@ from flexstage.experiments.state import (
 )
 from flexstage.files.names import file_name
 from flexstage.files.plain import json_text
+from flexstage.files.request import request_of
 from flexstage.files.write import write_whole
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import StageEntry
@@ -40,6 +42,7 @@ from flexstage.instruments.guard import guarded
 from flexstage.instruments.lock import folder_lock, instrument_lock
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import to_safe
+from flexstage.instruments.recording.metadata import RunMetadata, StageRun
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
@@ -48,15 +51,13 @@ def run_plan(
     plan: Plan,
     instrument: Instrument,
     folder: str | os.PathLike[str],
+    request: RunRequest | None = None,
     *,
     stage: Stage | None = None,
     title: str = "",
-    resume: bool = False,
-    only: tuple[str, ...] | None = None,
-    operator: str = "",
-    note: str = "",
     catalogue: str | None = None,
     held: str = "",
+    **asked: Any,
 ) -> PlanResult:
     """Carry out a plan.
 
@@ -71,21 +72,19 @@ def run_plan(
         What it is carried out on, real or simulated.
     folder : str or os.PathLike
         Where everything is written: ``run.json``, ``records/``, ``models/``, ``results.json``.
+    request : RunRequest, optional
+        Which steps are wanted, who works, and whether to take up what the folder holds: steps are
+        repeated that are missing, or that depend on what has changed.
     stage : Stage, optional
         The stage; the one that the plan names where not given.
     title : str
         What the plan is called where it does not say so itself.
-    resume : bool
-        Whether to take up what the folder holds: steps are repeated that are missing, or that
-        depend on what has changed.
-    only : tuple of str, optional
-        Steps that are wanted; those that they use are added.
-    operator, note : str
-        Who works, and what they say about it.
     catalogue : str, optional
         Database that every record is entered into; none where not given.
     held : str
         Name under which this program has locked the stage already; empty where it has not.
+    **asked
+        Fields of `RunRequest`, in place of those of `request`.
 
     Returns
     -------
@@ -104,25 +103,34 @@ def run_plan(
     The lock holds off programs of the same user on the same computer. A simulated instrument is not
     locked; the folder always is.
     """
+    request = request_of(RunRequest, request, asked)
     own = stage if stage is not None else plan_stage(plan)
     where = Path(folder)
-    _require_possible(plan, own, only, instrument)
-    serial = plan.serial_number or instrument.identity.serial_number
+    _require_possible(plan, own, request.only, instrument)
+    run = RunMetadata(
+        plan=plan.title or title,
+        operator=request.operator,
+        note=request.note,
+        stage=own.name,
+        stage_hash=content_hash(own),
+        serial_number=plan.serial_number or instrument.identity.serial_number,
+        instrument=instrument.identity,
+        design=plan.stage,
+        settings=dict(instrument.settings()),
+    )
     context = RunContext(
         plan=plan,
-        title=plan.title or title,
         stage=own,
         instrument=instrument,
         folder=where,
-        serial_number=serial,
-        operator=operator,
-        note=note,
-        settings=dict(instrument.settings()),
+        run=run,
         base_rate_hz=base_rate_of(instrument),
         frequency=natural_frequency(plan, own),
     )
     with folder_lock(where):
-        return _carry_out(context, plan.chosen(only), catalogue, resume=resume, held=held)
+        return _carry_out(
+            context, plan.chosen(request.only), catalogue, resume=request.resume, held=held
+        )
 
 
 def _carry_out(
@@ -138,7 +146,8 @@ def _carry_out(
     began = time.monotonic()
     told: tuple[str, ...] = ()
     try:
-        locked = instrument_lock(instrument, context.serial_number or context.stage.name, held=held)
+        serial = context.run.serial_number
+        locked = instrument_lock(instrument, serial or context.stage.name, held=held)
         with locked, guarded(instrument):
             for axis in instrument.axes.values():
                 axis.reference()
@@ -152,16 +161,10 @@ def _carry_out(
     result = PlanResult(
         plan=plan,
         stage=context.stage,
-        instrument=instrument.identity,
-        settings=context.settings,
-        serial_number=context.serial_number,
-        operator=context.operator,
-        note=context.note,
-        started=state.started,
+        run=replace(context.run, started=state.started),
         finished=finished,
         duration=time.monotonic() - began,
         folder=where,
-        title=context.title,
         steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
         notes=(*_notes(context), *told),
     )
@@ -209,11 +212,11 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
             "folder"
         )
     identity = context.instrument.identity
-    if before is not None and before.instrument.get("simulated") != identity.simulated:
+    if before is not None and before.instrument.simulated != identity.simulated:
         kinds = ("a real instrument", "a simulated one")
         raise PlanError(
-            f"'{folder}' holds a run on {kinds[bool(before.instrument.get('simulated'))]}, and "
-            f"this is {kinds[identity.simulated]}: choose another folder"
+            f"'{folder}' holds a run on {kinds[before.instrument.simulated]}, and this is "
+            f"{kinds[identity.simulated]}: choose another folder"
         )
     if before is not None and before.stage != context.stage.name:
         raise PlanError(
@@ -223,14 +226,7 @@ def _begun(context: RunContext, *, resume: bool) -> RunState:
     for part in ("records", "models"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     state = RunState(
-        plan=context.title,
-        stage=context.stage.name,
-        stage_hash=content_hash(context.stage),
-        serial_number=context.serial_number,
-        instrument=asdict(identity),
-        operator=context.operator,
-        note=context.note,
-        version=flexstage.__version__,
+        **{f.name: getattr(context.run, f.name) for f in fields(StageRun) if f.name != "started"},
         started=_now() if before is None else before.started,
         steps={} if before is None else before.steps,
     )
@@ -332,9 +328,9 @@ def _enter_all(context: RunContext, catalogue: str | None) -> tuple[str, ...]:
 def _enter_models(context: RunContext, catalogue: str, runs: Mapping[str, str]) -> None:
     stage = StageEntry(
         name=context.stage.name,
-        serial_number=context.serial_number,
-        design=context.plan.stage,
-        hash=content_hash(context.stage),
+        serial_number=context.run.serial_number,
+        design=context.run.design,
+        hash=context.run.stage_hash,
     )
     made = (step.model_entry(context, stage, runs) for step in context.results.values())
     entries = [entry for entry in made if entry is not None]

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from flexstage.errors import PlanError, RecordError
 from flexstage.experiments.plan import Plan, SensorEntry, Step
@@ -16,7 +16,7 @@ from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Identity
-from flexstage.instruments.recording.metadata import utc_time
+from flexstage.instruments.recording.metadata import StageRun, utc_time
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 
@@ -56,27 +56,9 @@ class StepState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunState:
+class RunState(StageRun):
     """How far a plan has come."""
 
-    plan: str = ""
-    """Title or name of the plan."""
-    stage: str = ""
-    """Name of the stage."""
-    stage_hash: str = ""
-    """Hash of its description."""
-    serial_number: str = ""
-    """Its serial number."""
-    instrument: Mapping[str, Any] = field(default_factory=dict)
-    """What the instrument says it is."""
-    operator: str = ""
-    """Who carries it out."""
-    note: str = ""
-    """What they say about it."""
-    version: str = ""
-    """Version of flexstage."""
-    started: str = ""
-    """Date and time of the start, UTC."""
     finished: str = ""
     """Date and time of the end, UTC; empty until all is done."""
     steps: Mapping[str, StepState]

@@ -1,7 +1,8 @@
 """What is asked of many stages: a sweep, an optimisation, tolerances, sensitivities."""
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from flexstage.files.ranges import Count, Range, Seed, Size, Written
 from flexstage.files.request import Request
@@ -10,6 +11,7 @@ from flexstage.studies.requests import ModelName
 if TYPE_CHECKING:
     from flexstage.explore.figures import Requirement
     from flexstage.explore.variables import Variable
+    from flexstage.explore.workers import Workers
 else:  # a command reads texts; their classes need NumPy
     Requirement = Variable = str
 
@@ -25,6 +27,30 @@ _Corrected = Literal["superelement", "lumped"]
 LARGEST = 10_000_000
 #: What a length changes by where the hinges are taken by themselves [m].
 LENGTH = 10e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkerRequest(Request):
+    """Who does the work."""
+
+    heading: ClassVar[str] = "Workers"
+
+    workers: Count | None = None
+    """Number of processes that share long work (default: one for each core); 1 is this process
+    alone. The numbers are the same whatever it is.
+    """
+    scheduler: Annotated[str, Written("ADDRESS")] | None = None
+    """Have a Dask cluster do the work, by the address of its scheduler, such as tls://HOST:8786."""
+
+    def open(self) -> "AbstractContextManager[Workers]":
+        """Return the workers, for a `with` block."""
+        from flexstage.explore.workers import open_workers
+
+        return open_workers(self.workers, self.scheduler)
+
+
+#: None of them given.
+USUAL_WORKERS = WorkerRequest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

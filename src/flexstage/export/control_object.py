@@ -28,7 +28,7 @@ def linear_part(model: DynamicModel) -> StateSpace:
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
-    >>> form = linear_part(dynamic_model(stage, lumped_system(stage), mode_count=6))
+    >>> form = linear_part(dynamic_model(stage, lumped_system(stage), keep_modes=6))
     >>> form.A.shape, form.inputs
     ((12, 12), ('x [m]', 'y [m]'))
     """

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.universal_format import (
     DISPLACEMENT,
     FORCE,
@@ -308,6 +308,6 @@ def modal_points(stage: Stage) -> ModalPoints:
     )
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return universal_files(request.stage, request.analysis.system)
+    return universal_files(given.stage, given.analysis.system)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import flexstage
 from flexstage.errors import StageError
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
@@ -187,6 +187,6 @@ def _ascii(text: str) -> str:
     )
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return step_files(request.stage)
+    return step_files(given.stage)

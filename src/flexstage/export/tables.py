@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import compare
 from flexstage.errors import ModelError, StageError
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 
 
@@ -54,12 +54,12 @@ def _csv(columns: dict[str, list[object]]) -> bytes:
     return text.getvalue().encode()
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the characteristics beside what was published."""
-    figures = (*request.stage.published, *request.analysis.characteristics)
+    figures = (*given.stage.published, *given.analysis.characteristics)
     if not figures:
         raise StageError(
-            f"stage '{request.stage.name}' has no axis and so no characteristics: name a drive "
+            f"stage '{given.stage.name}' has no axis and so no characteristics: name a drive "
             "and a probe under 'axes' in the stage file"
         )
-    return table_files(figures, name=request.name)
+    return table_files(figures, name=given.name)

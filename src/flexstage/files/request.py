@@ -176,7 +176,7 @@ class RequestField:
     def _text(self, value: Any) -> str:
         if self.written.read is not None:
             return self.written.write(value)
-        if isinstance(value, (str, Path)) or self.dimension is None:
+        if isinstance(value, (str, Path)) or self.dimension is None or not math.isfinite(value):
             return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
         return readable_text(value, self.dimension.name)
 

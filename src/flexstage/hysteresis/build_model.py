@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from flexstage.errors import ModelError
+from flexstage.files.request import request_of
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.drive_model import DriveModel
@@ -16,6 +18,7 @@ from flexstage.hysteresis.dynamic_model import (
     required_stiffness,
 )
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.requests import DynamicRequest
 from flexstage.hysteresis.stack_models import (
     Hysteresis,
     drive_of,
@@ -38,14 +41,12 @@ _APART = 1e-6
 def dynamic_model(
     stage: Stage,
     system: MechanicalSystem,
+    request: DynamicRequest | None = None,
     *,
-    step: float = 1e-4,
     hysteresis: Hysteresis = "usual",
     creep: Creep | None = None,
-    bandwidth_hz: float | None = None,
-    current_limit: float | None = None,
     sensors: Mapping[str, Sensor] | None = None,
-    mode_count: int | None = None,
+    **asked: Any,
 ) -> DynamicModel:
     """Return the dynamic model of a stage, with the data of its stacks.
 
@@ -55,8 +56,9 @@ def dynamic_model(
         The stage, whose drives hold the data of their stacks.
     system : MechanicalSystem
         A model of the stage.
-    step : float
-        Step between samples [s].
+    request : DynamicRequest, optional
+        Time between samples, bandwidth and largest current of the amplifiers, and how many modes
+        are kept; what the others would add at rest is kept as feedthrough.
     hysteresis : Mapping or str
         For each drive, or axis, the model from voltage [V] to free displacement [m], or the model
         that was identified from voltage [V] to the reading of the axis; ``usual`` for
@@ -65,15 +67,10 @@ def dynamic_model(
         modes are those of the stage.
     creep : Creep, optional
         Creep of every stack but those whose identified model has its own; none where not given.
-    bandwidth_hz : float, optional
-        Bandwidth of the amplifiers of stacks [Hz]; the command is the voltage where not given.
-    current_limit : float, optional
-        Largest current of an amplifier [A].
     sensors : Mapping, optional
         Sensors by probe; the true motion where there is none.
-    mode_count : int, optional
-        Number of modes that are kept, all where not given; what the others would add at rest is
-        kept as feedthrough.
+    **asked
+        Fields of `DynamicRequest`, in place of those of `request`.
 
     Returns
     -------
@@ -92,10 +89,11 @@ def dynamic_model(
     >>> from flexstage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
-    >>> model = dynamic_model(stage, lumped_system(stage), bandwidth_hz=2000.0)
+    >>> model = dynamic_model(stage, lumped_system(stage), bandwidth=2000.0)
     >>> [d.unit for d in model.drives], model.omega.size
     (['V', 'V'], 60)
     """
+    request = request_of(DynamicRequest, request, asked)
     if not stage.drives:
         raise ModelError(
             f"stage '{stage.name}' has no drive: there is nothing to command in another program"
@@ -104,12 +102,12 @@ def dynamic_model(
     made = assembled_model(
         system,
         [
-            drive_of(drive, models.get(drive.name), creep, bandwidth_hz, current_limit)
+            drive_of(drive, models.get(drive.name), creep, request.bandwidth, request.current)
             for drive in stage.drives
         ],
-        step=step,
+        step=request.time_step,
         sensors=sensors,
-        mode_count=mode_count,
+        mode_count=request.keep_modes,
     )
     drives = []
     for drive, own in zip(stage.drives, made.drives, strict=True):
@@ -120,7 +118,7 @@ def dynamic_model(
             refuse_stroke(drive, own.hysteresis, scale)
         drives.append(own if scale == 1.0 else _scaled(own, scale))
     linear = [d.name for d in stage.drives if isinstance(d, PiezoStack) and d.name not in models]
-    notes = [f"Commands move on straight lines between samples {step:g} s apart."]
+    notes = [f"Commands move on straight lines between samples {request.time_step:g} s apart."]
     if hysteresis == "usual" and models:
         notes.append(
             "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "

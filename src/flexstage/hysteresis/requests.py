@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Written
+from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Seed, Written
 from flexstage.files.request import Request
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
@@ -12,7 +12,10 @@ from flexstage.units import DIMENSIONS, parse
 from flexstage.units.dimension import MEASURED
 
 _FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")]
-_SLOPE = Written("SLOPE", bare="V/s")
+_VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
+_SLEW = Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")]
+_CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
+_CAPACITANCE = Annotated[float, DIMENSIONS["capacitance"], POSITIVE]
 _SHARE = Range(low=0.0, high=1.0, below=True)
 
 
@@ -69,6 +72,65 @@ def rowwise(request: IdentifyRequest) -> IdentifyRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicRequest(Request):
+    """A stage that runs in time, sample by sample."""
+
+    time_step: Annotated[
+        float, DIMENSIONS["time"], Range(low=1e-12, high=1e6), Written(bare="s")
+    ] = 1e-4
+    """Time between samples."""
+    bandwidth: _FREQUENCY | None = None
+    """Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier)."""
+    current: _CURRENT | None = None
+    """Largest current of the amplifier, such as "50 mA"."""
+    keep_modes: Annotated[int, Range(low=1)] | None = None
+    """Number of modes to keep (default: all)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExciteRequest(Request):
+    """Drive record that a piezo stage is identified from."""
+
+    voltage: _VOLTAGES | None = None
+    """Voltage range, such as "0:120" (default: that of the stack)."""
+    rates: Annotated[
+        tuple[Annotated[float, DIMENSIONS["frequency"], POSITIVE], ...],
+        Written("FREQUENCIES", bare="Hz", commas=True),
+    ] = ()
+    """Repetition rates of the major loop, such as "0.5,5" in Hz (default: two, a factor of 10
+    apart).
+    """
+    duration: Annotated[float, DIMENSIONS["time"], POSITIVE, Written(bare="s")] | None = None
+    """Longest duration of the record, such as "60 s" (default: as long as its content takes)."""
+    sample_rate: (
+        Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written("RATE", bare="Hz")] | None
+    ) = None
+    """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
+    slew: _SLEW | None = None
+    """Largest slope of the voltage, such as "2000 V/s"."""
+    current: _CURRENT | None = None
+    """Largest current of the amplifier, such as "50 mA": the capacitance times the slope."""
+    capacitance: _CAPACITANCE | None = None
+    """Capacitance of the stack, such as "6.4 uF" (default: that of STAGE)."""
+    frequency: _FREQUENCY | None = None
+    """Lowest natural frequency with the drives in place (default: that of the lumped model of
+    STAGE). Loops stay below a tenth of it, smooth movements begin and end over two of its periods.
+    """
+    shape: Literal["smooth", "sine", "triangle"] = "smooth"
+    """Shape of the voltage between turning points; smooth: the speed has no jumps."""
+    hold_time: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE, Written(bare="s")] | None = None
+    """Hold time after the step, for creep; "0 s" for none (default: 12 s, or a fifth of the
+    duration).
+    """
+    rest: Annotated[float, DIMENSIONS["voltage"], Written(bare="V")] | None = None
+    """Voltage before and after the record (default: 0 V if within the range)."""
+    multisine: bool = True
+    """Add a small multisine at the natural frequency."""
+    seed: Seed = 0
+    """Random seed of the phases of the multisine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CompensateRequest(Request):
     """Command by which a drive follows a reference."""
 
@@ -76,19 +138,15 @@ class CompensateRequest(Request):
     """Count the reference from the lowest reading that the drive reaches, and not from the zero of
     the sensor.
     """
-    voltage: (
-        Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")] | None
-    ) = None
+    voltage: _VOLTAGES | None = None
     """Voltage range of the command, such as "0:120" (default: the range on which the model was
     identified).
     """
-    slew: (
-        Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")] | None
-    ) = None
+    slew: _SLEW | None = None
     """Largest slope of the voltage, such as "2000 V/s"."""
-    current: Annotated[float, MEASURED["current"], POSITIVE] | None = None
+    current: _CURRENT | None = None
     """Largest current of the amplifier, such as "50 mA"."""
-    capacitance: Annotated[float, DIMENSIONS["capacitance"], POSITIVE] | None = None
+    capacitance: _CAPACITANCE | None = None
     """Capacitance of the stack, such as "6.4 uF": limits the slope with --current."""
     reference_bandwidth: _FREQUENCY | None = None
     """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the

@@ -1,10 +1,10 @@
 """An instrument by its address: how an address is read, and who opens what it names."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib import import_module
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from flexstage.errors import ModelError
@@ -25,7 +25,6 @@ class Driver(NamedTuple):
     """Whether the address alone does not say which stage is there."""
 
 
-_Number = TypeVar("_Number", int, float)
 _HERE = "flexstage.instruments"
 #: Drivers by the scheme of their addresses: a new one is a line here.
 DRIVERS = {
@@ -59,9 +58,9 @@ def connect(
     in their order where not given. `timeout` is the longest silence of a controller [s]. Close the
     instrument when done.
 
-    Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``rate`` of
-    its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``, and
-    ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
+    Options of a simulated controller: ``seed``, ``model`` (lumped or superelement), ``servo_rate``
+    of its loop [Hz], ``amplifier`` (voltage or charge), ``scatter``, ``quiet``, ``serial_number``,
+    and ``fast``: 1, the default, lets its time pass with the commands, 0 in step with real time.
 
     Examples
     --------
@@ -119,32 +118,16 @@ def options_of(
     return dict(pairs)
 
 
-def number(options: Mapping[str, str], key: str, usual: float, address: str) -> float:
-    """Return an option that is a number from 0."""
-    return _from_zero(options, key, usual, address, float, "number")
-
-
 def whole_number(options: Mapping[str, str], key: str, usual: int, address: str) -> int:
     """Return an option that is a whole number from 0."""
-    return _from_zero(options, key, usual, address, int, "whole number")
-
-
-def _from_zero(
-    options: Mapping[str, str],
-    key: str,
-    usual: _Number,
-    address: str,
-    read: Callable[[str], _Number],
-    what: str,
-) -> _Number:
     text = options.get(key)
     if text is None:
         return usual
     with suppress(ValueError, OverflowError):
-        value = read(text)
-        if 0.0 <= float(value) < math.inf:  # a whole number of hundreds of digits is none
+        value = int(text)
+        if 0.0 <= float(value) < math.inf:  # one of hundreds of digits is none
             return value
-    raise ModelError(f"'{key}' of '{address}' must be a {what} from 0, got '{text}'")
+    raise ModelError(f"'{key}' of '{address}' must be a whole number from 0, got '{text}'")
 
 
 def flag(options: Mapping[str, str], key: str, usual: bool, address: str) -> bool:
@@ -155,14 +138,6 @@ def flag(options: Mapping[str, str], key: str, usual: bool, address: str) -> boo
     if text.lower() not in _YES_OR_NO:
         raise ModelError(f"'{key}' of '{address}' must be 1 or 0, got '{text}'")
     return _YES_OR_NO[text.lower()]
-
-
-def one_of(options: Mapping[str, str], key: str, known: tuple[str, ...], address: str) -> str:
-    """Return an option that is one of some words, the first of which is usual."""
-    text = options.get(key, known[0])
-    if text not in known:
-        raise ModelError(f"'{key}' of '{address}' must be {' or '.join(known)}, got '{text}'")
-    return text
 
 
 def longest_silence(timeout: float | None, usual: float = 2.0) -> float:

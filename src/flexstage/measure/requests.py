@@ -1,10 +1,11 @@
 """What is asked of records of vibration: responses and modes."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import POSITIVE, Range, Written
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, Seed, Written
 from flexstage.files.request import Request, request_fields
 from flexstage.records.read_options import ColumnList, columns_text, read_columns
 from flexstage.units import DIMENSIONS
@@ -20,6 +21,32 @@ def read_count(text: str) -> int | str:
     if word != "auto" and not word.isdecimal():
         raise ModelError(f"must be a number or auto, got '{text}'")
     return word if word == "auto" else int(word)
+
+
+def read_trials(text: str) -> int | str:
+    """Return a number of trials, which may be written as 1e6, or auto."""
+    word = text.strip().lower()
+    if word == "auto":
+        return word
+    try:
+        number = float(word)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number == int(number)):
+        raise ModelError(f"must be a whole number or auto, got '{text}'")
+    return int(number)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyRequest(Request):
+    """Propagation of an uncertainty budget."""
+
+    trials: Annotated[int | Literal["auto"], Written("NUMBER|auto", read=read_trials)] = "auto"
+    """Number of Monte Carlo trials; auto draws until two digits of the uncertainty are stable."""
+    seed: Seed = 0
+    """Random seed of the trials."""
+    confidence: Annotated[float, INNER_SHARE, Written("SHARE")] = 0.95
+    """Coverage probability of the intervals, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

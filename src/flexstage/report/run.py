@@ -36,12 +36,12 @@ def run_text(result: PlanResult) -> str:
 
 
 def _lead(result: PlanResult) -> str:
-    by = f" by {result.operator}" if result.operator else ""
-    number_of = f", serial number {result.serial_number}" if result.serial_number else ""
-    identity = " ".join(w for w in (result.instrument.vendor, result.instrument.model) if w)
+    by = f" by {result.run.operator}" if result.run.operator else ""
+    number_of = f", serial number {result.run.serial_number}" if result.run.serial_number else ""
+    identity = " ".join(w for w in (result.run.instrument.vendor, result.run.instrument.model) if w)
     steps = "1 step" if len(result.steps) == 1 else f"{len(result.steps)} steps"
     return (
-        f"{steps} on {identity}{number_of}; {_moment(result.started)} to "
+        f"{steps} on {identity}{number_of}; {_moment(result.run.started)} to "
         f"{_moment(result.finished)} UTC{by}; intervals are those of 95 %"
     )
 
@@ -53,12 +53,12 @@ def _moment(text: str) -> str:
 
 def _notes(result: PlanResult) -> Sequence[str]:
     said = []
-    if result.instrument.simulated:
+    if result.run.instrument.simulated:
         said.append(
             "The instrument is a simulation: nothing on this page was measured on a real stage."
         )
-    if result.note:
-        said.append(f"Note: {result.note}")
+    if result.run.note:
+        said.append(f"Note: {result.run.note}")
     said += [*result.plan.notes, *(n for n in result.notes if "is a simulation" not in n)]
     return tuple(dict.fromkeys(said))
 
@@ -78,12 +78,12 @@ def _sections(result: PlanResult) -> Iterator[Section]:
             records = section
         else:
             yield section
-    identity = result.instrument
+    identity = result.run.instrument
     settings = {
         "instrument": f"{identity.vendor} {identity.model}".strip(),
         "its serial number": identity.serial_number,
         "firmware": identity.firmware,
-        **result.settings,
+        **result.run.settings,
     }
     defined = Definitions({name: value for name, value in settings.items() if value})
     yield replace(records, content=(*records.content, defined))

@@ -177,11 +177,11 @@ def _study_record(bench: DrivenAxis) -> Record:
 def _designed_record(bench: DrivenAxis) -> Record:
     made = excitation(
         bench.limits,
-        sample_rate_hz=SAMPLE_RATE_HZ,
-        rates_hz=(0.5, 5.0),
-        natural_frequency_hz=bench.resonance_hz,
-        resonance=False,
-        hold=5.0,
+        sample_rate=SAMPLE_RATE_HZ,
+        rates=(0.5, 5.0),
+        frequency=bench.resonance_hz,
+        multisine=False,
+        hold_time=5.0,
     )
     return bench.record(made.voltage)
 

@@ -17,6 +17,7 @@ from flexstage.studies.requests import AnalyseRequest, ModelOptions, models_of
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
+    from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
     from flexstage.fem.superelement import SuperelementModel
@@ -235,3 +236,14 @@ def run_models(stage: Stage, request: AnalyseRequest) -> tuple[dict[str, ModelRu
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:
     """Analyse a stage with one of `MODELS`, without its mesh; `near` as of `ModelOptions`."""
     return run_model(stage, model, ModelOptions(near=near)).analysis
+
+
+def stage_export(stage: Stage, request: "ExportRequest") -> "StageExport":
+    """Return a stage for other programs, which is analysed where a format needs it."""
+    from flexstage.export.request import StageExport
+
+    def analysed(asked: "ExportRequest") -> "tuple[Analysis, StageModel | None]":
+        run = run_model(stage, asked.model, ModelOptions(plane=asked.plane))
+        return run.analysis, run.mesh
+
+    return StageExport(stage=stage, request=request, analyse=analysed)

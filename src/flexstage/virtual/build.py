@@ -43,6 +43,7 @@ from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
 from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
 from flexstage.virtual.stack_stepping import ChargeDrive
+from flexstage.virtual.stage import Conditions
 
 #: Part of the stroke that is kept free at each end.
 _KEPT_FREE = 0.015
@@ -135,11 +136,18 @@ def virtual_stage(
             f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
         )
     built = _as_made(stage, model, seed, scatter=scatter, screws=screws)
-    if screws:
-        return _screws(built, seed, sample_rate_hz, quiet=quiet, scatter=scatter)
-    return _piezos(
-        built, seed, sample_rate_hz, charge=amplifier == "charge", quiet=quiet, scatter=scatter
+    conditions = Conditions(
+        sample_rate_hz=sample_rate_hz,
+        seed=seed,
+        quiet=quiet,
+        scatter=scatter,
+        sensors=replace(SensorBench(), **EDDY_CURRENT_SENSORS) if screws else SensorBench(),
+        hammer=Hammer(built, seed),
+        notes=tuple(built.notes),
     )
+    if screws:
+        return _screws(built, conditions)
+    return _piezos(built, conditions, charge=amplifier == "charge")
 
 
 def _as_made(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
@@ -172,13 +180,11 @@ def _with_frequencies(system: MechanicalSystem, wanted: MechanicalSystem) -> Mec
     return replace(system, K=0.5 * (K + K.T))
 
 
-def _piezos(
-    built: AsBuilt, seed: int, rate: float, *, charge: bool, quiet: bool, scatter: bool
-) -> PiezoStage:
-    rng = _draws(seed)
+def _piezos(built: AsBuilt, conditions: Conditions, *, charge: bool) -> PiezoStage:
+    rng = _draws(conditions.seed)
     aims, parts = [], []
     for state in built.axes:
-        off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
+        off = rng.standard_normal(2).tolist() if conditions.scatter else (0.0, 0.0)
         share = loop_share(built.stage, state.name, state.stroke)
         share *= 1.0 + LOOP_WIDTH_SPREAD * off[0]
         aims.append((state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS))))
@@ -203,18 +209,13 @@ def _piezos(
         limits = replace(limits, position=(low + margin, low + stroke - margin))
         guide = replace(built.axis(part.name).guide, stroke=stroke)
         final.append(replace(part, limits=limits, guide=guide, low=low))
-    final = delivered_settings(model, final, rate)
+    final = delivered_settings(model, final, conditions.sample_rate_hz)
     return PiezoStage(
         stage=built.stage,
         model=model,
         axes=final,
-        sample_rate_hz=rate,
-        seed=seed,
         charge=ChargeDrive(voltage_range=final[0].limits.voltage or (0.0, 1.0)) if charge else None,
-        quiet=quiet,
-        scatter=scatter,
-        hammer=Hammer(built, seed),
-        notes=built.notes,
+        conditions=conditions,
     )
 
 
@@ -248,9 +249,8 @@ def _conditioned(
 ) -> list[tuple[float, float, float]]:
     """Return stroke, width of the loop over it, and low end of each axis after some cycles."""
     rate = 1000.0
-    made = PiezoStage(
-        stage=stage, model=model, axes=parts, sample_rate_hz=rate, quiet=True, scatter=False
-    )
+    alone = Conditions(sample_rate_hz=rate, quiet=True, scatter=False)
+    made = PiezoStage(stage=stage, model=model, axes=parts, conditions=alone)
     n = int(rate)
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)
     ends = np.array([d.input_range for d in model.drives])
@@ -262,12 +262,12 @@ def _conditioned(
     return found
 
 
-def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: bool) -> ScrewStage:
-    rng = _draws(seed)
+def _screws(built: AsBuilt, conditions: Conditions) -> ScrewStage:
+    rng = _draws(conditions.seed)
     axes = []
     for state in built.axes:
         drive = cast(Screw, built.stage.drive_of(state.name))
-        off = rng.standard_normal(2).tolist() if scatter else (0.0, 0.0)
+        off = rng.standard_normal(2).tolist() if conditions.scatter else (0.0, 0.0)
         stroke = state.stroke * (1.0 + STROKE_SPREAD * off[0])
         backlash = BACKLASH * float(np.clip(1.0 + BACKLASH_SPREAD * off[1], 0.3, 1.7))
         axes.append(
@@ -280,13 +280,7 @@ def _screws(built: AsBuilt, seed: int, rate: float, *, quiet: bool, scatter: boo
                 guide=replace(state.guide, stroke=stroke),
             )
         )
-    sensors = SensorBench(
-        along=EDDY_CURRENT_SENSORS["along"], beside=EDDY_CURRENT_SENSORS["beside"]
-    )
-    return ScrewStage(
-        stage=built.stage, axes=axes, sensors=sensors, sample_rate_hz=rate, seed=seed,
-        quiet=quiet, scatter=scatter, hammer=Hammer(built, seed), notes=built.notes,
-    )  # fmt: skip
+    return ScrewStage(stage=built.stage, axes=axes, conditions=conditions)
 
 
 def _draws(seed: int) -> np.random.Generator:

@@ -107,10 +107,10 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
         model = dynamic_model(
             stage,
             system,
-            step=1.0 / SAMPLE_RATE_HZ,
+            time_step=1.0 / SAMPLE_RATE_HZ,
             hysteresis={drive.name: virtual_stack(limits, free, own)},
             creep=LogCreep(rate_per_decade=CREEP),
-            bandwidth_hz=AMPLIFIER_BANDWIDTH_HZ,
+            bandwidth=AMPLIFIER_BANDWIDTH_HZ,
             sensors={port.probe: Sensor(noise_rms=POSITION_NOISE, seed=seed)},
         )
         return DrivenAxis(

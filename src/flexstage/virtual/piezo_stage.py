@@ -15,9 +15,8 @@ from flexstage.stage import Stage
 from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.imperfections import GuideErrors
-from flexstage.virtual.laboratory import Blow, Hammer
+from flexstage.virtual.laboratory import Blow
 from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopState,
@@ -29,8 +28,6 @@ from flexstage.virtual.piezo_loop import (
     sampled_response,
 )
 from flexstage.virtual.sensors import (
-    SensorBench,
-    kinds_of,
     neighbour,
     polynomial,
     readings_beside,
@@ -38,7 +35,7 @@ from flexstage.virtual.sensors import (
 )
 from flexstage.virtual.stack import VirtualStack
 from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
-from flexstage.virtual.stage import StageSamples, VirtualStage, commands
+from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,27 +122,19 @@ class PiezoStage(VirtualStage):
         stage: Stage,
         model: DynamicModel,
         axes: Sequence[PiezoAxis],
-        sensors: SensorBench | None = None,
-        sample_rate_hz: float = 10e3,
-        seed: int = 0,
         charge: ChargeDrive | None = None,
-        quiet: bool = False,
-        scatter: bool = True,
-        hammer: Hammer | None = None,
-        notes: Sequence[str] = (),
+        conditions: Conditions,
     ) -> None:
-        super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
+        super().__init__(stage, {a.name: a.limits for a in axes}, conditions)
         #: What guides each axis; what is stepped, at the rate of the loop.
-        self.parts, self.model = tuple(axes), replace(model, step=1.0 / sample_rate_hz)
-        self._bench, self._seed = sensors or SensorBench(), seed
-        self._quiet, self._scatter = quiet, scatter
+        self.parts, self.model = tuple(axes), replace(model, step=1.0 / self.sample_rate_hz)
         drives = [model.drive(part.drive) for part in self.parts]
         self._modes = _mode_arrays(self.model, self.parts)
         self._stacks = stack_arrays(
-            [stack_of(d) for d in drives], sample_rate_hz, creep=[d.creep for d in drives],
+            [stack_of(d) for d in drives], self.sample_rate_hz, creep=[d.creep for d in drives],
             charge=charge,
         )  # fmt: skip
-        self._drives = _drive_arrays(self.model, self.parts, quiet=quiet)
+        self._drives = _drive_arrays(self.model, self.parts, quiet=conditions.quiet)
         guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self.parts}
         self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self.parts})
         self._bow = self._bows(guides)
@@ -219,10 +208,7 @@ class PiezoStage(VirtualStage):
         """Relax the stage: time and all memory back to 0, settings as delivered."""
         axes = len(self.parts)
         self._count = 0
-        self._disturbances = Disturbances(
-            kinds_of(self.channels), self._bench, self.sample_rate_hz, self._seed,
-            quiet=self._quiet, scatter=self._scatter,
-        )  # fmt: skip
+        self._disturbances = self.conditions.disturbances(self.channels)
         self._sensors = SensorArrays(
             bow=self._bow,
             gain=self._disturbances.gain[:axes].copy(),
@@ -239,8 +225,8 @@ class PiezoStage(VirtualStage):
         self._servo.begins[:] = False
         for part in self.parts:
             self.set_servo_settings(part.name, part.settings)
-        if self._hammer is not None:
-            self._hammer.reset()
+        if self.conditions.hammer is not None:
+            self.conditions.hammer.reset()
 
     def small_signal_response(
         self, axis: str, frequency_hz: ArrayLike, *, slope: float, read: str | None = None

@@ -11,18 +11,14 @@ from flexstage.hysteresis.compiled import compiled
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.imperfections import GuideErrors
-from flexstage.virtual.laboratory import Hammer
 from flexstage.virtual.sensors import (
-    SensorBench,
-    kinds_of,
     neighbour,
     polynomial,
     readings_beside,
     sources,
 )
-from flexstage.virtual.stage import StageSamples, VirtualStage, commands
+from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,31 +59,18 @@ class ScrewStage(VirtualStage):
 
     kind = "screw"
 
-    def __init__(
-        self,
-        *,
-        stage: Stage,
-        axes: Sequence[ScrewAxis],
-        sensors: SensorBench,
-        sample_rate_hz: float = 10e3,
-        seed: int = 0,
-        quiet: bool = False,
-        scatter: bool = True,
-        hammer: Hammer | None = None,
-        notes: Sequence[str] = (),
-    ) -> None:
-        super().__init__(stage, {a.name: a.limits for a in axes}, sample_rate_hz, hammer, notes)
+    def __init__(self, *, stage: Stage, axes: Sequence[ScrewAxis], conditions: Conditions) -> None:
+        super().__init__(stage, {a.name: a.limits for a in axes}, conditions)
         #: What drives and guides each axis.
         self.parts = tuple(axes)
-        self._draw = (sensors, seed, quiet, scatter)
         names = self.axes
         self._source, self._rows = sources(
             names, {a.name: a.guide for a in axes}, {a.name: a.low for a in axes}
         )
         self._screws = np.array(
             [
-                (a.smallest_step, (a.limits.speed or np.inf) / sample_rate_hz, 0.5 * a.backlash,
-                 a.ratio, *(a.limits.position or (-np.inf, np.inf)))
+                (a.smallest_step, (a.limits.speed or np.inf) / self.sample_rate_hz,
+                 0.5 * a.backlash, a.ratio, *(a.limits.position or (-np.inf, np.inf)))
                 for a in axes
             ]
         )  # fmt: skip
@@ -132,14 +115,11 @@ class ScrewStage(VirtualStage):
     def reset(self) -> None:
         """Turn the screws back, and begin at time 0 with the same noise."""
         self._count = 0
-        bench, seed, quiet, scatter = self._draw
-        self._disturbances = Disturbances(
-            kinds_of(self.channels), bench, self.sample_rate_hz, seed, quiet=quiet, scatter=scatter
-        )
+        self._disturbances = self.conditions.disturbances(self.channels)
         #: advance of each screw [m], and what the stage follows behind its backlash [m]
         self._state = np.zeros((len(self.parts), 2))
-        if self._hammer is not None:
-            self._hammer.reset()
+        if self.conditions.hammer is not None:
+            self.conditions.hammer.reset()
 
 
 @compiled

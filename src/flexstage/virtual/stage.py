@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,8 +15,9 @@ from flexstage.records import Channel, Record
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.laboratory import Blow, Hammer
-from flexstage.virtual.sensors import ChannelDescription, beside_channels
+from flexstage.virtual.sensors import ChannelDescription, SensorBench, beside_channels, kinds_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,6 +45,33 @@ class StageSamples:
     """
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Conditions:
+    """How a virtual stage runs, what is drawn for it, and what it is read and struck by."""
+
+    sample_rate_hz: float = 10e3
+    """Rate of its loop [Hz]."""
+    seed: int = 0
+    """Seed of the draws of its sensors."""
+    quiet: bool = False
+    """Whether noise, mains, drift and all steps of converters and sensors are left out."""
+    scatter: bool = True
+    """Whether its sensors have gains of their own."""
+    sensors: SensorBench = field(default_factory=SensorBench)
+    """What it is read by."""
+    hammer: Hammer | None = None
+    """What it is struck by."""
+    notes: tuple[str, ...] = ()
+    """What was drawn, set and left out, as sentences."""
+
+    def disturbances(self, channels: Sequence[ChannelDescription]) -> Disturbances:
+        """Return what its sensors add to their readings, from the start."""
+        return Disturbances(
+            kinds_of(channels), self.sensors, self.sample_rate_hz, self.seed, quiet=self.quiet,
+            scatter=self.scatter,
+        )  # fmt: skip
+
+
 class VirtualStage(ABC):
     """A stage that is simulated sample by sample, its feedback inside."""
 
@@ -57,6 +85,8 @@ class VirtualStage(ABC):
     """What may be commanded, by axis."""
     channels: tuple[ChannelDescription, ...]
     """Its sensors: those of the axes first."""
+    conditions: Conditions
+    """How it runs."""
     sample_rate_hz: float
     """Rate of its loop [Hz]."""
     notes: tuple[str, ...]
@@ -65,17 +95,12 @@ class VirtualStage(ABC):
     """Samples of a record that are simulated at once."""
 
     def __init__(
-        self,
-        stage: Stage,
-        limits: Mapping[str, AxisLimits],
-        sample_rate_hz: float,
-        hammer: Hammer | None,
-        notes: Sequence[str],
+        self, stage: Stage, limits: Mapping[str, AxisLimits], conditions: Conditions
     ) -> None:
-        self.stage, self.limits, self.sample_rate_hz = stage, limits, sample_rate_hz
-        self.axes, self.notes = tuple(limits), tuple(notes)
+        self.stage, self.limits, self.conditions = stage, limits, conditions
+        self.sample_rate_hz, self.notes = conditions.sample_rate_hz, conditions.notes
+        self.axes = tuple(limits)
         self.channels = beside_channels(self.axes)
-        self._hammer = hammer
 
     @abstractmethod
     def servo_settings(self, axis: str) -> ServoSettings:
@@ -139,9 +164,9 @@ class VirtualStage(ABC):
 
         The next blow differs from it.
         """
-        if self._hammer is None:
+        if self.conditions.hammer is None:
             raise ModelError(f"there is no hammer beside this model of {self.stage.name}")
-        return self._hammer.strike(axis)
+        return self.conditions.hammer.strike(axis)
 
     @abstractmethod
     def reset(self) -> None:

@@ -215,7 +215,7 @@ class Gate:
             raise Refused(400, "the request does not say which host it is for")
         own_port = (scope.get("server") or (None, None))[1]
         usual = 443 if self._options.scheme == "https" else 80
-        behind = name.casefold() in {n.casefold() for n in self._options.host_names}
+        behind = name.casefold() in {n.casefold() for n in self._options.host_name}
         if not self._options.is_own_name(name) or not (behind or (port or usual) == own_port):
             raise Refused(421, f"the front panel is not called '{given[0][:80]}'")
 

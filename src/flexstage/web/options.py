@@ -4,8 +4,11 @@ import ipaddress
 import socket
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 from flexstage.errors import ModelError
+from flexstage.files.ranges import Range, Written
+from flexstage.files.request import Request, request_fields
 
 _SHORTEST_PASSWORD = 10
 _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -19,8 +22,40 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def _first_line(path: Path) -> str:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise ModelError(f"the password file '{path}' is no text in UTF-8") from None
+    if not lines:
+        raise ModelError(f"the password file '{path}' is empty: its first line is the password")
+    return lines[0]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PanelOptions:
+class ServeRequest(Request):
+    """Where the front panel is served, and where its files lie."""
+
+    port: Annotated[int, Range(low=0, high=65535)] = 8321
+    """TCP port; 0 for any free port."""
+    host: Annotated[str, Written("ADDRESS")] = "127.0.0.1"
+    """Address to listen on; any address but 127.0.0.1 lets others on the network in, and needs a
+    password.
+    """
+    password_file: Path | None = None
+    """File whose first line is the password that opens the panel."""
+    certificate: Path | None = None
+    """Certificate for TLS (PEM)."""
+    key: Path | None = None
+    """Private key of the certificate (PEM)."""
+    host_name: Annotated[tuple[str, ...], Written("NAME")] = ()
+    """Name by which browsers reach it, beside that of this computer."""
+    folder: Annotated[Path, Written("FOLDER")] = Path("front-panel")
+    """Where files that are given to the panel, and those it makes, are kept."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelOptions(ServeRequest):
     """Where the front panel is served, who may come in, and where its files lie.
 
     Raises
@@ -38,26 +73,15 @@ class PanelOptions:
     flexstage.errors.ModelError: others reach the front panel at 0.0.0.0: give it a password ...
     """
 
-    folder: Path
-    """Where files that are given to it, and files that it makes, are kept."""
-    host: str = "127.0.0.1"
-    """Address that it listens on."""
-    port: int = 8321
-    """TCP port; 0 for any free one."""
     password: str | None = None
-    """What opens it, beside the address with a token."""
-    certificate: Path | None = None
-    """Certificate of TLS (PEM)."""
-    key: Path | None = None
-    """Private key of the certificate (PEM)."""
-    host_names: tuple[str, ...] = ()
-    """Names by which browsers reach it, beside that of this computer and addresses."""
+    """What opens it, beside the address with a token; that of the file where there is one."""
     upload_limit: int = 256 * 2**20
     """Most bytes of one request."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.port <= 65535:
-            raise ModelError(f"the port must be 0 to 65535, got {self.port}")
+        super(PanelOptions, self).__post_init__()
+        if self.password_file is not None:
+            object.__setattr__(self, "password", _first_line(self.password_file))
         if self.password is None and not self.is_loopback:
             raise ModelError(
                 f"others reach the front panel at {self.host}: give it a password "
@@ -70,6 +94,15 @@ class PanelOptions:
             )
         if (self.certificate is None) != (self.key is None):
             raise ModelError("TLS needs a certificate and its key: give both or none")
+
+    @classmethod
+    def of(cls, request: ServeRequest) -> "PanelOptions":
+        """Return the options that are asked for; the folder is that of the present directory."""
+        for file in filter(None, (request.certificate, request.key)):
+            if not file.is_file():
+                raise ModelError(f"there is no file '{file}': TLS needs its certificate and key")
+        asked: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
+        return cls(**{**asked, "folder": request.folder.absolute()})
 
     @property
     def is_loopback(self) -> bool:
@@ -102,7 +135,7 @@ class PanelOptions:
         name = name.casefold()
         if name in _LOOPBACK or name == self.host.casefold():
             return True
-        if name in {n.casefold() for n in self.host_names}:
+        if name in {n.casefold() for n in self.host_name}:
             return True
         if self.is_loopback:
             return False

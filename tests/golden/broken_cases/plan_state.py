@@ -10,7 +10,7 @@ TEXT = json.dumps(
         "plan": "chapter 3",
         "stage": "vgtu-piezo",
         "stage_hash": "ab12",
-        "instrument": {"vendor": "Physik"},
+        "instrument": {"vendor": "Physik", "model": "E-7xx"},
         "operator": "Ona",
         "steps": {
             "loops": {

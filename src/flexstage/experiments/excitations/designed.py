@@ -1,15 +1,44 @@
 """The record that identifies a drive, as the room of hysteresis designs it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
-from flexstage.errors import FlexstageError, PlanError
-from flexstage.experiments.axis_limits import AxisSetting
+from flexstage.errors import FlexstageError, ModelError, PlanError, StageError
+from flexstage.experiments.axis_limits import AxisSetting, lowest_frequency
 from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.verbs.excite import NONE_OR_SOME, SOME, Excite, command_of, require_stack
 from flexstage.files.ranges import Seed
+from flexstage.hysteresis.requests import ExciteRequest
+from flexstage.stage import PiezoStack, Stage
 from flexstage.units import Frequency, Time
+
+
+def of_stage(
+    request: ExciteRequest, stage: Stage, axis: str | None = None
+) -> tuple[str, ExciteRequest]:
+    """Return the axis, the first where none is named, and the request with what its stack says."""
+    if not stage.axes:
+        raise StageError(f"{stage.name} has no axis: give it one, or leave STAGE out")
+    name = stage.axis(axis).name if axis is not None else stage.axes[0].name
+    drive = stage.drive_of(name)
+    if not isinstance(drive, PiezoStack):
+        raise StageError(
+            f"axis '{name}' of {stage.name} is driven by a {drive.kind}, and a piezo stack is "
+            "needed: choose another axis, or leave STAGE out"
+        )
+    ends, allowed = request.voltage or drive.voltage_range, drive.voltage_range
+    if ends and allowed and not allowed[0] <= ends[0] < ends[1] <= allowed[1]:
+        raise ModelError(
+            f"--voltage must be within {allowed[0]:g} V to {allowed[1]:g} V, which the stack of "
+            f"axis '{name}' of {stage.name} allows, got {ends[0]:g} V to {ends[1]:g} V"
+        )
+    return name, replace(
+        request,
+        voltage=ends,
+        capacitance=request.capacitance or drive.capacitance,
+        frequency=request.frequency or lowest_frequency(stage),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +56,7 @@ class Designed(Excite):
     """Longest time that it may take [s]."""
     hold: Annotated[Time, NONE_OR_SOME] | None = None
     """Time of its step and hold [s]."""
-    resonance: bool = False
+    multisine: bool = False
     """Whether it ends with a multisine about the lowest resonance."""
     seed: Seed = 0
     """Seed of the phases of that multisine."""
@@ -46,13 +75,13 @@ class Designed(Excite):
         try:
             made = excitation(
                 (s.low, s.high),
-                sample_rate_hz=fs,
+                sample_rate=fs,
                 duration=self.duration,
-                rates_hz=self.rates,
-                slope_limit=s.largest_rate,
-                natural_frequency_hz=s.natural_frequency_hz,
-                resonance=self.resonance and s.natural_frequency_hz is not None,
-                hold=self.hold,
+                rates=self.rates,
+                slew=s.largest_rate,
+                frequency=s.natural_frequency_hz,
+                multisine=self.multisine and s.natural_frequency_hz is not None,
+                hold_time=self.hold,
                 seed=self.seed,
             )
         except FlexstageError as error:

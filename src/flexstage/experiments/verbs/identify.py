@@ -107,7 +107,7 @@ class Identify(Verb, IdentifyRequest):
             errors["held-out rms"] = found.heldout_rms_percent
         if found.heldout_max_percent is not None:
             errors["held-out max"] = found.heldout_max_percent
-        made = provenance(found.model, {"plan": context.title, "step": name})
+        made = provenance(found.model, {"plan": context.run.plan, "step": name})
         file = ModelFile(
             model=found.model,
             errors=errors,
@@ -116,10 +116,10 @@ class Identify(Verb, IdentifyRequest):
                 "version": made.version,
                 "created": made.created,
                 "stage": context.stage.name,
-                "serial_number": context.serial_number,
+                "serial_number": context.run.serial_number,
                 "axis": self.axis_of(context.plan),
                 "records": [step.file.name for step in steps],
-                "plan": context.title,
+                "plan": context.run.plan,
                 "step": name,
                 "simulated": context.instrument.identity.simulated,
             },

@@ -9,7 +9,7 @@ from flexstage.export.diagram.legend import LINES, foot
 from flexstage.export.diagram.page import Frame, PageLayout, Segment, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.symbols import SMALL, PlacedBlock, Point, inset, symbol, text
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.svg import document, element, moved, number, path, wrapped
 from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
@@ -171,6 +171,6 @@ def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:
     return (stem if into > 4.0 else "") + head
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return diagram_files(request.stage, model=request.dynamic_of_bodies)
+    return diagram_files(given.stage, model=given.dynamic_of_bodies)

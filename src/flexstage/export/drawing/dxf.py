@@ -10,7 +10,7 @@ from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
 from flexstage.export.drawing.offset import offset_contours
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
@@ -266,6 +266,6 @@ def _notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -
     return lines
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return dxf_files(request.stage, kerf=request.kerf)
+    return dxf_files(given.stage, kerf=given.request.kerf)

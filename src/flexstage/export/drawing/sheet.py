@@ -15,7 +15,7 @@ from flexstage.export.drawing.plate_view import (
     round_openings,
     scale_bar,
 )
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.svg import text_width, wrapped
 from flexstage.stage import Probe, Stage
 
@@ -332,6 +332,6 @@ def _fitting(text: str, width: float) -> str:
     return text.rstrip() + "…"
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return {f"{request.name}-drawing.svg": drawing_svg(request.stage)}
+    return {f"{given.name}-drawing.svg": drawing_svg(given.stage)}

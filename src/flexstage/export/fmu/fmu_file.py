@@ -16,7 +16,7 @@ from flexstage.export.fmu.compiled import OPTIONS, binary_folder, compiler, shar
 from flexstage.export.fmu.description import MAIN, model_description
 from flexstage.export.fmu.documentation import LICENSE, documentation
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, fmu_layout
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.source.arrays import c_array, c_comment, c_flags
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel
@@ -200,19 +200,19 @@ def _case(reference: int, what: str) -> str:
     return f"    case {reference}: return {what};"
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    if not request.source_only and compiler() is None:
-        request.remarks.append(
+    if not given.request.source_only and compiler() is None:
+        given.remarks.append(
             "No C compiler was found: the FMU holds its sources alone, which few programs run. "
             "Install gcc or clang and export again."
         )
     files: dict[str, bytes] = {}
-    for version in request.fmi:
+    for version in given.request.fmi_versions:
         made = fmu_files(
-            request.dynamic,
+            given.dynamic,
             version=version,
-            binary=False if request.source_only else None,
+            binary=False if given.request.source_only else None,
         )
         for name, content in made.items():
             # both versions may be asked for at once

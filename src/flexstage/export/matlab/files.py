@@ -11,7 +11,7 @@ import numpy as np
 import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.control_object import linear_part, rest_shape, state_names
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
 from flexstage.hysteresis import Amplifier
 from flexstage.hysteresis.build_model import dynamic_model
@@ -361,6 +361,6 @@ def sampled_form(model: DynamicModel) -> SampledForm:
     return SampledForm(transition=transition, start=constant - rise, end=rise)
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return matlab_files(request.stage, request.analysis.system, model=request.dynamic)
+    return matlab_files(given.stage, given.analysis.system, model=given.dynamic)

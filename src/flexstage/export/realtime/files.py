@@ -19,7 +19,7 @@ from flexstage.export.realtime.comment import (
     opening,
     rounding_bound,
 )
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.source.arrays import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
@@ -269,6 +269,6 @@ def _single(number: str) -> str:
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return realtime_files(request.dynamic, precision=request.precision)
+    return realtime_files(given.dynamic, precision=given.request.precision)

@@ -9,7 +9,7 @@ from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.simulink.bench import Bench, bench
 from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
@@ -227,8 +227,8 @@ def _counts(system: System) -> tuple[int, int]:
     return blocks, subsystems
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    model = request.dynamic_of_bodies
-    diagram = stage_diagram(request.stage, model=model)
-    return simulink_files(diagram, name=model_name(request.stage.name), model=model)
+    model = given.dynamic_of_bodies
+    diagram = stage_diagram(given.stage, model=model)
+    return simulink_files(diagram, name=model_name(given.stage.name), model=model)

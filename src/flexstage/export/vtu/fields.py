@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.export.request import ExportRequest
+from flexstage.export.request import StageExport
 from flexstage.export.vtu.body_cells import body_cells
 from flexstage.export.vtu.format import (
     PackedCells,
@@ -286,6 +286,6 @@ def _region_table(stage: Stage, regions: Sequence[tuple[str, int]]) -> bytes:
     return text.getvalue().encode()
 
 
-def export(request: ExportRequest) -> dict[str, bytes]:
+def export(given: StageExport) -> dict[str, bytes]:
     """Write the format."""
-    return field_files(request.stage, request.analysis, mesh=request.mesh)
+    return field_files(given.stage, given.analysis, mesh=given.mesh)

@@ -1,14 +1,15 @@
 """The drive record that a hysteresis model is identified from: the design of the experiment."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from flexstage.errors import ModelError
+from flexstage.files.request import request_of
 from flexstage.hysteresis.excitations.excitation import (
-    SHAPES,
     Excitation,
     ExcitationPart,
     Movement,
@@ -22,12 +23,12 @@ from flexstage.hysteresis.excitations.segments import (
     checked_range,
     checked_rest,
     fitted,
-    require_positive,
     safe_slope,
     shortest,
     usable_rates,
 )
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.requests import ExciteRequest
 
 #: No loop repeats more often than this part of the lowest natural frequency.
 _QUASI_STATIC = 0.1
@@ -53,20 +54,9 @@ _DIGITS = 8
 
 
 def excitation(
-    voltage_range: tuple[float, float],
-    *,
-    sample_rate_hz: float | None = None,
-    duration: float | None = None,
-    rates_hz: Sequence[float] | None = None,
-    shape: str = "smooth",
-    slope_limit: float | None = None,
-    current_limit: float | None = None,
-    capacitance: float | None = None,
-    natural_frequency_hz: float | None = None,
-    resonance: bool = True,
-    hold: float | None = None,
-    rest_voltage: float | None = None,
-    seed: int = 0,
+    voltage: tuple[float, float] | None = None,
+    request: ExciteRequest | None = None,
+    **asked: Any,
 ) -> Excitation:
     r"""Design the drive record that identifies hysteresis, lag, creep and the lowest resonance.
 
@@ -81,36 +71,12 @@ def excitation(
 
     Parameters
     ----------
-    voltage_range : tuple of float
-        Lowest and highest voltage of the stack [V].
-    sample_rate_hz : float, optional
-        Samples in a second [Hz]; as many as the fastest loop and the multisine need where not
-        given, as `Excitation.sampled_for` says.
-    duration : float, optional
-        Longest time that the record may take [s]; as long as its content takes where not given.
-    rates_hz : sequence of float, optional
-        How often a major loop repeats [Hz], one rate or more; two, a factor of 10 apart, where not
-        given.
-    shape : str
-        ``smooth`` (the speed has no jumps), ``sine`` or ``triangle``.
-    slope_limit : float, optional
-        Largest slope of the voltage [V/s].
-    current_limit : float, optional
-        Largest current of the amplifier [A], which is the capacitance times the slope.
-    capacitance : float, optional
-        Capacitance of the stack [F].
-    natural_frequency_hz : float, optional
-        Lowest natural frequency of the stage with its drives in place [Hz]. Loops stay below a
-        tenth of it, smooth movements begin and end over two of its periods, and the multisine is
-        around it.
-    resonance : bool
-        Whether to add that multisine.
-    hold : float, optional
-        Time of the step and hold [s], 0 for none; 12 s or a fifth of `duration` where not given.
-    rest_voltage : float, optional
-        Voltage before and after [V]; 0 V, or the end of the range next to it, where not given.
-    seed : int
-        Seed of the phases of the multisine.
+    voltage : tuple of float, optional
+        Lowest and highest voltage of the stack [V]; that of the request where not given.
+    request : ExciteRequest, optional
+        Rates of the loops, time and sample rate, limits, shape, hold and multisine.
+    **asked
+        Fields of `ExciteRequest`, in place of those of `request`.
 
     Returns
     -------
@@ -134,65 +100,53 @@ def excitation(
     Examples
     --------
     >>> made = excitation(
-    ...     (0.0, 120.0), sample_rate_hz=2000.0, rates_hz=(0.5, 5.0), slope_limit=1500.0
+    ...     (0.0, 120.0), sample_rate=2000.0, rates=(0.5, 5.0), slew=1500.0
     ... )
     >>> round(made.duration, 1), round(made.largest_slope), round(made.coverage, 2)
     (68.4, 1333, 1.0)
-    >>> made = excitation((0.0, 120.0), rates_hz=(0.5, 5.0))
+    >>> made = excitation((0.0, 120.0), rates=(0.5, 5.0))
     >>> made.sample_rate_hz, made.sampled_for
     (1000.0, '200 samples in a loop at 5 Hz')
     """
-    low, high = checked_range(voltage_range)
-    rest = checked_rest(rest_voltage, low, high)
-    require_positive(
-        {
-            "sample rate": (sample_rate_hz, "Hz"),
-            "duration": (duration, "s"),
-            "slope limit": (slope_limit, "V/s"),
-            "current limit": (current_limit, "A"),
-            "capacitance": (capacitance, "F"),
-            "natural frequency": (natural_frequency_hz, "Hz"),
-        }
-    )
-    if hold is not None and not 0.0 <= hold < math.inf:
-        raise ModelError(f"the time of the hold must be 0 s or more and finite, got {hold!r} s")
-    if shape not in SHAPES:
-        raise ModelError(f"the shape must be one of {', '.join(SHAPES)}, got '{shape}'")
+    request = request_of(ExciteRequest, request, asked)
+    if (ends := voltage or request.voltage) is None:
+        raise ModelError('--voltage is needed, such as "0:120": no stack gives a range')
+    low, high = checked_range(ends)
+    rest = checked_rest(request.rest, low, high)
+    duration, sample_rate_hz, sampled_for = request.duration, request.sample_rate, ""
+    frequency, tones_at = request.frequency, request.frequency if request.multisine else None
+    slope_limit = partial(safe_slope, request.slew, request.current, request.capacitance)
     decimals = _DIGITS - math.floor(math.log10(high - low))
     movement = Movement(
-        shape=shape,
+        shape=request.shape,
         span=high - low,
         sample_rate_hz=sample_rate_hz or _NO_BOUND_HZ,
-        slope_limit=safe_slope(slope_limit, current_limit, capacitance, 0.0),
-        turn_time=_RAMP_PERIODS / natural_frequency_hz if natural_frequency_hz else 0.0,
-        highest_frequency_hz=_QUASI_STATIC * natural_frequency_hz
-        if natural_frequency_hz
-        else math.inf,
+        slope_limit=slope_limit(0.0),
+        turn_time=_RAMP_PERIODS / frequency if frequency else 0.0,
+        highest_frequency_hz=_QUASI_STATIC * frequency if frequency else math.inf,
     )
-    sampled_for = ""
     if sample_rate_hz is None:
-        fastest = usable_rates(rates_hz, movement)[-1]
-        sample_rate_hz, sampled_for = _needed(fastest, natural_frequency_hz if resonance else None)
+        fastest = usable_rates(request.rates, movement)[-1]
+        sample_rate_hz, sampled_for = _needed(fastest, tones_at)
     rounding = 1.01 * 0.1**decimals * sample_rate_hz
-    movement = replace(
-        movement,
-        sample_rate_hz=sample_rate_hz,
-        slope_limit=safe_slope(slope_limit, current_limit, capacitance, rounding),
-    )
+    movement = replace(movement, sample_rate_hz=sample_rate_hz, slope_limit=slope_limit(rounding))
     warnings: list[str] = []
-    tones = _tones(natural_frequency_hz if resonance else None, movement, seed, warnings)
-    asked = ExcitationDesign(
+    tones = _tones(tones_at, movement, request.seed, warnings)
+    hold = request.hold_time
+    if hold is None:
+        hold = 12.0 if duration is None else min(12.0, 0.2 * duration)
+    wanted = ExcitationDesign(
         voltage_range=(low, high),
         rest_voltage=rest,
-        rates_hz=usable_rates(rates_hz, movement),
-        hold=(12.0 if duration is None else min(12.0, 0.2 * duration)) if hold is None else hold,
+        rates_hz=usable_rates(request.rates, movement),
+        hold=hold,
         multisine=tones.size / sample_rate_hz,
     )
     most = None if duration is None else math.floor(duration * sample_rate_hz * (1 + 1e-12)) + 1
-    free = movement.highest_rate() if rates_hz is None else 0.0
-    design = fitted(asked, movement, most, free)
+    free = 0.0 if request.rates else movement.highest_rate()
+    design = fitted(wanted, movement, most, free)
     if design is None:
-        least = shortest(asked, movement, free) / sample_rate_hz
+        least = shortest(wanted, movement, free) / sample_rate_hz
         raise ModelError(
             f"major loops at every rate and nested loops take at least {least:.3g} s within these "
             f"limits, got a duration of {duration:g} s: give it more time, or raise the rates or "
@@ -204,18 +158,19 @@ def excitation(
             f"the record would have {size} samples, and at most {_MOST_SAMPLES} are allowed: lower "
             "the sample rate, raise the slowest rate, or limit the duration"
         )
-    if design.rates_hz != asked.rates_hz:
-        before, after = (", ".join(f"{r:.3g}" for r in p.rates_hz) for p in (asked, design))
+    if design.rates_hz != wanted.rates_hz:
+        before, after = (", ".join(f"{r:.3g}" for r in p.rates_hz) for p in (wanted, design))
         warnings.append(f"the rates were raised from {before} Hz to {after} Hz to fit the time")
-    voltage, parts = _run(design, movement, tones, decimals)
-    slopes = np.abs(np.diff(voltage)) * sample_rate_hz
+    values, parts = _run(design, movement, tones, decimals)
+    slopes = np.abs(np.diff(values)) * sample_rate_hz
+    capacitance = request.capacitance
     coverage = _coverage(design)
     warnings += _shortcomings(design, movement, coverage)
     return Excitation(
-        time=np.arange(voltage.size) / sample_rate_hz,
-        voltage=voltage,
+        time=np.arange(values.size) / sample_rate_hz,
+        voltage=values,
         parts=parts,
-        shape=shape,
+        shape=request.shape,
         sample_rate_hz=float(sample_rate_hz),
         sampled_for=sampled_for,
         rates_hz=design.rates_hz,

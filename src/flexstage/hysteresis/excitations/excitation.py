@@ -10,9 +10,6 @@ from flexstage.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
 from flexstage.records.record import Channel, Record
 
-#: The shapes of a movement.
-SHAPES = ("smooth", "sine", "triangle")
-
 #: A loop is run at the speed of the major loop, and at most this many times as often.
 _MOST_OFTEN = 5.0
 #: A smooth movement rises to its speed, and falls from it, over at least this share of its time.

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 from flexstage.errors import ModelError
 from flexstage.hysteresis.excitations.excitation import Movement
-from flexstage.hysteresis.model import checked
 
 #: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.
 _USUAL_RATE = 5.0
@@ -275,13 +274,6 @@ def checked_rest(rest: float | None, low: float, high: float) -> float:
     return float(rest)
 
 
-def require_positive(given: dict[str, tuple[float | None, str]]) -> None:
-    """Refuse numbers that are not positive and finite; None passes."""
-    for name, (value, unit) in given.items():
-        if value is not None:
-            checked(value, name, "positive and finite", unit)
-
-
 def safe_slope(
     slope: float | None, current: float | None, capacitance: float | None, rounding: float
 ) -> float:
@@ -303,15 +295,13 @@ def safe_slope(
     return limit - rounding
 
 
-def usable_rates(given: Sequence[float] | None, movement: Movement) -> tuple[float, ...]:
+def usable_rates(given: Sequence[float], movement: Movement) -> tuple[float, ...]:
     """Return the rates of the major loops [Hz], rising; two usual ones where none are asked."""
     highest = movement.highest_rate()
-    if given is None:
+    if not given:
         fastest = min(_USUAL_RATE, highest)
         return (fastest / _USUAL_RATIO, fastest)
     rates = tuple(sorted({float(r) for r in given}))
-    if not rates or not all(0.0 < r < math.inf for r in rates):
-        raise ModelError(f"the rates must be positive and finite, got {list(given)} Hz")
     if rates[-1] > highest * (1.0 + 1e-9):
         raise ModelError(
             f"{movement.shape} loops over {movement.span:g} V at {rates[-1]:g} Hz are too fast: "

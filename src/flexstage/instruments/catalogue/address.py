@@ -23,6 +23,19 @@ def default_catalogue() -> str:
     return os.environ.get("FLEXSTAGE_CATALOGUE") or str(user_folder("data") / "catalogue.sqlite")
 
 
+def chosen_catalogue(text: str | None) -> str | None:
+    """Return the catalogue that a text names: none for 'none', the user's where nothing is said.
+
+    What cannot be opened is told behind a run; what can never be a catalogue is refused here.
+    """
+    if text is None:
+        return default_catalogue()
+    if text.casefold() == "none":
+        return None
+    require_address(text)
+    return text
+
+
 def catalogue_engine(address: str) -> Engine:
     """Return what talks to a catalogue; nothing is opened, but the folder of a file is made.
 

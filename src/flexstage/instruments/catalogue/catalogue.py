@@ -15,6 +15,7 @@ from sqlalchemy.exc import (
 )
 
 from flexstage.errors import FlexstageError, NotConnectedError, RecordError
+from flexstage.files.request import request_fields, request_of
 from flexstage.instruments.catalogue.address import (
     WRITES,
     address_of,
@@ -27,7 +28,6 @@ from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
     RunEntry,
-    RunStatus,
     StageEntry,
 )
 from flexstage.instruments.catalogue.tables import (
@@ -43,6 +43,7 @@ from flexstage.instruments.catalogue.tables import (
     question,
     values_of,
 )
+from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 
 _T = TypeVar("_T")
 # others may enter the same stage between the question for it and the answer
@@ -211,41 +212,25 @@ class Catalogue:
         return self._entries(StageEntry, STAGES, asked)
 
     def runs(
-        self,
-        *,
-        stage: str | None = None,
-        serial_number: str | None = None,
-        kind: str | None = None,
-        axis: str | None = None,
-        plan: str | None = None,
-        status: RunStatus | None = None,
-        since: datetime | None = None,
-        until: datetime | None = None,
-        simulated: bool | None = None,
-        limit: int | None = None,
+        self, request: RunsRequest | None = None, *, until: datetime | None = None, **asked: Any
     ) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        They began from `since` on and before `until`, which are times with their zones.
+        They began from `since` on and before `until`, which are times with their zones. Fields of
+        `RunsRequest` may be named in place of those of a request, and any other field of
+        `RunEntry` that has one value: ``axis="x", status="failed"``.
         """
-        asked = _where(
-            question(RUNS),
-            {
-                STAGES.c.name: stage,
-                STAGES.c.serial_number: serial_number,
-                RUNS.c.kind: kind,
-                RUNS.c.axis: axis,
-                RUNS.c.plan: plan,
-                RUNS.c.status: status,
-                RUNS.c.simulated: simulated,
-            },
-        )
-        if since is not None:
-            asked = asked.where(RUNS.c.started >= since)
+        own = request_fields(RunsRequest)
+        values = {RUNS.c[n]: asked.pop(n) for n in tuple(asked) if n in RUNS.c and n not in own}
+        request = request_of(RunsRequest, request, asked)
+        values.setdefault(RUNS.c.kind, request.test)
+        found = _where(_of_stage(RUNS, request), values)
+        if request.since is not None:
+            found = found.where(RUNS.c.started >= request.since)
         if until is not None:
-            asked = asked.where(RUNS.c.started < until)
-        asked = asked.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(limit)
-        return self._entries(RunEntry, RUNS, asked)
+            found = found.where(RUNS.c.started < until)
+        found = found.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
+        return self._entries(RunEntry, RUNS, found)
 
     def run(self, identifier: str) -> RunEntry:
         """Return a run by its identifier, or the beginning of it that no other has."""
@@ -270,29 +255,20 @@ class Catalogue:
         )
 
     def calibrations(
-        self,
-        *,
-        stage: str | None = None,
-        serial_number: str | None = None,
-        what: str | None = None,
-        at: datetime | None = None,
+        self, request: CalibrationsRequest | None = None, **asked: Any
     ) -> list[CalibrationEntry]:
         """Return calibrations, the latest first.
 
-        Of each only the one that holds `at` a time, where given: the latest that began before.
+        Of each only the one that is valid at a time, where given: the latest that began before.
+        Fields of `CalibrationsRequest` may be named in place of those of a request.
         """
-        asked = _where(
-            question(CALIBRATIONS),
-            {
-                STAGES.c.name: stage,
-                STAGES.c.serial_number: serial_number,
-                CALIBRATIONS.c.what: what,
-            },
-        )
+        request = request_of(CalibrationsRequest, request, asked)
+        at = request.valid_at
+        rows = _where(_of_stage(CALIBRATIONS, request), {CALIBRATIONS.c.what: request.what})
         if at is not None:
-            asked = asked.where(CALIBRATIONS.c.valid_from <= at)
-        asked = asked.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
-        found = self._entries(CalibrationEntry, CALIBRATIONS, asked)
+            rows = rows.where(CALIBRATIONS.c.valid_from <= at)
+        rows = rows.order_by(CALIBRATIONS.c.valid_from.desc(), CALIBRATIONS.c.id.desc())
+        found = self._entries(CalibrationEntry, CALIBRATIONS, rows)
         if at is None:
             return found
         holding: dict[tuple[str, str, str], CalibrationEntry] = {}
@@ -327,6 +303,12 @@ class Catalogue:
         return self.read(
             lambda connection: [entry_of(kind, table, row) for row in connection.execute(asked)]
         )
+
+
+def _of_stage(table: Table, request: OfStage) -> Select[Any]:
+    """Return the question for what a table has of a stage."""
+    stage = {STAGES.c.name: request.stage, STAGES.c.serial_number: request.serial_number}
+    return _where(question(table), stage)
 
 
 def _where(asked: Select[Any], wanted: Mapping[Any, Any]) -> Select[Any]:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Literal, get_args
 
 from flexstage.errors import RecordError
+from flexstage.instruments.recording.metadata import RunOrigin
 
 #: Whether a run ended as it should, was read from a broken stream, or is still one.
 RunStatus = Literal["complete", "recovered", "failed"]
@@ -27,7 +28,7 @@ class StageEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunEntry:
+class RunEntry(RunOrigin):
     """A run: one measurement on one stage."""
 
     identifier: str
@@ -36,20 +37,12 @@ class RunEntry:
     """The stage."""
     started: datetime
     """Date and time of its start, with its zone."""
-    plan: str = ""
-    """The plan."""
     step: str = ""
-    """Its step."""
+    """The step of the plan."""
     kind: str = ""
     """Which kind of test it is."""
     axis: str = ""
     """The axis that moves."""
-    operator: str = ""
-    """Who made it."""
-    note: str = ""
-    """What they say about it."""
-    version: str = ""
-    """Version of flexstage."""
     instrument: str = ""
     """What the instrument says it is."""
     simulated: bool = False

@@ -57,7 +57,37 @@ def new_identifier() -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunMetadata:
+class RunOrigin:
+    """Which plan a run belongs to, and who made it by which flexstage."""
+
+    plan: str = ""
+    """The plan."""
+    operator: str = ""
+    """Who made it."""
+    note: str = ""
+    """What they say about it."""
+    version: str = flexstage.__version__
+    """Version of flexstage."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageRun(RunOrigin):
+    """A run on a stage by an instrument, of one record or of a whole plan."""
+
+    stage: str
+    """Name of the stage."""
+    stage_hash: str = ""
+    """SHA-256 of its description (`flexstage.provenance.content_hash`)."""
+    serial_number: str = ""
+    """Serial number of the stage."""
+    instrument: Identity
+    """What the instrument says it is."""
+    started: str = ""
+    """Date and time of the start, UTC, ISO 8601; empty until the run is begun."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMetadata(StageRun):
     """What is written at the head of a run, so that its file tells all of it alone.
 
     Examples
@@ -67,14 +97,6 @@ class RunMetadata:
     True
     """
 
-    stage: str
-    """Name of the stage."""
-    instrument: Identity
-    """What the instrument says it is."""
-    stage_hash: str = ""
-    """SHA-256 of its description (`flexstage.provenance.content_hash`)."""
-    serial_number: str = ""
-    """Serial number of the stage."""
     design: str = ""
     """Built-in design, or file, that its description comes from."""
     settings: Mapping[str, str] = field(default_factory=dict)
@@ -83,20 +105,10 @@ class RunMetadata:
     """Which kind of test it is: ``motion``, ``staircase``, ``hold``..."""
     axis: str = ""
     """The axis that moves."""
-    plan: str = ""
-    """The plan."""
     step: str = ""
-    """Its step."""
-    operator: str = ""
-    """Who made it."""
-    note: str = ""
-    """What they say about it."""
+    """The step of the plan."""
     seed: int | None = None
     """Seed of a simulation, or of a designed command."""
-    version: str = flexstage.__version__
-    """Version of flexstage."""
-    started: str = ""
-    """Date and time of the start, UTC, ISO 8601; empty until the run is begun."""
     identifier: str = ""
     """Name of the run that no other has: 32 hexadecimal digits; empty until the run is begun. So
     one description serves for several runs.

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, RecordError, UnitError
@@ -13,6 +13,8 @@ from flexstage.files.decoder import Decoder, read, read_file, show
 from flexstage.files.expression import QuantityExpression, check_name
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Mapping, Node, Scalar
+from flexstage.files.request import request_of
+from flexstage.measure.requests import UncertaintyRequest
 from flexstage.measure.uncertainty.expression import (
     INFLUENCES,
     compute,
@@ -67,25 +69,19 @@ class Budget:
         """Propagate to first order; the result is in SI."""
         return propagate(self._result, self.influences, self._coefficients(), unit=self.si)
 
-    def monte_carlo(
-        self,
-        *,
-        trials: int | Literal["auto"] = "auto",
-        seed: int = 0,
-        confidence: float = 0.95,
-    ) -> MonteCarlo:
+    def monte_carlo(self, request: UncertaintyRequest | None = None, **asked: Any) -> MonteCarlo:
         """Draw the result at random, in SI.
 
-        ``auto`` draws as many trials as two digits of the uncertainty need; the intervals hold the
-        value with the confidence [1].
+        Fields of `UncertaintyRequest` may be named in place of those of a request.
         """
+        request = request_of(UncertaintyRequest, request, asked)
         return monte_carlo(
             self._result,
             self.influences,
             self._coefficients(),
-            trials=trials,
-            seed=seed,
-            confidence=confidence,
+            trials=request.trials,
+            seed=request.seed,
+            confidence=request.confidence,
             unit=self.si,
         )
 

@@ -15,6 +15,7 @@ from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.excitations import EqualCycles
 from flexstage.experiments.plan import find_plan, read_plan
+from flexstage.experiments.requests import RunRequest
 from flexstage.experiments.run_context import base_rate_of
 from flexstage.experiments.runner import new_run_folder
 from flexstage.experiments.verbs.excite import whole_part
@@ -281,12 +282,9 @@ def carry_out(
         plan,
         device,
         where,
+        RunRequest(only=only, resume=folder is not None, operator=about.operator, note=about.note),
         stage=about.stage,
         title=path.stem,
-        resume=folder is not None,
-        only=only,
-        operator=about.operator,
-        note=about.note,
         catalogue=default_catalogue(),
         held=held,
     )

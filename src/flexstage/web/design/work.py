@@ -10,28 +10,23 @@ from typing import TYPE_CHECKING
 from flexstage.characteristic import WHOLE_STAGE, Characteristic
 from flexstage.comparison import compare, difference_percent, title_of
 from flexstage.designs import StageTemplate
-from flexstage.errors import FlexstageError, ModelError, StageError
+from flexstage.errors import FlexstageError, StageError
 from flexstage.explore.family import Family
 from flexstage.explore.figures import USUAL, Figure
 from flexstage.explore.sensitivity import Sensitivities, sensitivities
 from flexstage.explore.variables import every_variable
 from flexstage.files.write import write_whole
-from flexstage.progress import subtask
 from flexstage.report.figures.drawn_stage import draw_checked
 from flexstage.report.tables import percent
 from flexstage.stage import Issue
-from flexstage.studies.models import analyse_model, run_model
-from flexstage.studies.requests import ModelOptions
+from flexstage.studies.models import analyse_model, stage_export
 from flexstage.table import Cell, Table, table
 from flexstage.web.design.state import SHARE, Variant
 from flexstage.web.pictures import inline
 from flexstage.web.preferences import Preferences
 
 if TYPE_CHECKING:
-    from flexstage.fem import StageModel
-    from flexstage.stage.drawing.drawn_stage import DrawnStage
-    from flexstage.stage.drawing.requests import DrawingOptions
-    from flexstage.system import Analysis
+    from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
 
 #: What is shown of every axis and of the whole, as far as a stage has it.
 SHOWN = (
@@ -140,38 +135,18 @@ def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tupl
 
     Several files are one archive (ZIP).
     """
-    from flexstage.export.formats import FORMATS
-    from flexstage.export.request import ExportRequest
+    from flexstage.export.request import ExportRequest, in_folders
 
-    stage = variant.stage()
-
-    def analyse() -> "tuple[Analysis, StageModel | None]":
-        run = run_model(stage, "superelement", ModelOptions())
-        return run.analysis, run.mesh
-
-    request = ExportRequest(stage=stage, analyse=analyse)
-    files: dict[str, bytes] = {}
-    for done, name in enumerate(formats):
-        with subtask(done / len(formats), (done + 1) / len(formats)):
-            try:
-                written = FORMATS[name].write(request)
-            except (ModelError, StageError) as error:
-                if len(formats) == 1:
-                    raise
-                request.remarks.append(f"{name} was left out: {error}.")
-                continue
-            before = f"{name}/" if len(formats) > 1 else ""
-            files |= {before + file: content for file, content in written.items()}
-    if not files:
-        raise StageError(f"stage '{stage.name}' fits none of these formats: {request.remarks[0]}")
+    given = stage_export(variant.stage(), ExportRequest(to=tuple(formats)))
+    files = in_folders(given.files(leave_out=len(formats) > 1))
     if len(files) == 1:
         ((only, content),) = files.items()
-        return Path(only).name, content, request.notes
+        return Path(only).name, content, given.notes
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, content in files.items():
             archive.writestr(zipfile.ZipInfo(file), content, zipfile.ZIP_DEFLATED)
-    return f"{request.name}.zip", packed.getvalue(), request.notes
+    return f"{given.name}.zip", packed.getvalue(), given.notes
 
 
 def drawing_found(path: str, options: "DrawingOptions", key: str) -> tuple["DrawnStage", str, str]:

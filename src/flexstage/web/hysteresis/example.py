@@ -17,11 +17,11 @@ def example_record(folder: Path) -> Path:
     """Write the record of a simulated piezo stack that was driven as `flexstage excite` does."""
     drive = excitation(
         (0.0, 120.0),
-        sample_rate_hz=_RATE_HZ,
+        sample_rate=_RATE_HZ,
         duration=16.0,
-        rates_hz=(0.5, 5.0),
-        natural_frequency_hz=640.0,
-        resonance=False,
+        rates=(0.5, 5.0),
+        frequency=640.0,
+        multisine=False,
     )
     return _simulated(folder / "example.csv", drive.voltage, seed=4)
 

@@ -11,7 +11,7 @@ from nicegui import ui
 from flexstage.comparison import MODEL_WORDS
 from flexstage.designs import StageTemplate
 from flexstage.errors import FlexstageError
-from flexstage.export.formats import FORMATS
+from flexstage.export.request import FORMATS
 from flexstage.files.names import file_name
 from flexstage.files.write import write_whole
 from flexstage.report.page import table_html

@@ -1,30 +1,34 @@
-"""A simulated controller by its address, in this process."""
+"""A stage that is simulated: a controller by its address in this process, or a record played."""
 
 import threading
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from flexstage.designs import design
-from flexstage.errors import ModelError, NotConnectedError
-from flexstage.instruments.connect import (
-    flag,
-    longest_silence,
-    number,
-    one_of,
-    options_of,
-    whole_number,
-)
+from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnectedError
+from flexstage.files.request import request_fields
+from flexstage.instruments.connect import flag, longest_silence, options_of, whole_number
+from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.clock import FastTime, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
+from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
+from flexstage.instruments.waveform import Waveform
+from flexstage.records import Record
+from flexstage.records.files import read_files
+from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read_options import ReadOptions
 from flexstage.stage import Stage
 from flexstage.virtual.build import virtual_stage
 
-_OPTIONS = ("seed", "model", "rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
+_OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "serial_number")
 #: Lines that a simulation takes are longer than those of a controller.
 _LONG_LINES = 16384
 _LONGEST_WAIT = 60.0
@@ -49,25 +53,91 @@ def open_twin(
             "out, as in twin://?seed=3"
         )
     silence = longest_silence(timeout, _LONGEST_WAIT)
-    fast = flag(options, "fast", True, address)
-    seed = whole_number(options, "seed", 0, address)
-    made = virtual_stage(
+    request = TwinRequest(
+        seed=whole_number(options, "seed", 0, address),
+        **_asked(options, ("model", "servo_rate", "amplifier"), address),
+        fast=flag(options, "fast", True, address),
+        identity="flexstage",
+        serial_number=options.get("serial_number", ""),
+    )
+    controller = simulated_controller(
         stage,
-        model=one_of(options, "model", ("lumped", "superelement"), address),  # pyright: ignore[reportArgumentType]
-        seed=seed,
-        sample_rate_hz=number(options, "rate", 10e3, address),
-        amplifier=one_of(options, "amplifier", ("voltage", "charge"), address),  # pyright: ignore[reportArgumentType]
+        request,
         quiet=flag(options, "quiet", False, address),
         scatter=flag(options, "scatter", True, address),
     )
-    serial_number = options.get("serial_number") or f"twin-{seed}"
-    device = VirtualController(made, serial_number=serial_number)
-    pace = FastTime(device) if fast else Pacemaker(device)
-    pace.start()
-    conversation = Loopback(Interpreter(device, pace), ends_time=True)
+    controller.pace.start()
+    conversation = Loopback(controller, ends_time=True)
     link = InProcess(conversation, name=f"twin of {stage.name}")
     transfer = TransferLimits(line_limit=_LONG_LINES)
     return PiController.open(link, stage, axes=axes, timeout=silence, transfer=transfer)
+
+
+def _asked(options: Mapping[str, str], names: tuple[str, ...], address: str) -> dict[str, Any]:
+    """Return options of an address that are written as those of a twin."""
+    asked = {}
+    for name in (name for name in names if name in options):
+        try:
+            asked[name] = request_fields(TwinRequest)[name].read(options[name])
+        except FlexstageError as error:
+            raise ModelError(f"'{name}' of '{address}': {error}") from None
+    return asked
+
+
+def simulated_controller(
+    stage: Stage, request: TwinRequest, *, quiet: bool = False, scatter: bool = True
+) -> Interpreter:
+    """Return the controller that is asked for; its time stands still until its pace is started."""
+    _require_names(request.axes, len(stage.axes))
+    made = virtual_stage(
+        stage,
+        model=request.model,
+        seed=request.seed,
+        sample_rate_hz=request.servo_rate,
+        amplifier=request.amplifier,
+        quiet=quiet,
+        scatter=scatter,
+    )
+    identity = request.identity or ("C-884" if made.kind == "screw" else "E-727")
+    serial_number = request.serial_number or f"twin-{request.seed}"
+    device = VirtualController(made, serial_number=serial_number, names=request.axes)
+    return Interpreter(
+        device,
+        FastTime(device) if request.fast else Pacemaker(device),
+        model=MODELS.get(identity, OWN),
+        hold=request.hold_control,
+    )
+
+
+def _require_names(given: tuple[str, ...], axes: int) -> None:
+    named = [*given, *(str(i) for i in range(len(given) + 1, axes + 1))]
+    plain = all(n.isascii() and n.isalnum() and len(n) <= 8 for n in named)
+    if len(set(named)) != axes or not plain:
+        raise ModelError(
+            f"--axes must be {axes} or fewer different names of 1 to 8 letters or digits, such as "
+            f"X,Y, got '{','.join(given)[:40]}'"
+        )
+
+
+def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> Record:
+    """Return what a stage does under the voltage of a record; refuse what exceeds its limits."""
+    name = stage.axis(axis).name if axis else stage.axes[0].name
+    ((driven,), _, _) = taken_drive(file, ((), ("none",)), ReadOptions())
+    (record,) = read_files([file], [driven], units=[None], even=True)
+    rate, values = record.sample_rate_hz, record.channel(driven).values
+    made = virtual_stage(
+        stage,
+        model=request.model,
+        seed=request.seed,
+        sample_rate_hz=rate * max(1, round(request.servo_rate / rate)),
+        amplifier=request.amplifier,
+    )
+    waveform = Waveform(values={name: values}, sample_rate_hz=rate, quantity="voltage")
+    try:
+        check_waveform(made.limits, waveform)
+    except LimitError as error:
+        raise ModelError(f"'{file}': {error}") from error
+    return made.played(name, values, rate)
 
 
 class Loopback:

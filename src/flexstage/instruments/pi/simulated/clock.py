@@ -44,6 +44,8 @@ class Pace:
         self._device = device
         #: Held while the device is used.
         self.lock = threading.RLock()
+        #: Real time that has been left out because the computer was too slow [s].
+        self.lost = 0.0
 
     def start(self) -> None:
         """Begin; calling it again changes nothing."""
@@ -105,8 +107,6 @@ class Pacemaker(Pace):
         self._failure: BaseException | None = None
         #: Looks at the clock that found more than two ticks to make up for.
         self.late = 0
-        #: Real time that has been left out because the computer was too slow [s].
-        self.lost = 0.0
 
     def start(self) -> None:
         with self.lock:

@@ -1,0 +1,133 @@
+"""What is asked of instruments and their records: a twin, runs and calibrations of a catalogue."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Annotated, Literal
+
+from flexstage.errors import ModelError
+from flexstage.files.ranges import Range, Seed, Written
+from flexstage.files.request import Request
+from flexstage.units import DIMENSIONS
+
+
+def read_names(text: str) -> tuple[str, ...]:
+    """Return names as they are, without a thought of what they may be."""
+    return tuple(text.split(",")) if text else ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinRequest(Request):
+    """A simulated stage behind a GCS controller."""
+
+    port: Annotated[int, Range(low=0, high=65535)] = 50000
+    """TCP port; 0 for any free port."""
+    host: Annotated[str, Written("ADDRESS")] = "127.0.0.1"
+    """Address to listen on; any address but 127.0.0.1 lets others on the network move the stage."""
+    seed: Seed = 0
+    """Random seed of the simulated stage."""
+    model: Literal["lumped", "superelement"] = "lumped"
+    """Model of the mechanics: rigid bodies, or finite elements, condensed."""
+    servo_rate: Annotated[
+        float, DIMENSIONS["frequency"], Range(low=1e3, high=50e3), Written(bare="Hz")
+    ] = 10e3
+    """Rate of the servo loop, such as "10 kHz"."""
+    amplifier: Literal["voltage", "charge"] = "voltage"
+    """Amplifier of the piezo stacks; no effect on screw drives."""
+    fast: bool = False
+    """Advance simulated time by commands instead of real time."""
+    identity: (
+        Literal[
+            "E-727", "E-709", "E-712", "E-725", "E-753", "E-754", "E-516", "E-517", "C-863",
+            "C-884", "flexstage",
+        ]
+        | None
+    ) = None  # fmt: skip
+    """Controller type that it reports, by which programs choose their driver (default: E-727, or
+    C-884 for screws); flexstage: own name and all commands.
+    """
+    axes: Annotated[tuple[str, ...], Written("NAMES", read=read_names, write=",".join)] = ()
+    """Identifiers of its axes, such as "Z" or "X,Y" (default: 1,2,...)."""
+    serial_number: Annotated[str, Written("TEXT")] = ""
+    """Serial number that it reports (default: twin-SEED)."""
+    hold_control: bool = False
+    """The first program that sends a motion or a change keeps control until it disconnects
+    (default: all have control, as with a real controller).
+    """
+
+    def __post_init__(self) -> None:
+        super(TwinRequest, self).__post_init__()
+        if not (self.serial_number.isascii() and self.serial_number.isprintable()):
+            raise ModelError("--serial-number must be of plain printable characters")
+
+
+_SECONDS = {"d": 86_400.0, "h": 3600.0, "min": 60.0}
+
+
+def read_time(text: str) -> datetime:
+    """Return a date, a date and time, or how long ago: ``7 d``, in UTC.
+
+    Examples
+    --------
+    >>> read_time("2031-05-17T09:30").isoformat()
+    '2031-05-17T09:30:00+00:00'
+    """
+    word = text.strip()
+    try:
+        time = datetime.fromisoformat(word)
+    except ValueError:
+        return _ago(word)
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
+    try:
+        return time.astimezone(UTC)
+    except OverflowError:  # before the first year, or after the last one
+        raise ModelError(f"'{text}' is no time that can be told in UTC") from None
+
+
+def _ago(text: str) -> datetime:
+    number = text.rstrip("abcdefghijklmnopqrstuvwxyz")
+    try:
+        seconds = float(number.strip()) * _SECONDS[text[len(number) :]]
+        return datetime.now(UTC) - timedelta(seconds=seconds)
+    except (KeyError, ValueError, OverflowError):
+        raise ModelError(
+            f"expected a date such as 2031-05-17, a date and time such as 2031-05-17T09:30, or how "
+            f"long ago, such as 7d, 12h or 30min, got '{text}'"
+        ) from None
+
+
+_TIME = Annotated[datetime, Written("DATE", read=read_time, write=datetime.isoformat)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OfStage(Request):
+    """What belongs to a stage."""
+
+    stage: Annotated[str, Written("NAME")] | None = None
+    """Only this stage."""
+    serial_number: str | None = None
+    """Only the stage with this serial number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunsRequest(OfStage):
+    """Runs, the latest first."""
+
+    test: Annotated[str, Written("KIND")] | None = None
+    """Only this kind of test, such as motion."""
+    since: _TIME | None = None
+    """Only since a date, a date and time (UTC unless a zone is given), or "7 d" for the last seven
+    days.
+    """
+    limit: Annotated[int, Range(low=1)] | None = None
+    """Largest number of runs, the latest ones."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationsRequest(OfStage):
+    """Calibrations, the latest first."""
+
+    what: Annotated[str, Written("NAME")] | None = None
+    """Only this quantity, such as the gain of a sensor."""
+    valid_at: _TIME | None = None
+    """Only those valid at a date, or a date and time."""
