@@ -14,7 +14,7 @@ from flexstage.cli.output import (
     print_table,
     progress_bar,
 )
-from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
+from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
 from flexstage.errors import ModelError
 from flexstage.studies.requests import AnalyseRequest, models_of
 
@@ -34,7 +34,7 @@ _NOTHING = 1e-5
 def analyse(
     stage: StageArgument,
     request: AnalyseRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    taken: DrawnStageOptions = AS_DRAWN,
     folder: OutputFolder = None,
     vtu: bool = False,
     figure: FigureFile = None,

@@ -8,7 +8,7 @@ import typer
 
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import count, print_json
-from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
+from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @from_docstring
 def check(
     stage: StageArgument,
-    taken: StageOptions = AS_DESCRIBED,
+    taken: DrawnStageOptions = AS_DRAWN,
     json: JsonOption = False,
 ) -> None:
     """Check a stage: geometry, hinges, supports and drives."""

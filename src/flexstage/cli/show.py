@@ -6,7 +6,7 @@ import typer
 
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, writable, write_file
-from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
+from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
 from flexstage.errors import ModelError
 from flexstage.files.names import file_name
 
@@ -15,7 +15,7 @@ from flexstage.files.names import file_name
 def show(
     stage: StageArgument,
     out: OutputFile = None,
-    taken: StageOptions = AS_DESCRIBED,
+    taken: DrawnStageOptions = AS_DRAWN,
     json: JsonOption = False,
 ) -> None:
     """Draw a stage: bodies, hinges, drives and probes.

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from flexstage.cli.options import refuse
-from flexstage.errors import ModelError
 from flexstage.files.ranges import Written
-from flexstage.files.request import Request, option_words
+from flexstage.files.request import Request
 from flexstage.stage.drawing.requests import DrawingOptions
 
 if TYPE_CHECKING:
@@ -86,6 +85,21 @@ class ParameterOptions(Request):
 class StageOptions(ParameterOptions):
     """How STAGE is taken."""
 
+    def stage(self, source: str) -> "Stage":
+        """Return the stage that STAGE names, with what the options say of it."""
+        from flexstage.designs import find_stage
+
+        return find_stage(source, set=self.settings())
+
+    def require_stage(self, source: str | None, name: str) -> None:
+        """Refuse options where no stage is named; `name` is what names one."""
+        refuse(source is None and self.set, f"--set needs {name}: it sets a parameter of that")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnStageOptions(StageOptions):
+    """How STAGE is taken, where it may be a drawing that does not say all."""
+
     drawing: DrawingOptions = DrawingOptions()
     """What is to be known of a drawing."""
 
@@ -96,15 +110,7 @@ class StageOptions(ParameterOptions):
         drawing = None if self.drawing == DrawingOptions() else self.drawing
         return find_stage(source, set=self.settings(), drawing=drawing)
 
-    def require_stage(self, source: str | None, name: str) -> None:
-        """Refuse options where no stage is named; `name` is what names one."""
-        if source is not None or self == AS_DESCRIBED:
-            return
-        refuse(self.set, f"--set needs {name}: it sets a parameter of that")
-        given = option_words(self.drawing)[0]
-        raise ModelError(f"{given} needs {name}: it is about a drawing")
-
 
 #: None of them given.
-AS_DESCRIBED = StageOptions()
+AS_DESCRIBED, AS_DRAWN = StageOptions(), DrawnStageOptions()
 NOTHING_SET = ParameterOptions()
