@@ -26,7 +26,7 @@ from flexstage.system import RayleighDamping
 
 Box = tuple[float, float, float, float]
 
-_FULL = {"bandwidth_hz": 2100.0, "creep": LogCreep(rate_per_decade=0.02)}
+_FULL = {"bandwidth": 2100.0, "creep": LogCreep(rate_per_decade=0.02)}
 
 
 @functools.cache

@@ -42,8 +42,8 @@ def _model(name: str, **choices) -> DynamicModel:
     if name == "vgtu-piezo":
         choices = {
             "creep": LogCreep(rate_per_decade=0.017),
-            "bandwidth_hz": 1900.0,
-            "current_limit": 0.2,
+            "bandwidth": 1900.0,
+            "current": 0.2,
             "sensors": {"x": Sensor(gain=1.01, offset=3e-8, bandwidth_hz=4100.0)},
         } | choices
     return dynamic_model(_STAGES[name], _SYSTEMS[name], **choices)
@@ -130,7 +130,7 @@ def test_double_precision_gives_the_readings_bit_for_bit(name: str, tmp_path: Pa
 
 @pytest.mark.slow
 def test_every_optimisation_gives_the_same_bits(tmp_path: Path) -> None:
-    model = _model("vgtu-piezo", mode_count=9)
+    model = _model("vgtu-piezo", keep_modes=9)
     files, commands = _files(model, "st"), _commands(model, 500)
     exact = "-ffp-contract=off"
     found = [
@@ -171,7 +171,7 @@ def test_single_precision_stays_within_its_bound_for_ten_seconds(
 def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
     """A lag that moves by some units of its last digit in a step."""
     creep = LogCreep(rate_per_decade=0.2, shortest=30.0, longest=300.0, per_decade=1)
-    model = _model("vgtu-piezo", mode_count=1, creep=creep, sensors={})
+    model = _model("vgtu-piezo", keep_modes=1, creep=creep, sensors={})
     library = _in_both_precisions(tmp_path, model)
     commands = np.full((800_000, 2), 97.0)
     found, wanted = (_run(library, p, commands, 2)[[1000, -1], 0] for p in ("sf", "st"))
@@ -183,7 +183,7 @@ def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
-    model = _model("vgtu-piezo", mode_count=2, creep=None, sensors={})
+    model = _model("vgtu-piezo", keep_modes=2, creep=None, sensors={})
     files = _files(model, "st") | _files(model, "sf", "single")
     library = load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
     steps = 300_000
@@ -206,7 +206,7 @@ def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
 
 
 def test_the_bound_grows_as_damping_falls_and_with_the_step() -> None:
-    model = _model("vgtu-piezo", mode_count=3)
+    model = _model("vgtu-piezo", keep_modes=3)
     from dataclasses import replace
 
     light = replace(model, damping_ratio=model.damping_ratio / 10.0)
@@ -236,7 +236,7 @@ def test_the_bound_grows_as_damping_falls_and_with_the_step() -> None:
 def test_it_compiles_without_a_warning(
     language: str, precision: Literal["double", "single"], tmp_path: Path
 ) -> None:
-    model = _model("vgtu-piezo", mode_count=4)
+    model = _model("vgtu-piezo", keep_modes=4)
     files = realtime_files(model, name="st", precision=precision)
     plus = "g++" if "++" in language else "gcc"
     flags = (f"-std={language}", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wundef", "-Werror")
@@ -276,7 +276,7 @@ def test_two_stages_stand_in_one_program(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_self_test_finds_a_changed_number_and_a_step_that_fails(tmp_path: Path) -> None:
-    model = _model("vgtu-piezo", mode_count=5)
+    model = _model("vgtu-piezo", keep_modes=5)
     made: dict[str, bytes] = {}
     for prefix in ("off", "no"):
         files = realtime_files(model, name=prefix)
@@ -494,7 +494,7 @@ def test_hysteresis_without_closed_form_is_stepped_too(tmp_path: Path) -> None:
         thresholds=np.array([4.0, 9.0, 31.0]),
         weights=np.array([2.1e-7, 0.6e-7, 0.4e-7]),
     )
-    model = _model("vgtu-piezo", hysteresis={"x": play}, mode_count=7)
+    model = _model("vgtu-piezo", hysteresis={"x": play}, keep_modes=7)
     library = load_library(tmp_path, _wrapper("st"), files=_files(model, "st"))
     commands = _commands(model, 150)
     found = _run(library, "st", commands, 2)
@@ -504,7 +504,7 @@ def test_hysteresis_without_closed_form_is_stepped_too(tmp_path: Path) -> None:
 def test_names_that_would_spoil_the_code_are_harmless(tmp_path: Path) -> None:
     from dataclasses import replace
 
-    model = _model("vgtu-mechanical", mode_count=2)
+    model = _model("vgtu-mechanical", keep_modes=2)
     model = replace(
         model,
         name='9 */ "stage" \\ %s ä',
@@ -531,7 +531,7 @@ def test_single_precision_holds_its_numbers_in_single_precision() -> None:
 
 
 def test_bad_input_is_refused_in_words() -> None:
-    model = _model("vgtu-mechanical", mode_count=2)
+    model = _model("vgtu-mechanical", keep_modes=2)
     with pytest.raises(ModelError, match="double or single, got 'half'"):
         realtime_files(model, precision="half")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="no prefix of names in C: begin with a letter"):

@@ -555,7 +555,7 @@ def test_wrong_options(tmp_path: Path) -> None:
     refuse(path, "decimal must be one of", decimal="'", sample_rate=2.0)
     refuse(path, "divided by one sign", delimiter=", ", sample_rate=2.0)
     refuse(path, "divided by one sign", delimiter=".", sample_rate=2.0)
-    refuse(path, "lines to skip", skip_lines=-1, sample_rate=2.0)
+    refuse(path, "skip_lines must be a whole number from 0", skip_lines=-1, sample_rate=2.0)
     refuse(path, "no column 'z'", columns=["z"], sample_rate=2.0)
     refuse(path, "fewer than two", rows=(1, 2), sample_rate=2.0)
     np.save(tmp_path / "a.npy", U)

@@ -203,7 +203,8 @@ def test_every_command_and_option_has_help() -> None:
     def silent(path: str, command: Any) -> Iterator[str]:
         if not (command.help or "").strip():
             yield path
-        context = typer.Context(command, info_name=path)
+        # with the settings of the program: what is made here of its parameters is kept by them
+        context = typer.Context(command, info_name=path, help_option_names=["-h", "--help"])
         for parameter in getattr(command, "get_params", lambda _: command.params)(context):
             if parameter.name != "help" and not (getattr(parameter, "help", None) or "").strip():
                 yield f"{path} {parameter.name}"

@@ -176,6 +176,9 @@ def test_a_program_gives_values_or_the_texts_of_options() -> None:
     made = request_of(TurnRequest, None, {"by": "2 mm", "of": "mass", "at": 1e-3, "band": "1:2"})
     assert made == TurnRequest(by=2e-3, of=("mass",), at=(1e-3,), band=(1.0, 2.0))
     assert request_of(TurnRequest, made, {"times": 5}).by == 2e-3
+    assert request_of(TurnRequest, made, {"by": None, "band": None}) == TurnRequest(
+        of=("mass",), at=(1e-3,)
+    )
     assert request_of(CentreRequest, None, {"error": "e", "heads": "0,90"}).heads == (
         0.0,
         pytest.approx(math.pi / 2.0),

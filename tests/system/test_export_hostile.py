@@ -212,7 +212,7 @@ def test_every_format_bears_every_letter(tmp_path: Path) -> None:
 def test_a_step_beyond_all_use_is_refused(step: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
     assert _run(tmp_path, "--to", "c", "--step", step, "--out", str(out)) == 2
-    assert "the step of a model must be 1e-12 to 1e+06 s" in capsys.readouterr().err
+    assert "'--time-step': must be from 1e-12 to 1e+06 s" in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -185,8 +185,8 @@ def test_hysteresis_amplifier_creep_and_sensor_step_by_step(case: str, tmp_path:
     if case == "piezo":
         choices |= {
             "creep": LogCreep(rate_per_decade=0.017),
-            "bandwidth_hz": 1900.0,
-            "current_limit": 0.12,
+            "bandwidth": 1900.0,
+            "current": 0.12,
         }
     if case == "asymmetric laws":
         # beta below gamma, where h runs off as it unloads; and beta equal to gamma, a straight line

@@ -29,6 +29,7 @@ from flexstage.cli.predict import (
     print_predictions,
     start_value,
 )
+from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import RecordError
 from flexstage.files.plain import picked
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
@@ -49,6 +50,7 @@ def identify(
     request: IdentifyRequest,
     test_record: list[Path] | None = None,
     stage: str | None = None,
+    taken: StageOptions = AS_DESCRIBED,
     axis: AxisOption = None,
     how: ReadOptions,
     out: OutputFile = None,
@@ -79,6 +81,7 @@ def identify(
     from flexstage.records.drives import read_drive
 
     refuse(axis is not None and stage is None, "--axis needs --stage: it names an axis of that")
+    taken.require_stage(stage, "--stage")
     one = "--curve files makes one record of all files: leave --test-record out"
     refuse(test_record and columns.curve == "files", one, RecordError)
     given, driven, follows = read_drive([*records, *(test_record or ())], columns, how)
@@ -89,10 +92,9 @@ def identify(
         found = run(read, driven, follows, request)
     tested = predict_each(found.model, others, driven, follows)
     if stage is not None:
-        from flexstage.designs import find_stage
         from flexstage.studies.measurement import against_description
 
-        said = against_description(found, find_stage(stage), axis)
+        said = against_description(found, taken.stage(stage), axis)
         found = replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = identification_result(found, read, files)

@@ -256,6 +256,8 @@ def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any])
 
 def _given(field: RequestField, value: Any) -> Any:
     """Return the value of a field that a program gives: as it is, or as the text of an option."""
+    if value is None:
+        return value
     if isinstance(value, str) and not (field.repeated or field.words):
         return field.read(value)
     if not field.holds_tuple:

@@ -157,8 +157,8 @@ def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> S
     for what in ("thickness", "material"):
         if what in drawn.blanks:
             raise StageError(
-                f"the drawing '{path}' does not say the {what} of the plate: give --{what}, or "
-                f"make a stage file of it with 'flexstage import' and fill it in"
+                f"the drawing '{path}' does not say the {what} of the plate: give --{what} to "
+                "'flexstage import', which makes a stage file of it"
             )
     return drawn.stage
 
