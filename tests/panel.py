@@ -143,6 +143,11 @@ class Look:
         """Return serious faults of accessibility by axe-core."""
         from axe_playwright_python import base
 
+        # a message that comes or goes has the contrast of neither
+        self.page.wait_for_function(
+            "() => [...document.querySelectorAll('.q-notification')]"
+            ".every(e => getComputedStyle(e).opacity === '1')"
+        )
         script = Path(base.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
         self.page.evaluate(f"() => {{ {script} }}")
         # it takes the shade behind a dialog for the ground of what is placed inside

@@ -41,7 +41,9 @@ written = st.builds(
 readings = st.builds(
     ReadOptions,
     sample_rate=st.lists(st.floats(1e-3, 1e9), max_size=2).map(tuple),
-    time=st.none() | st.integers(0, 40) | names.filter(lambda n: not n.isdecimal()),
+    time=st.none()
+    | st.integers(0, 40)
+    | names.filter(lambda n: n == n.strip() and not n.isdecimal()),
     format=st.none() | st.sampled_from(["text", "tdms", "cmm"]),
     dataset=st.none() | names,
     delimiter=st.none() | st.sampled_from([",", ";", "\t", " ", "tab", "|"]),

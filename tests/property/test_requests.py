@@ -29,16 +29,49 @@ from flexstage.files.request import (
     request_of,
 )
 from flexstage.files.schema import field_texts
-from flexstage.hysteresis.requests import CompensateRequest, IdentifyRequest
-from flexstage.measure.requests import FrfRequest
+from flexstage.hinges.requests import HingesRequest
+from flexstage.hysteresis.requests import CompensateRequest, ExciteRequest, IdentifyRequest
+from flexstage.instruments.requests import RunsRequest, TwinRequest
+from flexstage.lumped.requests import EquationsRequest
+from flexstage.measure.requests import FrfRequest, UncertaintyRequest
 from flexstage.records.read_options import DriveColumns, ReadOptions
+from flexstage.studies.requests import AnalyseRequest, StudyRequest
 from flexstage.units import DIMENSIONS, Length
 
-REQUESTS = (
-    CentreRequest, CharacteriseRequest, CompensateRequest, DriveColumns, FrfRequest,
-    IdentifyRequest, OptimiseRequest, ReadOptions, SensitivityRequest, SweepRequest,
-    ToleranceRequest,
+#: One of each request, with values that are not the usual ones.
+EXAMPLES: tuple[Request, ...] = (
+    AnalyseRequest(model=("lumped", "solid")),
+    CentreRequest(
+        error=("e", 2), angle=0, heads=(0.0, 1.25), radius=0.0517, kind="drum", orders=(2, 3),
+        sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,
+    ),
+    CharacteriseRequest(
+        axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6), calibration=1.3e-3,
+        reading=ReadOptions(rows=(3, 70)),
+    ),
+    CompensateRequest(relative=True, voltage=(-3.0, 117.5), slew=230.0, start=7.5),
+    DriveColumns(input=(1,), branches=("up", "down"), input_unit="mV"),
+    EquationsRequest(),
+    ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
+    FrfRequest(
+        input=("f",), output=("a", 3), band=(12.5, 900.0), fit_delay=True, near=(75.0, 90.5),
+    ),
+    HingesRequest(),
+    IdentifyRequest(
+        model=("dahl", "duhem"), train=(None, 900), delay=3.1e-3, creep=0.012, resonance=813.0,
+        temperature=(294.5, 296.0), drift=True,
+    ),
+    OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
+    ReadOptions(sample_rate=(200.0, 12.5), time="t", resample=(None,), decimal=",", skip_lines=2),
+    RunsRequest(),
+    SensitivityRequest(of=("mass",), hinges=True, per=3.3e-6),
+    StudyRequest(),
+    SweepRequest(over=("neck=0.3..0.8 mm/6",), plan="sobol", samples=70, indices=True),
+    ToleranceRequest(samples=77, scatter=("*=0",), target_yield=0.973, follow_necks=True),
+    TwinRequest(servo_rate=12.5e3, amplifier="charge", fast=True, axes=("X", "Y")),
+    UncertaintyRequest(),
 )  # fmt: skip
+REQUESTS = tuple(type(example) for example in EXAMPLES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,9 +119,11 @@ def read_back(words: list[str], kind: type[Request]) -> Request:
             found[field.name] = (*found.get(field.name, ()), field.read(left.pop(0)))  # type: ignore[misc]
         else:
             found[field.name] = field.read(left.pop(0))
-    if rest:
-        ((name, group),) = groups.items()
-        found[name] = read_back(rest, group)
+    for name, group in groups.items():
+        own = {f.option for f in request_fields(group).values()}
+        pairs = list(zip(rest[::2], rest[1::2], strict=True))
+        words = [word for pair in pairs if pair[0] in own for word in pair]
+        found[name] = read_back(words, group)
     return kind(**found)
 
 
@@ -122,6 +157,11 @@ def test_a_command_line_asks_for_the_same(request_: TurnRequest) -> None:
     said = command_line(request_, "plate")
     assert shlex.split(said)[:3] == ["flexstage", "turn", "plate"]
     assert read_back(option_words(request_), TurnRequest) == request_
+
+
+@pytest.mark.parametrize("request_", EXAMPLES, ids=lambda one: type(one).__name__)
+def test_each_is_read_back_from_its_command_line(request_: Request) -> None:
+    assert read_back(option_words(request_), type(request_)) == request_
 
 
 def test_what_is_as_usual_is_not_said() -> None:
@@ -189,6 +229,16 @@ def test_a_program_gives_values_or_the_texts_of_options() -> None:
         request_of(TurnRequest, None, {"tims": 2})
     with pytest.raises(ModelError, match="times must be a whole number from 1 to 9, got 10"):
         TurnRequest(times=10)
+    for wrong in (
+        {"times": 2.5}, {"times": "many"}, {"by": True}, {"by": (1.0,)}, {"share": math.nan},
+        {"band": (2.0, 1.0)}, {"band": (1.0,)}, {"back": "no"}, {"way": "lefd"}, {"of": "mass"},
+        {"at": (0.1, "far")}, {"times": None},
+    ):  # fmt: skip
+        with pytest.raises(ModelError, match=f"{next(iter(wrong))} must be "):
+            TurnRequest(**wrong)
+    assert repr(TurnRequest(times=4.0).times) == "4"
+    with pytest.raises(RecordError, match="sample_rate: expected a frequency"):
+        request_of(ReadOptions, None, {"sample_rate": "fast"})
     with pytest.raises(RecordError, match="unknown option 'rate'"):
         request_of(ReadOptions, None, {"rate": 2})
 

@@ -83,8 +83,9 @@ def measured(file: Path, rates: tuple[float, ...] = (0.5, 5.0)) -> None:
 
 def by(*words: object) -> None:
     """Run a command to make a file."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    with contextlib.redirect_stdout(io.StringIO()), pytest.raises(SystemExit) as end:
         main([str(word) for word in words])
+    assert not end.value.code, words
 
 
 @functools.cache

@@ -175,7 +175,7 @@ def kind_notes(setting: Setting, kind: str | None, sized: bool) -> list[str]:
         ]
     if not sized:
         return [
-            "give --radius or --diameter for the eccentricity and the move, if lines or many poles "
+            "give --radius for the eccentricity and the move, if lines or many poles "
             "are read there; order 1 of a magnet on the axis is no eccentricity alone"
         ]
     if setting.like_magnet:

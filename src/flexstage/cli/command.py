@@ -8,7 +8,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from flexstage.cli.options import request_texts
 
-#: Former names of options by command, and the present ones: they still work, and are not listed.
+#: Former names of options by command, and the present ones: these still work, and are not listed.
 FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "analyse": {"--out": "--folder"},
     "study": {

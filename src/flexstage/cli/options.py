@@ -4,13 +4,12 @@ import copy
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.request import Request, RequestField, request_fields, request_groups
 
@@ -18,19 +17,6 @@ from flexstage.files.request import Request, RequestField, request_fields, reque
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
     """Declare an option: what its value is called in the help, and what it says."""
     return typer.Option(*names, metavar=metavar, help=help, **more)
-
-
-def one_of(words: Iterable[str], help: str | None = None) -> Any:
-    """Declare an option whose value is one of some words, which its help shows."""
-    known = tuple(words)
-
-    def chosen(text: str) -> str:
-        if text not in known:
-            sentence = f"must be {', '.join(known[:-1])} or {known[-1]}, got '{text[:40]}'"
-            raise typer.BadParameter(sentence + did_you_mean(text, known))
-        return text
-
-    return typer.Option(parser=chosen, metavar="|".join(known), help=help)
 
 
 def refuse(wrong: object, sentence: str, error: type[Exception] = ModelError) -> None:
@@ -218,62 +204,3 @@ QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print no progress on standard error.")
 ]
 AxisOption = Annotated[str | None, option("NAME", "Axis of the stage (default: the first).")]
-PlaneOption = Annotated[
-    str,
-    one_of(
-        ("auto", "stress", "strain"),
-        "Plane state of the notches; auto decides by the ratio of width to neck.",
-    ),
-]
-
-
-def quantity(text: str, dimension: str, *, bare_unit: str | None = None) -> float:
-    """Return a quantity that an option gives, in SI; a bare number is in `bare_unit`."""
-    from flexstage.units import parse
-
-    return parse(text, dimension, bare_unit=bare_unit)
-
-
-def optional(text: str | None, dimension: str, *, bare_unit: str | None = None) -> float | None:
-    """Return a quantity that an option gives, as `quantity` does; None where it is not given."""
-    return None if text is None else quantity(text, dimension, bare_unit=bare_unit)
-
-
-def positive_length(text: str, name: str, bare_unit: str | None = None) -> float:
-    """Return the length that an option gives [m], within what a stage may have.
-
-    `name` is what it is the length of, for messages.
-
-    Examples
-    --------
-    >>> positive_length("20 mm", "the radius")
-    0.02
-    """
-    from flexstage.stage.outline import LARGEST, SMALLEST
-
-    value = quantity(text, "length", bare_unit=bare_unit)
-    refuse(
-        not SMALLEST <= value <= LARGEST,
-        f"{name} must be positive, between {SMALLEST:g} and {LARGEST:g} m, got '{text}'",
-    )
-    return value
-
-
-def relative(text: str) -> float:
-    """Return the share that an option gives [1], as a percentage or as a plain number.
-
-    Examples
-    --------
-    >>> relative("0.1%"), relative("2e-3")
-    (0.001, 0.002)
-    """
-    plain = text.strip()
-    try:
-        value = float(plain.removesuffix("%")) / (100.0 if plain.endswith("%") else 1.0)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value < 1.0:
-        raise typer.BadParameter(
-            f"expected a share between 0 and 100 %, such as 0.1% or 0.001, got '{text}'"
-        )
-    return value

@@ -33,6 +33,9 @@ def records(
 
     each = how.of_each(len(files))
     found = [contents(*read_whole(file, own)) for file, own in zip(files, each, strict=True)]
+    if how.resample:
+        for one in found:
+            one["notes"].append("listed as it is in the file: --resample is for the next command")
     if json:
         print_json({"files": found})
         return

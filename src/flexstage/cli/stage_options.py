@@ -13,7 +13,6 @@ from flexstage.stage.drawing.requests import DrawingOptions
 if TYPE_CHECKING:
     from flexstage.designs import StageTemplate
     from flexstage.stage import Stage
-    from flexstage.stage.drawing.requests import DrawingOptions
 
 
 def designs_like(incomplete: str) -> list[str]:

@@ -188,8 +188,8 @@ def _no_axes(known: Collection[tuple[str, str]]) -> str:
     others = ", ".join(Figure(quantity=q, axis=a).name for q, a in known)
     return (
         "the stage describes no axes, and so has no ratio, stroke or frequency: add 'axes' to the "
-        "stage file, each with its drive and the probe that reads it (of a drawing by --drive and "
-        "--probe)"
+        "stage file, each with its drive and the probe that reads it (of a drawing "
+        "by 'flexstage import' with --drive and --probe)"
     ) + (f", or name one of its other figures, {others}" if others else "")
 
 
@@ -240,7 +240,7 @@ class Requirement:
             dimension = _DIMENSION.get(shown.unit)
             return repr(value) if dimension is None else to_text(value, dimension, shown.shown_unit)
 
-        if self.low is None or self.low == -(self.high or 0.0):
+        if self.low is None or (self.low != self.high and self.low == -(self.high or 0.0)):
             return f"{name} <= {written(self.high or 0.0)}"
         if self.high is None:
             return f"{name} >= {written(self.low)}"

@@ -116,6 +116,10 @@ class ExportRequest(Request):
     time: TimeRequest = field(default_factory=TimeRequest)
     """How it runs in time."""
 
+    def __post_init__(self) -> None:
+        super(ExportRequest, self).__post_init__()
+        read_formats(",".join([self.to] if isinstance(self.to, str) else self.to))
+
     @property
     def fmi_versions(self) -> tuple[Literal["2.0", "3.0"], ...]:
         """Versions of FMI of the FMU."""

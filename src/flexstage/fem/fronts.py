@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 from flexstage.arrays import Array
 
 (_inverse,) = get_lapack_funcs(("trtri",), dtype=np.float64)
+_NOTHING = np.zeros((0, 0))
 _BRANCH = 9  # places of a branch of the tree that are eliminated at once
 
 
@@ -164,7 +165,7 @@ class FrontalFactor:
             m, n = right.shape
             later = np.zeros((n, n))
             for other, stretches in front.branches:
-                acts, rest[other] = rest[other], later[:0]
+                acts, rest[other] = rest[other], _NOTHING
                 of = self._ends[other][-1 - len(self.fronts.fronts[other].beside) :]
                 pieces = [(of[i] - of[0], of[j] - of[0], ends[k]) for i, j, k in stretches]
                 for k, (i, j, row) in enumerate(pieces):

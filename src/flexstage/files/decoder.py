@@ -137,6 +137,8 @@ class Decoder:
             value = self._int(node, path, what := bounds[0].text(whole=True))
             if not bounds[0].holds(value):
                 self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
+        elif bare is float and bounds and bounds[0].is_share and (share := _percent(node)):
+            value = share
         else:
             value = self.decode(bare, node, path, base)
         if said := wanted(kind, value):
@@ -483,6 +485,15 @@ def show(node: Node) -> str:
     if node.line is None and not isinstance(node.value, str):
         return text
     return repr(text) + point_hint(text)
+
+
+def _percent(node: Node) -> float | None:
+    """Return the share that a text in per cent says; None where it is none."""
+    text = node.text.strip() if isinstance(node, Scalar) else ""
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else None
+    except ValueError:
+        return None
 
 
 def _join(path: str, name: str) -> str:

@@ -27,6 +27,11 @@ class Range:
     remark: str = ""
     """What else a message says, such as what holds where the field is not given."""
 
+    @property
+    def is_share(self) -> bool:
+        """Whether its numbers are shares of a whole, which may be written in per cent."""
+        return self.low >= 0.0 and self.high <= 1.0
+
     def holds(self, value: float) -> bool:
         """Say whether a number is in it."""
         low = self.low < value if self.above else self.low <= value
@@ -117,7 +122,7 @@ def _check_of(kind: Any) -> Callable[[Any], str] | None:
         given = _check_of(inner)
         return None if given is None else lambda value: "" if value is None else given(value)
     bare = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else None
-    if typing.get_origin(bare) is tuple and (each := _check_of(bare)) is not None:
+    if typing.get_origin(bare) in (tuple, Literal) and (each := _check_of(bare)) is not None:
         return each
     if typing.get_origin(kind) is tuple:
         part = _check_of(typing.get_args(kind)[0])

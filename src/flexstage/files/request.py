@@ -31,11 +31,7 @@ class Request:
     """What is raised where a value is not what its field may hold."""
 
     def __post_init__(self) -> None:
-        for name, (_, kind) in field_types(type(self)).items():
-            if said := wanted(kind, getattr(self, name)):
-                field = request_fields(type(self))[name]
-                got = ", ".join(field.texts(getattr(self, name)))
-                raise self.refused_as(f"{name} must be {said}, got {got}")
+        require_fields(self, type(self), self.refused_as)
 
     @classmethod
     def job(cls) -> str:
@@ -44,6 +40,21 @@ class Request:
 
 
 Asked = TypeVar("Asked", bound=Request)
+
+
+def require_fields(
+    thing: Any, kind: type[Request], error: type[FlexstageError], of: str = ""
+) -> None:
+    """Refuse what has the fields of a request, but not values that they can hold; `of` says whose.
+
+    A whole number that was given as 3.0 becomes 3.
+    """
+    for name, field in request_fields(kind).items():
+        value = getattr(thing, name)
+        if said := field.fault(value):
+            raise error(f"{name}{of} must be {said}, got {field.shown(value)}")
+        if field.value is int and isinstance(value, float):
+            object.__setattr__(thing, name, int(value))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +100,8 @@ class RequestField:
     @property
     def holds_tuple(self) -> bool:
         """Whether its value is a tuple."""
-        bare = typing.get_args(self.kind)[0] if written_as(self.kind) else self.kind
+        annotated = typing.get_origin(self.kind) is Annotated
+        bare = typing.get_args(self.kind)[0] if annotated else self.kind
         return typing.get_origin(bare) is tuple
 
     @property
@@ -112,15 +124,70 @@ class RequestField:
             It is none.
         """
         if self.many and self.written.commas:
-            return tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
+            found = tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
+            if not found:
+                raise ModelError(f"must name one at least, got '{text[:40]}'")
+            return found
         return self._ends(text) if self.pair else self._one(text)
+
+    def fault(self, value: Any) -> str:
+        """Say what a value must be that it is not; nothing where it is one of the field."""
+        if value is None:
+            return "" if self.default is None else "given"
+        if self.value is bool:
+            return "" if isinstance(value, bool) else "true or false"
+        if self.written.read is not None:
+            return wanted(self.kind, value)
+        if self.pair:
+            if not isinstance(value, tuple) or len(value) != 2:
+                return "two ends of a range"
+            alone = "[" in self.metavar  # whose ends may be one
+            if said := next(filter(None, map(self._fault, value)), ""):
+                return said
+            return (
+                ""
+                if value[0] < value[1] or (alone and value[0] == value[1])
+                else "a range that rises"
+            )
+        if self.many:
+            if not isinstance(value, tuple):
+                return "a tuple of values"
+            return next(filter(None, map(self._fault, value)), "")
+        return self._fault(value)
+
+    def _fault(self, value: Any) -> str:
+        if self.words:
+            return "" if value in self.words else f"one of {', '.join(self.words)}"
+        if self.value not in (float, int):
+            return ""
+        whole = self.value is int
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or math.isnan(value):
+            return self._noun
+        if whole and math.isfinite(value) and value != int(value):
+            return self._noun if self.range is None else self.range.text(whole=True)
+        return "" if self.range is None or self.range.holds(value) else self.allowed
+
+    @property
+    def allowed(self) -> str:
+        """The range of its numbers in words."""
+        assert self.range is not None
+        unit = "" if self.dimension is None else f" {self.dimension.si}"
+        return f"{self.range.text(whole=self.value is int)}{unit}"
+
+    def shown(self, value: Any) -> str:
+        """Return a value in words, whether it is one of the field or not."""
+        try:
+            return ", ".join(self.texts(value))
+        except (TypeError, ValueError, AttributeError):
+            return repr(value)[:60]
 
     def _ends(self, text: str) -> tuple[Any, Any]:
         """Return both ends of a range; one alone is both where the help says so."""
         ends = [self._one(word.strip()) for word in re.split(r":|\.\.", text)]
-        if len(ends) == 1 and "[" in self.metavar:
-            ends *= 2
-        if len(ends) != 2 or ends[0] > ends[1]:
+        alone = len(ends) == 1 and "[" in self.metavar
+        ends *= 2 if alone else 1
+        if len(ends) != 2 or not (ends[0] < ends[1] or alone):
             unit = "" if self.dimension is None else f" {self.dimension.units[0]}"
             example = f'must be a range {self.metavar}, such as "10{unit}:20{unit}"'
             raise ModelError(f"{'must rise' if len(ends) == 2 else example}, got '{text[:40]}'")
@@ -147,22 +214,22 @@ class RequestField:
         if self.dimension is not None:
             value = parse(text, self.dimension.name, bare_unit=self.written.bare)
         else:
-            value = _number(text, "a whole number" if self.value is int else self._noun)
+            value = _number(text, self._noun)
         if self.range is not None and not self.range.holds(value):
-            hint = f'; write "{value:g} %"' if self.is_share and 1.0 < value <= 100.0 else ""
-            allowed = self.range.text(whole=self.value is int)
-            unit = "" if self.dimension is None else f" {self.dimension.si}"
-            raise ModelError(f"must be {allowed}{unit}, got '{text}'{hint}")
+            percent = self.is_share and 1.0 < value <= 100.0 and not text.strip().endswith("%")
+            hint = f'; write "{value:g} %"' if percent else ""
+            raise ModelError(f"must be {self.allowed}, got '{text}'{hint}")
         return value
 
     @property
     def is_share(self) -> bool:
         """Whether it is a share of a whole."""
-        bounds = self.range
-        return bounds is not None and bounds.low >= 0.0 and bounds.high <= 1.0
+        return self.range is not None and self.range.is_share
 
     @property
     def _noun(self) -> str:
+        if self.value is int:
+            return "a whole number"
         return 'a share, such as "1.2 %" or 0.012' if self.is_share else "a number"
 
     def texts(self, value: Any) -> list[str]:
@@ -250,16 +317,20 @@ def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any])
     for name in named:
         if name not in known and name not in groups:
             raise kind.refused_as(unknown("option", name, [*known, *groups]))
-    values = {n: _given(known[n], v) if n in known else v for n, v in named.items()}
+    values = {n: _given(kind, known[n], v) if n in known else v for n, v in named.items()}
     return kind(**values) if given is None else replace(given, **values)
 
 
-def _given(field: RequestField, value: Any) -> Any:
+def _given(kind: type[Request], field: RequestField, value: Any) -> Any:
     """Return the value of a field that a program gives: as it is, or as the text of an option."""
     if value is None:
-        return value
-    if isinstance(value, str) and not (field.repeated or field.words):
-        return field.read(value)
+        return field.default if field.default is not MISSING else None
+    plain = field.repeated or field.value is bool or (field.words and not field.written.commas)
+    if isinstance(value, str) and not plain:
+        try:
+            return field.read(value)
+        except FlexstageError as error:
+            raise kind.refused_as(f"{field.name}: {error}") from None
     if not field.holds_tuple:
         return value
     if isinstance(value, Mapping):

@@ -42,7 +42,7 @@ def read_drive(
             input, output, *said = taken_drive(files[0], (input, output), how)
         wanted = [*input, *output]
         if len(wanted) != 2:
-            raise RecordError("--input and --output name one column each")
+            raise RecordError("--input and --output name one column each, but of --curve columns")
         units = (columns.input_unit, columns.output_unit)
         read = read_files(files, wanted, options=how, units=units, even=True)
         read[0] = replace(read[0], notes=(*said, *read[0].notes))

@@ -6,6 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
+from flexstage.errors import FlexstageError
 from flexstage.files.ranges import Range
 from flexstage.files.request import Request, RequestField, request_fields
 from flexstage.files.schema import field_texts
@@ -24,12 +25,19 @@ class RequestForm:
         Returns the request as it is.
     take
         Takes another value of a field, by its name.
+    wrong
+        Holds why fields do not have the value that stands in the form.
     """
 
     def __init__(
-        self, page: Page, request: Callable[[], Request], take: Callable[[str, Any], object]
+        self,
+        page: Page,
+        request: Callable[[], Request],
+        take: Callable[[str, Any], object],
+        wrong: dict[str, FlexstageError] | None = None,
     ) -> None:
         self._page, self._request, self._take = page, request, take
+        self.wrong = {} if wrong is None else wrong
 
     def choice(self, name: str, options: Any = None) -> ui.select:
         """Show a field that is one of some words, or several of them."""
@@ -101,8 +109,13 @@ class RequestForm:
         return in_page_words(field_texts(type(self._request()))[name])
 
     def _taken(self, name: str, value: Callable[[], Any]) -> None:
+        self.wrong.pop(name, None)
         with self._page.sentences():
-            self._take(name, value())
+            try:
+                self._take(name, value())
+            except FlexstageError as error:
+                self.wrong[name] = error
+                raise
 
     def _unit(self, field: RequestField) -> tuple[str, float]:
         """Return the unit that numbers are shown in, and how many of it are one in SI units."""

@@ -81,7 +81,7 @@ class Columns(Roles):
             if role not in roles or not column:
                 raise ModelError(
                     f"{option}, got '{text[:60]}' (roles: {', '.join(roles)})"
-                    f"{did_you_mean(role, roles)}"
+                    f"{'' if role in roles else did_you_mean(role, roles)}"
                 )
             several = isinstance(getattr(usual, role), tuple)
             words = tuple(word.strip() for word in column.split(","))

@@ -13,7 +13,7 @@ from flexstage.characteristic import measured_value
 from flexstage.errors import PlanError
 from flexstage.experiments.verb import StepResult, Verb
 from flexstage.files.plain import picked
-from flexstage.files.ranges import require_ranges
+from flexstage.files.request import require_fields
 from flexstage.files.write import write_whole
 from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.provenance import provenance
@@ -58,7 +58,7 @@ class Identify(Verb, IdentifyRequest):
         if not self.of:
             raise PlanError("identify needs a step that measures at least")
         models_named(self.model)
-        require_ranges(self, PlanError, self.verb)
+        require_fields(self, IdentifyRequest, PlanError, " of identify")
         if self.resonance is not None and self.characterised_by is not None:
             raise PlanError(
                 "identify has a resonance, and 'characterised_by' names a step that found one: "

@@ -108,8 +108,9 @@ def excitation(
     >>> made.sample_rate_hz, made.sampled_for
     (1000.0, '200 samples in a loop at 5 Hz')
     """
-    request = request_of(ExciteRequest, request, asked)
-    if (ends := voltage or request.voltage) is None:
+    given = asked if voltage is None else {"voltage": voltage, **asked}
+    request = request_of(ExciteRequest, request, given)
+    if (ends := request.voltage) is None:
         raise ModelError('--voltage is needed, such as "0:120": no stack gives a range')
     low, high = checked_range(ends)
     rest = checked_rest(request.rest, low, high)

@@ -66,7 +66,7 @@ class RunOrigin:
     """Who made it."""
     note: str = ""
     """What they say about it."""
-    version: str = flexstage.__version__
+    version: str = ""
     """Version of flexstage."""
 
 
@@ -97,6 +97,8 @@ class RunMetadata(StageRun):
     True
     """
 
+    version: str = flexstage.__version__
+    """Version of flexstage."""
     design: str = ""
     """Built-in design, or file, that its description comes from."""
     settings: Mapping[str, str] = field(default_factory=dict)

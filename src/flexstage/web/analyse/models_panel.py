@@ -7,6 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.comparison import MODEL_WORDS, title_of
+from flexstage.errors import FlexstageError
 from flexstage.files.names import file_name
 from flexstage.files.request import request_fields
 from flexstage.files.schema import field_texts
@@ -39,6 +40,8 @@ class ModelsPanel:
         self._rows: dict[str, tuple[ui.label, ui.element, ui.label]] = {}
         self._shown_jobs: dict[str, str] = {}
         self._asked: dict[str, Any] = {}
+        # why fields do not have the value that stands in the form
+        self._wrong: dict[str, FlexstageError] = {}
         with ui.row().classes("items-center heading"):
             PanelHeading("Models")
             ui.space()
@@ -80,7 +83,8 @@ class ModelsPanel:
         ).tooltip("models of the whole")
         with div("fields"):
             share = ui.number(f"{known['accuracy'].label} [%]", value=_percent(asked), format="%g")
-            share.classes("full-width").props("dense clearable").tooltip(texts["accuracy"])
+            share.classes("full-width").props("dense clearable debounce=600")
+            share.tooltip(texts["accuracy"])
             share.on_value_change(
                 lambda event: self._ask(
                     accuracy=None if event.value is None else event.value / 100.0
@@ -90,8 +94,14 @@ class ModelsPanel:
             choice("quantity", {name: QUANTITIES[name].label for name in _REFINED})
 
     def _ask(self, **asked: Any) -> None:
+        (name,) = asked
+        self._wrong.pop(name, None)
         with self._page.sentences():
-            self._state.asked = replace(self._state.asked, **asked)
+            try:
+                self._state.asked = replace(self._state.asked, **asked)
+            except FlexstageError as error:
+                self._wrong[name] = error
+                raise
 
     def _choose(self, model: str, chosen: bool) -> None:
         others = [name for name in self._state.chosen if name != model]
@@ -110,6 +120,8 @@ class ModelsPanel:
         variant = self._design.now
         key = (variant, model)
         with self._page.sentences():
+            for error in self._wrong.values():
+                raise error
             options = fitting_options(model, self._state.asked)
             known = self._state.found(variant, model)
             fields = self._fields(variant, model) if self._state.fields else None

@@ -37,13 +37,20 @@ class ScaleForm:
     ) -> None:
         self._state = page.session.state(CentringState)
         self._begin, self._changed = begin, changed
-        self._own = RequestForm(page, lambda: self._state.request, lambda n, v: self._ask(**{n: v}))
+        self._own = RequestForm(
+            page,
+            lambda: self._state.request,
+            lambda name, value: self._ask(**{name: value}),
+            self._state.wrong,
+        )
         self._area = panel("toolbar")
         self.build()
 
     def build(self) -> None:
         """Show them as they are now."""
         state = self._state
+        state.wrong.clear()  # the fields are made anew from what was taken
+        self._own.wrong = state.wrong
         self._area.clear()
         with self._area:
             choice(SOURCES, state.source, "Where records come from", lambda e: self._begin(e.value))
@@ -76,8 +83,6 @@ class ScaleForm:
         self.build()
 
     def _ask(self, **changed: Any) -> None:
-        if changed.get("kind") == MAGNET:
-            changed["radius"] = None  # it has none
         self._state.ask(**changed)
         if "kind" in changed:
             self.build()

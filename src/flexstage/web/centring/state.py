@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.centring.procedure import trial_length, trial_position
-from flexstage.centring.requests import CentreRequest
+from flexstage.centring.requests import MAGNET, CentreRequest
+from flexstage.errors import FlexstageError
 from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
@@ -58,6 +59,10 @@ class CentringState:
     """Readings of a gauge, as they are typed."""
     gauge_unit: str = "µm"
     """Their unit."""
+    wrong: dict[str, FlexstageError] = field(default_factory=dict)
+    """Why fields of the request do not have the value that stands in the form."""
+    radius: float | None = None
+    """The radius of a scale that has one, while a magnet is chosen [m]."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
     """Long work whose result nobody has taken."""
 
@@ -102,6 +107,12 @@ class CentringState:
         FlexstageError
             It does not belong together.
         """
+        kind = changed.get("kind", self.request.kind)
+        if kind == MAGNET and self.request.radius is not None:
+            self.radius = self.request.radius
+            changed["radius"] = None  # it has none
+        elif kind != MAGNET and self.request.kind == MAGNET:
+            changed.setdefault("radius", self.radius)
         self.request = replace(self.request, **changed)
 
     def take(self, file: Path) -> None:
@@ -116,7 +127,11 @@ class CentringState:
     def begin(self, source: Source, at: tuple[float, float] | None = None) -> None:
         """Begin anew, with the stage at a place; in the middle where that is not known."""
         fresh = CentringState(source=source, at=at or (0.0, 0.0))
-        scale = {"radius": self.request.radius, "kind": self.request.kind}
+        scale = {"radius": self.request.radius or self.radius, "kind": self.request.kind}
+        if source == "gauge" and self.request.kind == MAGNET:
+            scale["kind"] = "disc"  # a gauge touches a rim
+        if scale["kind"] == MAGNET:
+            scale["radius"] = None
         if source == "example":
             fresh.columns = ("angle", *(f"head {j + 1}" for j in range(len(EXAMPLE_HEADS))))
             scale = {"radius": EXAMPLE_RADIUS, "kind": "disc", "heads": EXAMPLE_HEADS}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import (
     Feedforward,
     Identification,
@@ -267,6 +267,8 @@ def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
 
 def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
     reading = motion.file
+    if len(reading.columns.output) != 1:
+        raise RecordError("a reference has one column: choose one as Column")
     (wanted,) = reading.columns.output
     units = [reading.columns.output_unit]
     (record,) = read_files(

@@ -148,6 +148,8 @@ class CentringView:
         self._show()
         if self._state.measured:
             with self._page.sentences():
+                for error in self._state.wrong.values():
+                    raise error
                 key = f"centring{self._shown.id}"
                 self._task.start("evaluation", evaluated, self._state.asked, key)
 
