@@ -299,7 +299,7 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
             "did you mean 'solid'",
         ),
         (["study", "vgtu-piezo", "--models", "magic"], "got 'magic'"),
-        (["study", "vgtu-piezo", "--models", ","], "choose from lumped"),
+        (["study", "vgtu-piezo", "--models", ","], "must name one at least of lumped"),
         (["study", "vgtu-piezo", "--plane", "flat"], "auto, stress or strain"),
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),

@@ -126,7 +126,8 @@ class RequestField:
         if self.many and self.written.commas:
             found = tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
             if not found:
-                raise ModelError(f"must name one at least, got '{text[:40]}'")
+                among = f" of {', '.join(self.words)}" if self.words else ""
+                raise ModelError(f"must name one at least{among}, got '{text[:40]}'")
             return found
         return self._ends(text) if self.pair else self._one(text)
 

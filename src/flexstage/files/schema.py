@@ -120,7 +120,7 @@ class SchemaBuilder:
         if origin is Annotated:
             if (spelled := written_as(kind)) is not None and spelled.read is not None:
                 return {"type": ["string", "number"]}
-            return self.of(typing.get_args(kind)[0]) | _bounds(kind)
+            return _in_per_cent(kind, self.of(typing.get_args(kind)[0]) | _bounds(kind))
         if origin is tuple:
             parts = typing.get_args(kind)
             if parts[-1] is not Ellipsis:
@@ -202,6 +202,14 @@ class SchemaBuilder:
     def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
         """Return the schema of a list of so many."""
         return {"type": "array", "items": item, "minItems": count, "maxItems": count}
+
+
+def _in_per_cent(kind: Any, number: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a number that may be written in per cent where it is a share."""
+    found = range_of(kind)
+    if found is None or not found[0].is_share or typing.get_args(kind)[0] is not float:
+        return number
+    return {"anyOf": [number, {"type": "string", "pattern": rf"^\s*{_NUMBER}\s*%\s*$"}]}
 
 
 def _bounds(kind: Any) -> dict[str, Any]:
