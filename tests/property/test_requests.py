@@ -1,9 +1,10 @@
 """A request and the command line that asks for the same say one thing."""
 
+import json
 import math
 import shlex
 from dataclasses import MISSING, dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 from hypothesis import given
@@ -19,6 +20,8 @@ from flexstage.explore.requests import (
     SweepRequest,
     ToleranceRequest,
 )
+from flexstage.files.decoder import read_json
+from flexstage.files.format import Format
 from flexstage.files.ranges import POSITIVE, Range, Written
 from flexstage.files.request import (
     Request,
@@ -30,7 +33,12 @@ from flexstage.files.request import (
 )
 from flexstage.files.schema import field_texts
 from flexstage.hinges.requests import HingesRequest
-from flexstage.hysteresis.requests import CompensateRequest, ExciteRequest, IdentifyRequest
+from flexstage.hysteresis.requests import (
+    CompensateRequest,
+    ExciteRequest,
+    IdentifyRequest,
+    PredictRequest,
+)
 from flexstage.instruments.requests import RunsRequest, TwinRequest
 from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
@@ -62,6 +70,7 @@ EXAMPLES: tuple[Request, ...] = (
         temperature=(294.5, 296.0), drift=True,
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
+    PredictRequest(start=32.5),
     ReadOptions(sample_rate=(200.0, 12.5), time="t", resample=(None,), decimal=",", skip_lines=2),
     RunsRequest(),
     SensitivityRequest(of=("mass",), hinges=True, per=3.3e-6),
@@ -102,7 +111,7 @@ class TurnRequest(Request):
 
 def read_back(words: list[str], kind: type[Request]) -> Request:
     """Return the request that a command makes of words, without the command line's own parser."""
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     fields = {f.option: f for f in request_fields(kind).values()}
     groups = dict(request_groups(kind))
     left = list(words)
@@ -116,7 +125,7 @@ def read_back(words: list[str], kind: type[Request]) -> Request:
         elif field.value is bool:
             found[field.name] = option == name
         elif field.repeated:
-            found[field.name] = (*found.get(field.name, ()), field.read(left.pop(0)))  # type: ignore[misc]
+            found[field.name] = (*found.get(field.name, ()), field.read(left.pop(0)))
         else:
             found[field.name] = field.read(left.pop(0))
     for name, group in groups.items():
@@ -241,6 +250,15 @@ def test_a_program_gives_values_or_the_texts_of_options() -> None:
         request_of(ReadOptions, None, {"sample_rate": "fast"})
     with pytest.raises(RecordError, match="unknown option 'rate'"):
         request_of(ReadOptions, None, {"rate": 2})
+
+
+@pytest.mark.parametrize(("text", "share"), [("0 %", 0.0), ("1.5%", 0.015), ("0.25", 0.25)])
+def test_a_file_may_give_shares_in_per_cent(text: str, share: float) -> None:
+    form = Format(noun="turn", error=ModelError)
+    said = text if text.endswith("%") else float(text)
+    assert read_json(TurnRequest, json.dumps({"share": said}), "turn", form).share == share
+    with pytest.raises(ModelError, match=r"expected a number from 0 to 1.*got '130 %'"):
+        read_json(TurnRequest, '{"share": "130 %"}', "turn", form)
 
 
 def test_options_of_a_command_make_the_request() -> None:

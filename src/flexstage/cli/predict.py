@@ -19,7 +19,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.files.plain import picked
-from flexstage.hysteresis.requests import read_duration, require_start
+from flexstage.hysteresis.requests import PredictRequest
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def predict(
     records: Annotated[list[Path], typer.Argument()],
     *,
     columns: DriveColumns,
-    start: str = "auto",
+    request: PredictRequest,
     how: ReadOptions,
     figure: FigureFile = None,
     json: JsonOption = False,
@@ -54,10 +54,6 @@ def predict(
         MODEL: A model file written by `flexstage identify --out`.
     records
         RECORD...: Measured files of the same drive.
-    start
-        auto|rested|TIME: State before the record: rested at the first command, or in motion for a
-        time, such as "30 s" or inf, since the low end of the range; auto estimates it from the
-        first samples.
     figure
         Draw the measured and the predicted loop of the first record. (.svg, .png or .pdf)
     """
@@ -67,10 +63,9 @@ def predict(
     from flexstage.report.figures.identification import draw_prediction
     from flexstage.report.identification import band_in_words
 
-    before = _start(start)
     file = read_model_file(model)
     read, driven, follows = read_drive(records, columns, how)
-    found = predict_each(file.model, read, driven, follows, before)
+    found = predict_each(file.model, read, driven, follows, request.known_start)
     band = file.errors.get("heldout_95")
     written = write_picture(figure, lambda: draw_prediction(found[0], file.model, band))
     result = {
@@ -92,12 +87,6 @@ def predict(
     if band is not None:
         screen.print(band_in_words(found, band))
     print_notes(screen, (), written)
-
-
-def _start(text: str) -> "Start | None":
-    start = read_duration(text)
-    require_start(start, "auto, rested")
-    return None if start == "auto" else start  # type: ignore[return-value]
 
 
 def _total(found: "Sequence[Prediction]") -> dict[str, float]:

@@ -50,6 +50,7 @@ from flexstage.explore.tolerance import ToleranceStudy, tolerance
 from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances
 from flexstage.explore.variables import every_variable, listed, variables_of
 from flexstage.explore.workers import Workers
+from flexstage.files.request import read_number
 from flexstage.stage import Stage
 from flexstage.units import parse
 from flexstage.virtual.imperfections import Scatter
@@ -253,7 +254,7 @@ def scatter_of(texts: Iterable[str]) -> Scatter:
             if text.strip() == "0":
                 value = 0.0
             elif dimension is None:
-                value = _share(text)
+                value = read_number(text, 'a share, such as "0.5 %" or 0.005')
             else:
                 value = parse(text, dimension.name)
             found = replace(found, **{name: value})
@@ -270,16 +271,6 @@ def _pairs(texts: Iterable[str], option: str) -> list[tuple[str, str]]:
             )
         pairs.append((name.strip(), value.strip()))
     return pairs
-
-
-def _share(text: str) -> float:
-    words, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
-    try:
-        return float(words) * (0.01 if percent else 1.0)
-    except ValueError:
-        raise ModelError(
-            f"expected a share, such as \"0.5 %\" or 0.005, got '{text[:40]}'"
-        ) from None
 
 
 def _weight(name: str, text: str) -> float:

@@ -22,6 +22,8 @@ _Ranges = Annotated[tuple[str | Variable, ...], Written("NAME=RANGE")]
 #: What is required of figures, in words or as it is.
 _Requirements = Annotated[tuple[str | Requirement, ...], Written("REQUIREMENT")]
 _YIELD = Range(low=0.0, high=1.0, above=True)
+#: How points are spread.
+Sampling = Literal["grid", "latin-hypercube", "sobol"]
 _Corrected = Literal["superelement", "lumped"]
 #: More points or stages than this are more than anybody waits for.
 LARGEST = 10_000_000
@@ -65,7 +67,7 @@ class SweepRequest(Request):
     """A figure, such as natural_frequency.x, stroke (of every axis) or mass (default: ratio,
     stroke, frequency, stress and coupling of each axis).
     """
-    plan: Literal["grid", "latin-hypercube", "sobol"] | None = None
+    plan: Sampling | None = None
     """How points are spread: on a grid, as a Latin hypercube, or as a Sobol' sequence (default: a
     grid of one or two parameters, a sequence of more).
     """

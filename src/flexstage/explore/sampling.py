@@ -3,19 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.requests import LARGEST
+from flexstage.explore.requests import LARGEST, Sampling
 from flexstage.explore.sobol_indices import FEWEST
 from flexstage.explore.variables import Variable
-
-#: How points are spread.
-Sampling = Literal["grid", "latin-hypercube", "sobol"]
-SAMPLINGS: tuple[Sampling, ...] = get_args(Sampling)
 
 
 def grid_points(low: Array, high: Array, counts: Sequence[int]) -> Array:

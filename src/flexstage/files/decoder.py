@@ -137,8 +137,8 @@ class Decoder:
             value = self._int(node, path, what := bounds[0].text(whole=True))
             if not bounds[0].holds(value):
                 self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
-        elif bare is float and bounds and bounds[0].is_share and (share := _percent(node)):
-            value = share
+        elif bare is float and bounds and bounds[0].is_share and _percent(node) is not None:
+            value = _percent(node)
         else:
             value = self.decode(bare, node, path, base)
         if said := wanted(kind, value):

@@ -215,7 +215,7 @@ class RequestField:
         if self.dimension is not None:
             value = parse(text, self.dimension.name, bare_unit=self.written.bare)
         else:
-            value = _number(text, self._noun)
+            value = read_number(text, self._noun)
         if self.range is not None and not self.range.holds(value):
             percent = self.is_share and 1.0 < value <= 100.0 and not text.strip().endswith("%")
             hint = f'; write "{value:g} %"' if percent else ""
@@ -378,7 +378,8 @@ def _option_words(request: Request) -> Iterator[str]:
         yield from _option_words(getattr(request, name))
 
 
-def _number(text: str, noun: str) -> float:
+def read_number(text: str, noun: str) -> float:
+    """Return the number of a text, which may be in per cent if it is not to be a whole one."""
     whole = noun == "a whole number"
     share = text.strip().endswith("%") and not whole
     try:

@@ -131,6 +131,27 @@ class ExciteRequest(Request):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PredictRequest(Request):
+    """A model on records that it was not made from."""
+
+    start: Annotated[
+        float | Literal["auto", "rested"], Written("auto|rested|TIME", read=read_duration)
+    ] = "auto"
+    """State before the record: rested at the first command, or in motion for a time, such as "30 s"
+    or inf, since the low end of the range; auto estimates it from the first samples.
+    """
+
+    def __post_init__(self) -> None:
+        super(PredictRequest, self).__post_init__()
+        require_start(self.start, "auto, rested")
+
+    @property
+    def known_start(self) -> float | Literal["rested"] | None:
+        """The state before the record, where it is known."""
+        return None if self.start == "auto" else self.start
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CompensateRequest(Request):
     """Command by which a drive follows a reference."""
 
