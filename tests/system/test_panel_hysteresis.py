@@ -233,6 +233,12 @@ def test_a_wrong_file_loses_nothing(
         rate.value = "fast"
         await come(alerts)
         assert "'fast'" in alerts()[0]
+        (unit,) = (e for e in user.find(ui.input).elements if e.label == "Input unit")
+        unit.value = "V"
+        await come(lambda: state.source.reading.columns.input_unit == "V")
+        await asyncio.sleep(0.3)
+        assert (rate.value, "'fast'" in alerts()[0]) == ("fast", True)  # it is still to be mended
+        assert state.source.missing()
         rate.value = "200 Hz"
         await come(lambda: not alerts() and not state.source.missing())
         wrong = panel.folder("hysteresis/some-one") / "wrong.csv"

@@ -56,13 +56,13 @@ class RequestForm:
         )
         return field.props("outlined dense options-dense").tooltip(self._told(name))
 
-    def tick(self, name: str, words: str) -> None:
+    def tick(self, name: str, words: str = "") -> ui.checkbox:
         """Show a field that is so or is not."""
         asked, value = self._asked(name)
-        box = ui.checkbox(f"{asked.label}: {words}", value=value).props("dense")
-        box.tooltip(self._told(name)).on_value_change(
-            lambda e: self._taken(name, lambda: bool(e.value))
-        )
+        label = f"{asked.label}: {words}" if words else asked.label
+        box = ui.checkbox(label, value=value).props("dense")
+        box.on_value_change(lambda e: self._taken(name, lambda: bool(e.value)))
+        return box.tooltip(self._told(name))
 
     def text(self, name: str, placeholder: str = "") -> ui.input:
         """Show a field as it is written on a command line."""

@@ -7,17 +7,15 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.comparison import MODEL_WORDS, title_of
-from flexstage.errors import FlexstageError
 from flexstage.files.names import file_name
-from flexstage.files.request import request_fields
-from flexstage.files.schema import field_texts
 from flexstage.quantities import QUANTITIES, number
 from flexstage.studies.models import fitting_options
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import analysed
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.page import Page, PanelHeading, div, in_page_words, show_job
+from flexstage.web.page import Page, PanelHeading, div, show_job
+from flexstage.web.request_form import RequestForm
 
 #: Quantities that a mesh can be refined for, as a model gives them.
 _REFINED = ("natural_frequency_hz", "max_stress", "transmission_ratio", "output_stiffness")
@@ -39,9 +37,8 @@ class ModelsPanel:
         self._design = page.session.state(DesignState)
         self._rows: dict[str, tuple[ui.label, ui.element, ui.label]] = {}
         self._shown_jobs: dict[str, str] = {}
-        self._asked: dict[str, Any] = {}
-        # why fields do not have the value that stands in the form
-        self._wrong: dict[str, FlexstageError] = {}
+        self._own = RequestForm(page, lambda: self._state.asked, self._take)
+        self._fields_of: dict[str, Any] = {}
         with ui.row().classes("items-center heading"):
             PanelHeading("Models")
             ui.space()
@@ -61,47 +58,22 @@ class ModelsPanel:
         self._rows[model] = (status, working, wrong)
 
     def _options(self) -> None:
-        known, asked = request_fields(ModelOptions), self._state.asked
-        texts = {name: in_page_words(text) for name, text in field_texts(ModelOptions).items()}
-
-        def choice(name: str, words: Any) -> None:
-            box = ui.select(words, label=known[name].label, value=getattr(asked, name))
-            box.classes("full-width").props("dense").tooltip(texts[name])
-            box.on_value_change(lambda event: self._ask(**{name: event.value}))
-            self._asked[name] = box
-
+        own = self._own
         with div("fields"):
-            choice("plane", list(known["plane"].words))
-            choice("supports", list(known["supports"].words))
-        for name in ("estimate", "stroke"):
-            box = ui.checkbox(known[name].label, value=getattr(asked, name)).props("dense")
-            box.tooltip(texts[name])
-            box.on_value_change(lambda event, name=name: self._ask(**{name: bool(event.value)}))
-            self._asked[name] = box
+            self._fields_of |= {name: own.choice(name) for name in ("plane", "supports")}
+        self._fields_of |= {name: own.tick(name) for name in ("estimate", "stroke")}
         ui.checkbox("Write fields for ParaView (VTU)").props("dense").bind_value(
             self._state, "fields"
         ).tooltip("models of the whole")
         with div("fields"):
-            share = ui.number(f"{known['accuracy'].label} [%]", value=_percent(asked), format="%g")
-            share.classes("full-width").props("dense clearable debounce=600")
-            share.tooltip(texts["accuracy"])
-            share.on_value_change(
-                lambda event: self._ask(
-                    accuracy=None if event.value is None else event.value / 100.0
-                )
-            )
-            self._share = share
-            choice("quantity", {name: QUANTITIES[name].label for name in _REFINED})
+            self._accuracy = own.number("accuracy").props("clearable")
+            quantities = {name: QUANTITIES[name].label for name in _REFINED}
+            self._fields_of["quantity"] = own.choice("quantity", quantities)
+        for field in (self._accuracy, *self._fields_of.values()):
+            field.classes("full-width")
 
-    def _ask(self, **asked: Any) -> None:
-        (name,) = asked
-        self._wrong.pop(name, None)
-        with self._page.sentences():
-            try:
-                self._state.asked = replace(self._state.asked, **asked)
-            except FlexstageError as error:
-                self._wrong[name] = error
-                raise
+    def _take(self, name: str, value: Any) -> None:
+        self._state.asked = replace(self._state.asked, **{name: value})
 
     def _choose(self, model: str, chosen: bool) -> None:
         others = [name for name in self._state.chosen if name != model]
@@ -120,7 +92,7 @@ class ModelsPanel:
         variant = self._design.now
         key = (variant, model)
         with self._page.sentences():
-            for error in self._wrong.values():
+            for error in self._own.wrong.values():
                 raise error
             options = fitting_options(model, self._state.asked)
             known = self._state.found(variant, model)
@@ -145,9 +117,9 @@ class ModelsPanel:
 
     def sync(self) -> None:
         """Show how each model of the stage that is open stands."""
-        for name, field in self._asked.items():
+        for name, field in self._fields_of.items():
             field.value = getattr(self._state.asked, name)
-        self._share.value = _percent(self._state.asked)
+        self._accuracy.value = _percent(self._state.asked)
         variant = self._design.now
         for model, (status, working, wrong) in self._rows.items():
             key = (variant, model)

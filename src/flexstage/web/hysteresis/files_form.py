@@ -86,6 +86,7 @@ class FilesForm:
         self._label, self._example, self._changed = label, example, changed
         self._like, self._reference = like, reference
         self._fields: dict[str, Any] = {}
+        self._refused: dict[str, str] = {}  # why texts that stand in fields are no values
         self._reads = 0
         self._plain: Reading | None = None
         self._syncing = False
@@ -170,6 +171,7 @@ class FilesForm:
         value = (event.value or "").strip()
         if self._syncing:
             return
+        self._refused.pop(name, None)
         if value == self._source.reading.text(name):
             if self._source.wrong:  # a text was mended
                 self.look()
@@ -177,7 +179,8 @@ class FilesForm:
         try:
             reading = self._source.reading.changed(name, value)
         except FlexstageError as error:  # the text stays in its field, to be mended
-            self._source.wrong = self._page.words(f"{_LABELS[name]}: {error}")
+            self._refused[name] = self._page.words(f"{_LABELS[name]}: {error}")
+            self._source.wrong = self._refused[name]
             self._say_wrong()
             self._changed()
             return
@@ -192,6 +195,8 @@ class FilesForm:
         self._syncing = True
         for name, field in self._fields.items():
             value = reading.text(name)
+            if name in self._refused:
+                continue
             if name in ("input", "output", "time"):
                 known = {**columns, **({value: value} if value and value not in columns else {})}
                 field.set_options(known, value=value or None)
@@ -227,6 +232,7 @@ class FilesForm:
     # files
 
     def _replace(self, path: Path) -> None:
+        self._refused.clear()
         self._plain = Reading(files=(str(path),))
         like = self._like()
         how = replace(like.how, rows=None)
@@ -249,6 +255,7 @@ class FilesForm:
 
     async def _take_example(self) -> None:
         assert self._example is not None
+        self._refused.clear()
         folder = self._page.panel.folder(f"hysteresis/{self._page.session.id}")
         with self._page.sentences():
             path = await asyncio.to_thread(self._example, folder)
@@ -256,6 +263,7 @@ class FilesForm:
             self.look()
 
     def _go_back(self) -> None:
+        self._refused.clear()
         self._source.go_back()
         self.sync()
         self._changed()
@@ -297,7 +305,8 @@ class FilesForm:
                 self._take(found)
 
     def _take(self, found: Looked) -> None:
-        self._source.looked, self._source.wrong, self._plain = found, "", None
+        self._source.looked, self._plain = found, None
+        self._source.wrong = next(iter(self._refused.values()), "")
         reading = found.reading
         columns = reading.columns
         if self._reference and not columns.output:
