@@ -238,6 +238,15 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         await come(lambda: state.failed)
         await user.should_see("unknown quantity")
         await user.should_see("193.7")
+        # an accuracy that is none is refused, and nothing runs with the one before
+        state.failed.clear()
+        started_before = len(started)
+        (accuracy,) = (e for e in user.find(ui.number).elements if e.label == "Accuracy [%]")
+        accuracy.value = 150.0
+        await user.should_see("accuracy must be between 0 and 1, got 1.5")
+        user.find(kind=ui.button, content="Analyse").click()
+        await asyncio.sleep(0.3)
+        assert (state.asked.accuracy, len(started)) == (0.01, started_before)
 
     simulated(tmp_path, look)
 
