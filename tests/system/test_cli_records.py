@@ -89,3 +89,15 @@ def test_bad_input(capsys, gapped, tmp_path):
         status, out, err = run(capsys, *words)
         assert (status, out, err.count("\n")) == (2, "", 1)
         assert said in err
+
+
+def test_the_next_command_has_the_options_of_its_own_file(capsys, tmp_path):
+    files = [tmp_path / name for name in ("a.csv", "b.csv")]
+    for file in files:
+        file.write_text("u (V),y (um)\n0,1\n1,2\n2,4\n1,3\n")
+    status, out, err = run(capsys, *files, "--sample-rate", "200,12.5", "--resample", "median")
+    assert (status, err) == (0, "")
+    lines = [line for line in out.splitlines() if line.startswith("to go on")]
+    for line, file, rate in zip(lines, files, ("200", "12.5"), strict=True):
+        assert line.endswith(f"{file} --sample-rate {rate} --resample median")
+    assert out.count("--resample is for the next command") == 2

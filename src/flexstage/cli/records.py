@@ -39,8 +39,8 @@ def records(
     if json:
         print_json({"files": found})
         return
-    for one in found:
-        _print(console(), one, option_words(how))
+    for one, own in zip(found, each, strict=True):
+        _print(console(), one, option_words(own))
 
 
 def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:
