@@ -1,9 +1,10 @@
 """A request and the command line that asks for the same say one thing."""
 
+import contextlib
 import json
 import math
 import shlex
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -57,7 +58,9 @@ EXAMPLES: tuple[Request, ...] = (
         axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6), calibration=1.3e-3,
         reading=ReadOptions(rows=(3, 70)),
     ),
-    CompensateRequest(relative=True, voltage=(-3.0, 117.5), slew=230.0, start=7.5),
+    CompensateRequest(
+        relative=True, voltage=(-3.0, 117.5), current=0.05, capacitance=6.4e-6, start=7.5,
+    ),
     DriveColumns(input=(1,), branches=("up", "down"), input_unit="mV"),
     EquationsRequest(),
     ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
@@ -219,6 +222,21 @@ def test_texts_are_read_in_any_of_their_forms() -> None:
     assert fields["band"].read("0.2 kHz..800") == (200.0, 800.0)
     assert fields["share"].read("30 %") == pytest.approx(0.3)
     assert fields["at"].read("1 mm, 2 um") == (1e-3, 2e-6)
+
+
+@pytest.mark.parametrize("kind", REQUESTS, ids=lambda kind: kind.__name__)
+def test_nothing_that_is_given_ends_in_another_error(kind: type[Request]) -> None:
+    (example,) = (one for one in EXAMPLES if type(one) is kind)
+    texts = ("", "nan", "inf", "-1", ",", ":", "2:1", ";", "%", "1 mm", "9" * 400, "1e999", "\0")
+    values = (None, True, 3, 2.5, "x", (), (1,), (2, 1), [1], {"a": 1}, math.nan, b"x", 10**400)
+    for name, field in request_fields(kind).items():
+        for text in texts if field.value is not bool else ():
+            with contextlib.suppress(FlexstageError):
+                value = field.read(text)
+                replace(example, **{name: (value,) if field.repeated else value})
+        for value in values:
+            with contextlib.suppress(FlexstageError):
+                option_words(request_of(kind, example, {name: value}))
 
 
 def test_a_program_gives_values_or_the_texts_of_options() -> None:

@@ -36,7 +36,8 @@ class Range:
         """Say whether a number is in it."""
         low = self.low < value if self.above else self.low <= value
         high = value < self.high if self.below else value <= self.high
-        return low and high and math.isfinite(value)
+        # a whole number may be too large for a float
+        return low and high and (isinstance(value, int) or math.isfinite(value))
 
     def text(self, *, whole: bool) -> str:
         """Say what it holds, in whole numbers or in any."""
@@ -138,7 +139,10 @@ def _check_of(kind: Any) -> Callable[[Any], str] | None:
 
     def check(value: Any) -> str:
         numbers = value if isinstance(value, tuple) else (value,)
-        held = all(range_.holds(n) and (not whole or n == int(n)) for n in numbers)
+        held = all(
+            isinstance(n, (int, float)) and range_.holds(n) and (not whole or n == int(n))
+            for n in numbers
+        )
         return "" if held else range_.text(whole=whole)
 
     return check

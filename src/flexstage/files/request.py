@@ -7,6 +7,7 @@ it is written, the text below it is the help. A field that is a request itself i
 import math
 import re
 import shlex
+import sys
 import typing
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, replace
@@ -18,7 +19,7 @@ from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError, ModelError, UnitError
 from flexstage.files.format import dimension_of, field_types, optional_part
 from flexstage.files.ranges import Range, Written, range_of, wanted, written_as
-from flexstage.units import Dimension, parse, readable_text
+from flexstage.units import DIMENSIONS, Dimension, parse, readable_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +139,12 @@ class RequestField:
         if self.value is bool:
             return "" if isinstance(value, bool) else "true or false"
         if self.written.read is not None:
+            if value == self.default:
+                return ""
+            try:
+                self.written.write(value)
+            except (TypeError, ValueError, AttributeError):
+                return f"what {self.metavar} of {self.option} may be"
             return wanted(self.kind, value)
         if self.pair:
             if not isinstance(value, tuple) or len(value) != 2:
@@ -160,12 +167,15 @@ class RequestField:
         if self.words:
             return "" if value in self.words else f"one of {', '.join(self.words)}"
         if self.value not in (float, int):
-            return ""
+            return "a text" if self.value is str and not isinstance(value, str) else ""
         whole = self.value is int
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not number or math.isnan(value):
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
             return self._noun
-        if whole and math.isfinite(value) and value != int(value):
+        if isinstance(value, float) and math.isnan(value):
+            return self._noun
+        if not whole and not abs(value) <= sys.float_info.max and not isinstance(value, float):
+            return "a number that a float can be"
+        if whole and abs(value) < math.inf and value != int(value):
             return self._noun if self.range is None else self.range.text(whole=True)
         return "" if self.range is None or self.range.holds(value) else self.allowed
 
@@ -180,7 +190,7 @@ class RequestField:
         """Return a value in words, whether it is one of the field or not."""
         try:
             return ", ".join(self.texts(value))
-        except (TypeError, ValueError, AttributeError):
+        except (TypeError, ValueError, AttributeError, OverflowError):
             return repr(value)[:60]
 
     def _ends(self, text: str) -> tuple[Any, Any]:
@@ -244,8 +254,11 @@ class RequestField:
     def _text(self, value: Any) -> str:
         if self.written.read is not None:
             return self.written.write(value)
-        if isinstance(value, (str, Path)) or self.dimension is None or not math.isfinite(value):
+        plain = isinstance(value, (str, Path)) or self.dimension is None
+        if plain or not abs(value) < math.inf:
             return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
+        if self.dimension.name not in DIMENSIONS:  # that of a column, in its own unit
+            return f"{float(value)!r} {self.dimension.si}"
         return readable_text(value, self.dimension.name)
 
 
@@ -386,6 +399,6 @@ def read_number(text: str, noun: str) -> float:
         value = int(text) if whole else float(text.strip().removesuffix("%"))
     except ValueError:
         raise UnitError(f"expected {noun}, got '{text[:40]}'") from None
-    if not math.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         raise UnitError(f"expected {noun} that is finite, got '{text[:40]}'")
     return value / 100.0 if share else value

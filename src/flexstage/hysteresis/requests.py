@@ -201,7 +201,8 @@ class CompensateRequest(Request):
 
 def require_start(start: float | str, words: str) -> None:
     """Refuse what a drive cannot have done before a record."""
-    if start in words.split(", ") or (not isinstance(start, str) and start >= 0.0):
+    number = isinstance(start, (int, float)) and not isinstance(start, bool)
+    if (number and start >= 0.0) or (isinstance(start, str) and start in words.split(", ")):
         return
     raise ModelError(
         f"--start must be {words} or a time that is not negative, such as 30 s, got '{start}'"
