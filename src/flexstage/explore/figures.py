@@ -13,6 +13,7 @@ from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError, UnitError
+from flexstage.files.ranges import Stated
 from flexstage.quantities import ALIASES, QUANTITIES, Quantity, full_name
 from flexstage.units import DIMENSIONS, parse, to_text
 
@@ -201,7 +202,7 @@ def chosen_figures(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Requirement:
+class Requirement(Stated):
     """What is required of a figure: bounds, in the unit of its quantity."""
 
     figure: Figure

@@ -4,7 +4,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from flexstage.files.ranges import Count, Range, Seed, Size, Written
+from flexstage.files.ranges import Count, Range, Seed, Size, Stated, Written
 from flexstage.files.request import Request
 from flexstage.studies.requests import ModelName
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from flexstage.explore.figures import Requirement
     from flexstage.explore.variables import Variable
     from flexstage.explore.workers import Workers
-else:  # a command reads texts; their classes need NumPy
-    Requirement = Variable = str
+else:  # their classes need NumPy, which the help of a command does without
+    Requirement = Variable = Stated
 
 #: Names of figures.
 _Figures = Annotated[tuple[str, ...], Written("FIGURE")]

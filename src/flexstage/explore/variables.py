@@ -11,6 +11,7 @@ from flexstage.designs.parameters import StageParameter
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError, UnitError
 from flexstage.files.expression import is_expression
+from flexstage.files.ranges import Stated
 from flexstage.units import DIMENSIONS, parse, readable_text, to_text
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -27,7 +28,7 @@ USUAL_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Variable:
+class Variable(Stated):
     """A parameter of a stage that is varied between two bounds, in SI units."""
 
     name: str

@@ -93,6 +93,12 @@ class Written:
     """Writes such a value so that it is read back."""
 
 
+class Stated:
+    """Base of what a text states and a program may give as it is, such as bounds of a parameter."""
+
+    __slots__ = ()
+
+
 def written_as(kind: Any) -> Written | None:
     """Return how values of a type are written, where it says so."""
     extras = typing.get_args(kind)[1:] if typing.get_origin(kind) is Annotated else ()

@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from flexstage.choose import did_you_mean, unknown
 from flexstage.errors import FlexstageError, ModelError, UnitError
 from flexstage.files.format import dimension_of, field_types, optional_part
-from flexstage.files.ranges import Range, Written, range_of, wanted, written_as
+from flexstage.files.ranges import Range, Stated, Written, range_of, wanted, written_as
 from flexstage.units import DIMENSIONS, Dimension, parse, readable_text
 
 
@@ -167,7 +167,8 @@ class RequestField:
         if self.words:
             return "" if value in self.words else f"one of {', '.join(self.words)}"
         if self.value not in (float, int):
-            return "a text" if self.value is str and not isinstance(value, str) else ""
+            texts = self.value is str or self.value == str | Stated
+            return "a text" if texts and not isinstance(value, self.value) else ""
         whole = self.value is int
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return self._noun
