@@ -265,7 +265,7 @@ def test_a_program_gives_values_or_the_texts_of_options() -> None:
             TurnRequest(**wrong)
     assert repr(TurnRequest(times=4.0).times) == "4"
     with pytest.raises(ModelError, match="over must be a text, got 3"):
-        SweepRequest(over=(3,))
+        request_of(SweepRequest, None, {"over": 3})
     with pytest.raises(RecordError, match="sample_rate: expected a frequency"):
         request_of(ReadOptions, None, {"sample_rate": "fast"})
     with pytest.raises(RecordError, match="unknown option 'rate'"):
