@@ -5,7 +5,7 @@ import json
 import math
 import shlex
 from dataclasses import MISSING, dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
 from hypothesis import given
@@ -87,6 +87,22 @@ REQUESTS = tuple(type(example) for example in EXAMPLES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Load(Request):
+    """What is one value of another."""
+
+    one_value: ClassVar[bool] = True
+
+    mass: Annotated[float, DIMENSIONS["mass"], POSITIVE] | None = None
+    """How heavy."""
+    on: tuple[str, ...] = ()
+    """On what."""
+    sign: str = "."
+    """Its sign."""
+    held: bool = False
+    """Whether it is held."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TurnRequest(Request):
     """Everything that a field can be."""
 
@@ -108,6 +124,8 @@ class TurnRequest(Request):
     """Whether back."""
     stop: bool = True
     """Whether it stops."""
+    load: Load = Load()
+    """What it carries."""
     how: ReadOptions = ReadOptions()
     """How files are read."""
 
@@ -155,6 +173,12 @@ words = st.text(st.characters(categories=["L", "N"]), min_size=1)
         at=st.lists(lengths, max_size=3).map(tuple),
         back=st.booleans(),
         stop=st.booleans(),
+        load=st.builds(
+            Load,
+            mass=st.none() | lengths,
+            sign=st.sampled_from([".", ",", ";", "x"]),
+            held=st.booleans(),
+        ),
         how=st.builds(
             ReadOptions,
             sample_rate=st.lists(st.floats(1e-3, 1e6), max_size=2).map(tuple),
@@ -254,6 +278,21 @@ def test_a_program_gives_values_or_the_texts_of_options() -> None:
     assert scatter == ("neck_own=1 um",)
     with pytest.raises(ModelError, match=r"unknown option 'tims'.*did you mean 'times'"):
         request_of(TurnRequest, None, {"tims": 2})
+    load = Load(mass=0.2, sign=",", held=True)
+    assert request_of(TurnRequest, None, {"load": "sign=,, mass=200 g, held=yes"}).load == load
+    assert (
+        request_of(TurnRequest, None, {"load": {"mass": "0.2 kg", "sign": ",", "held": True}}).load
+        == load
+    )
+    for text, said in (
+        ("200 g", "must be NAME=VALUE of mass, on, sign, held, got '200 g'"),
+        ("mas=200 g", "unknown name 'mas'.*did you mean 'mass'"),
+        ("mass=2 mm", "mass .*mm"),
+        ("mass=-2 g", "mass must be above 0"),
+        ("held=true", "held must be yes or no, got 'true'"),
+    ):
+        with pytest.raises(ModelError, match=f"load: {said}"):
+            request_of(TurnRequest, None, {"load": text})
     with pytest.raises(ModelError, match="times must be a whole number from 1 to 9, got 10"):
         TurnRequest(times=10)
     for wrong in (

@@ -11,7 +11,7 @@ import sys
 import typing
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -30,6 +30,8 @@ class Request:
     """Heading of its options in the help of a command; that of all options where empty."""
     refused_as: ClassVar[type[FlexstageError]] = ModelError
     """What is raised where a value is not what its field may hold."""
+    one_value: ClassVar[bool] = False
+    """Whether one option stands for all of it where it is part of another: --of a=1,b=2."""
 
     def __post_init__(self) -> None:
         require_fields(self, type(self), self.refused_as)
@@ -218,6 +220,10 @@ class RequestField:
                     f"'{text[:40]}'{did_you_mean(text, self.words)}"
                 )
             return text
+        if self.value is bool:
+            if text not in ("yes", "no"):
+                raise ModelError(f"must be yes or no, got '{text[:40]}'")
+            return text == "yes"
         if self.value is Path:
             return Path(text)
         if self.value not in (float, int):
@@ -255,12 +261,14 @@ class RequestField:
     def _text(self, value: Any) -> str:
         if self.written.read is not None:
             return self.written.write(value)
-        plain = isinstance(value, (str, Path)) or self.dimension is None
-        if plain or not abs(value) < math.inf:
+        if self.value is bool:
+            return "yes" if value else "no"
+        dimension = None if isinstance(value, (str, Path)) else self.dimension
+        if dimension is None or not abs(value) < math.inf:
             return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
-        if self.dimension.name not in DIMENSIONS:  # that of a column, in its own unit
-            return f"{float(value)!r} {self.dimension.si}"
-        return readable_text(value, self.dimension.name)
+        if dimension.name not in DIMENSIONS:  # that of a column, in its own unit
+            return f"{float(value)!r} {dimension.si}"
+        return readable_text(value, dimension.name)
 
 
 @lru_cache(maxsize=256)
@@ -272,13 +280,17 @@ def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
     return {
         name: _field(name, declared, kind)
         for name, (declared, kind) in field_types(cls).items()
-        if declared.compare and not is_request(kind)
+        if declared.compare and (not is_request(kind) or kind.one_value)
     }
 
 
 def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:
-    """Return the fields of a request that are requests themselves, with their types."""
-    return tuple((name, kind) for name, (_, kind) in field_types(cls).items() if is_request(kind))
+    """Return the fields of a request that are requests with options of their own, with their types."""
+    return tuple(
+        (name, kind)
+        for name, (_, kind) in field_types(cls).items()
+        if is_request(kind) and not kind.one_value
+    )
 
 
 def is_request(kind: Any) -> bool:
@@ -289,12 +301,16 @@ def is_request(kind: Any) -> bool:
 def _field(name: str, declared: Any, kind: Any) -> RequestField:
     written, bounds, dimension, many, pair = Written(), None, None, False, False
     kind = whole = optional_part(kind) or kind
+    if is_request(kind):
+        written = Written("NAME=VALUE,...", read=partial(_read_parts, kind), write=_parts_text)
     while True:
         written = written_as(kind) or written
         if (found := range_of(kind)) is not None:
             bounds = found[0]
         if (quantity := dimension_of(kind)) is not None:
             dimension = quantity[0]
+        if is_request(kind):
+            break
         if written.read is not None and typing.get_origin(kind) is not tuple:
             kind = str
             break
@@ -322,6 +338,35 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
     )
 
 
+def _read_parts(kind: type[Request], text: str) -> Request:
+    """Return the request of a text such as "a=1,b=2"; a comma within a value is part of it."""
+    known, values = request_fields(kind), {}
+    for part in re.split(r",\s*(?=[a-z][a-z_-]*\s*=)", text):
+        name, equals, value = part.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals:
+            raise kind.refused_as(f"must be NAME=VALUE of {', '.join(known)}, got '{part[:40]}'")
+        if name not in known:
+            raise kind.refused_as(unknown("name", name, known))
+        try:
+            found = known[name].read(value.strip())
+        except FlexstageError as error:
+            raise kind.refused_as(f"{name} {error}") from None
+        values[name] = (found,) if known[name].repeated else found
+    return kind(**values)
+
+
+def _parts_text(request: Request) -> str:
+    """Return the text of a request that is one value."""
+    fields = request_fields(type(request)).values()
+    values = ((field, getattr(request, field.name)) for field in fields)
+    return ",".join(
+        f"{field.name}={','.join(field.texts(value))}"
+        for field, value in values
+        if value != field.default and value is not None
+    )
+
+
 def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any]) -> Asked:
     """Return a request with the fields that are named in place of its own, or the usual ones.
 
@@ -346,6 +391,8 @@ def _given(kind: type[Request], field: RequestField, value: Any) -> Any:
             return field.read(value)
         except FlexstageError as error:
             raise kind.refused_as(f"{field.name}: {error}") from None
+    if isinstance(value, Mapping) and is_request(field.value):
+        return request_of(field.value, None, value)
     if not field.holds_tuple:
         return value
     if isinstance(value, Mapping):

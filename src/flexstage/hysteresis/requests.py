@@ -201,8 +201,11 @@ class CompensateRequest(Request):
 
 def require_start(start: float | str, words: str) -> None:
     """Refuse what a drive cannot have done before a record."""
-    number = isinstance(start, (int, float)) and not isinstance(start, bool)
-    if (number and start >= 0.0) or (isinstance(start, str) and start in words.split(", ")):
+    if isinstance(start, str):
+        held = start in words.split(", ")
+    else:
+        held = type(start) in (int, float) and start >= 0.0
+    if held:
         return
     raise ModelError(
         f"--start must be {words} or a time that is not negative, such as 30 s, got '{start}'"
