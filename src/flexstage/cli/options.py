@@ -11,7 +11,13 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.files.request import Request, RequestField, request_fields, request_groups
+from flexstage.files.request import (
+    Request,
+    RequestField,
+    is_request,
+    request_fields,
+    request_groups,
+)
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
@@ -150,10 +156,21 @@ def request_texts(command: Any) -> dict[str, str]:
         own = request_fields(kind)
         for name, text in field_texts(kind).items():
             if name in own:
-                end = "; may be repeated." if own[name].repeated else "."
-                texts[name] = f"{text.removesuffix('.')}{end} {own[name].written.help}".strip()
+                field = own[name]
+                end = "; may be repeated." if field.repeated else "."
+                parts = _part_texts(field.kind) if is_request(field.kind) else ""
+                said = f"{text.removesuffix('.')}{end} {field.written.help}{parts}"
+                texts[name] = said.strip()
         left += [group for _, group in request_groups(kind)]
     return texts
+
+
+def _part_texts(kind: type[Request]) -> str:
+    """Return the help of the parts of an option that is a request."""
+    from flexstage.files.schema import field_texts
+
+    texts = field_texts(kind)
+    return " ".join(f"{f.name}={f.metavar}: {texts[f.name]}" for f in request_fields(kind).values())
 
 
 def _described(

@@ -263,7 +263,9 @@ class RequestField:
             return self.written.write(value)
         if self.value is bool:
             return "yes" if value else "no"
-        dimension = None if isinstance(value, (str, Path)) else self.dimension
+        if isinstance(value, (str, Path)):
+            return str(value)
+        dimension = self.dimension
         if dimension is None or not abs(value) < math.inf:
             return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
         if dimension.name not in DIMENSIONS:  # that of a column, in its own unit
@@ -285,7 +287,7 @@ def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
 
 
 def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:
-    """Return the fields of a request that are requests with options of their own, with their types."""
+    """Return the fields of a request that are groups of options, with their types."""
     return tuple(
         (name, kind)
         for name, (_, kind) in field_types(cls).items()
@@ -391,8 +393,8 @@ def _given(kind: type[Request], field: RequestField, value: Any) -> Any:
             return field.read(value)
         except FlexstageError as error:
             raise kind.refused_as(f"{field.name}: {error}") from None
-    if isinstance(value, Mapping) and is_request(field.value):
-        return request_of(field.value, None, value)
+    if isinstance(value, Mapping) and is_request(field.kind):
+        return request_of(field.kind, None, value)
     if not field.holds_tuple:
         return value
     if isinstance(value, Mapping):
