@@ -15,11 +15,9 @@ from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
-from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.ports import Supports
-from flexstage.fem.stage_system import stage_system
-from flexstage.fem.substructure import Substructure
+from flexstage.fem.stage_system import Supports, stage_system
+from flexstage.fem.substructure import Placed, Substructure, cut_free, in_space
 from flexstage.fem.whole_stage import common_validity
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
@@ -64,19 +62,6 @@ class SuperelementModel:
     def elements(self) -> int:
         """Number of elements of all meshes together."""
         return sum(c.elements for c in self.condensed)
-
-    def interface_system(self) -> MechanicalSystem:
-        """Return the system whose coordinates are the motions of the interfaces.
-
-        Those of each neck (three in a plane model), one for each patch of a drive, the modes of the
-        bodies and the inner responses to loads: larger than `system`.
-        """
-        joint, said = self.joint, (self.system.validity, self.system.settings)
-        stress = joined_stress(
-            self.stage, joint, self.placed, self.condensed, np.eye(len(joint.coordinates))
-        )
-        coordinates = joint.M, joint.K, joint.coordinates
-        return stage_system(self.stage, joint.ports, coordinates, stress, said)
 
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
         """Return the system of the same stage with its bodies condensed otherwise."""
@@ -130,7 +115,7 @@ def superelement_model(
     near : SuperelementModel, optional
         A model of a stage that differs little. Its bodies that are the same are taken from it, and
         where others differ in the thickness of their necks alone, what these change is computed in
-        a block about each (see `flexstage.fem.changed_necks.with_other_necks`).
+        a block about each (see `flexstage.fem.condensed_bodies.with_other_necks`).
 
     Returns
     -------

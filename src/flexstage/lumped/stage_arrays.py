@@ -1,7 +1,9 @@
-r"""What the lumped model of many stages of one topology is made of.
+r"""What the lumped model of many stages of one topology is made of, and how that changes.
 
 Masses, where hinges and drives are, what hinges are as springs, with a leading axis of samples. It
-comes from stages, or from anything that changes these numbers.
+comes from stages, or from anything that changes these numbers. Where parameters change it, the
+description (integrals over bodies, quadratures of notches) is differentiated by central differences
+of fourth order; from there on everything is analytic (`system_tangents`).
 """
 
 import math
@@ -12,25 +14,22 @@ from typing import Any, Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.lumped.assemble import cached_stress_rows, hinge_springs
-from flexstage.short_repr import short_repr
+from flexstage.lumped.assemble import (
+    cached_stress_rows,
+    hinge_springs,
+)
 from flexstage.stage import Force, Stage, mass_properties
 from flexstage.stage.mass import outer_size
-from flexstage.system.batch import arrays_of
+from flexstage.system.batch import StageNumbers, arrays_of
 from flexstage.system.characteristics import pulsating_limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StageArrays:
-    """What the lumped model is made of, of many stages of one topology.
+class StageArrays(StageNumbers):
+    """What the lumped model is made of, of many stages of one topology."""
 
-    An array that is the same for all samples may have a leading axis of 1.
-    """
-
-    stage: Stage
-    """The nominal stage: names, and what is decided once for all samples."""
     method: str
     """How the stiffness of hinges is found, of the nominal stage."""
     plane: PlaneState | Literal["auto"]
@@ -53,35 +52,10 @@ class StageArrays:
     """
     stress_owner: tuple[int, ...]
     """The hinge of each place, as a number; r of them."""
-    drive_at: Array
-    """Pushed point of each drive [m], shape (S, d, 2)."""
     drive_direction: Array
     """Direction of each drive [rad], shape (S, d)."""
-    drive_stiffness: Array
-    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
-    stroke: Array
-    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
-    smallest_displacement: Array
-    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
-    largest_force: Array
-    """Largest force of each drive that is a pure force [N]; else not a number; shape (S, d)."""
-    probe_at: Array
-    """Point of each probe [m], shape (S, p, 2)."""
     probe_direction: Array
     """Direction of each probe [rad]; not used of a rotation; shape (S, p)."""
-    strength: Array
-    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
-    unknown; shape (S, 2).
-    """
-    size: Array
-    """Width, height and thickness of the plate [m], shape (S, 3)."""
-
-    __repr__ = short_repr
-
-    @property
-    def samples(self) -> int:
-        """Number of samples S."""
-        return max(x.shape[0] for x in arrays_of(self).values())
 
     def mapped(self, change: Callable[[Array], Any]) -> "StageArrays":
         """Return the same with every array changed, say into that of another library.
@@ -168,36 +142,13 @@ def stage_arrays(
             f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
             "others, so that its stress is read at other places: analyse these one by one"
         )
-    columns = zip(*(values for _, values in found), strict=True)
     return StageArrays(
         stage=nominal,
         method=method,
         plane=plane,
         stress_owner=owners.pop(),
-        **dict(zip(FIELDS, (np.stack(column) for column in columns), strict=True)),
+        **{field: np.stack([values[field] for _, values in found]) for field in found[0][1]},
     )
-
-
-#: The arrays of `StageArrays`, in the order of `described`.
-FIELDS = (
-    "mass",
-    "inertia",
-    "centre",
-    "hinge_at",
-    "hinge_direction",
-    "hinge_stiffness",
-    "stress_rows",
-    "drive_at",
-    "drive_direction",
-    "drive_stiffness",
-    "stroke",
-    "smallest_displacement",
-    "largest_force",
-    "probe_at",
-    "probe_direction",
-    "strength",
-    "size",
-)
 
 
 def require_topology(nominal: Stage, stage: Stage) -> None:
@@ -224,8 +175,8 @@ def described(
     method: str,
     plane: PlaneState | Literal["auto"],
     planes: Sequence[PlaneState] | None = None,
-) -> tuple[tuple[int, ...], tuple[Array, ...]]:
-    """Owner of each place of stress, and the arrays of `FIELDS` of one stage.
+) -> tuple[tuple[int, ...], dict[str, Array]]:
+    """Return the owner of each place of stress, and the arrays of one stage by field.
 
     With `planes` the hinges are in these plane states, whatever `plane` would choose.
     """
@@ -243,22 +194,184 @@ def described(
         return np.array(found, dtype=np.float64).reshape(-1, *shape)
 
     drives = stage.drives
-    return owner, (
-        numbers([m.mass for m in masses]),
-        numbers([m.inertia for m in masses]),
-        numbers([v for m in masses for v in m.centre], 2),
-        numbers([v for h in stage.hinges for v in h.at], 2),
-        numbers([h.direction for h in stage.hinges]),
-        np.array([s.stiffness for s in springs]).reshape(-1, 3, 3),
-        np.concatenate([np.zeros((0, 3)), *rows]),
-        numbers([v for d in drives for v in d.at[0]], 2),
-        numbers([d.direction for d in drives]),
-        numbers([math.inf if d.spring is None else d.spring for d in drives]),
-        numbers([d.stroke for d in drives]),
-        numbers([d.smallest_displacement for d in drives]),
-        numbers([d.largest_force if isinstance(d, Force) else None for d in drives]),
-        numbers([v for p in stage.probes for v in p.at], 2),
-        numbers([p.direction or 0.0 for p in stage.probes]),
-        numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
-        numbers(outer_size(stage)),
-    )
+    return owner, {
+        "mass": numbers([m.mass for m in masses]),
+        "inertia": numbers([m.inertia for m in masses]),
+        "centre": numbers([v for m in masses for v in m.centre], 2),
+        "hinge_at": numbers([v for h in stage.hinges for v in h.at], 2),
+        "hinge_direction": numbers([h.direction for h in stage.hinges]),
+        "hinge_stiffness": np.array([s.stiffness for s in springs]).reshape(-1, 3, 3),
+        "stress_rows": np.concatenate([np.zeros((0, 3)), *rows]),
+        "drive_at": numbers([v for d in drives for v in d.at[0]], 2),
+        "drive_direction": numbers([d.direction for d in drives]),
+        "drive_stiffness": numbers([math.inf if d.spring is None else d.spring for d in drives]),
+        "stroke": numbers([d.stroke for d in drives]),
+        "smallest_displacement": numbers([d.smallest_displacement for d in drives]),
+        "largest_force": numbers(
+            [d.largest_force if isinstance(d, Force) else None for d in drives]
+        ),
+        "probe_at": numbers([v for p in stage.probes for v in p.at], 2),
+        "probe_direction": numbers([p.direction or 0.0 for p in stage.probes]),
+        "strength": numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
+        "size": numbers(outer_size(stage)),
+    }
+
+
+# Steps of differences by their order, of the value that is changed. What fourth order leaves out is
+# some hundred times the fourth power; what rounding adds is 1e-13 of the description over the step.
+_STEPS = {2: 2e-5, 4: 5e-4}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageTangents:
+    """Derivatives of what the lumped model of a stage is made of, by some parameters."""
+
+    names: tuple[str, ...]
+    """The parameters; p of them."""
+    arrays: StageArrays
+    """What it is made of, one sample."""
+    slopes: StageArrays
+    """The derivatives, with a leading axis of p; of 1 where they are zero."""
+
+    def joined(self, *others: "StageTangents") -> "StageTangents":
+        """Return these parameters and those of others, of the same stage.
+
+        Parameters
+        ----------
+        *others : StageTangents
+            The others.
+
+        Returns
+        -------
+        StageTangents
+            All of them.
+        """
+        every = (self, *others)
+
+        def column(field: str) -> Array:
+            parts = [(len(t.names), getattr(t.slopes, field)) for t in every]
+            return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for n, x in parts])
+
+        return StageTangents(
+            names=tuple(name for t in every for name in t.names),
+            arrays=self.arrays,
+            slopes=replace(
+                self.slopes, **{field: column(field) for field in arrays_of(self.slopes)}
+            ),
+        )
+
+
+def parameter_tangents(
+    build: Callable[[float], Stage],
+    value: float,
+    *,
+    name: str = "parameter",
+    step: float | None = None,
+    order: Literal[2, 4] = 4,
+    arrays: StageArrays | None = None,
+) -> StageTangents:
+    r"""Return the derivatives of what the lumped model is made of by a parameter.
+
+    .. math:: f'(x) = \frac{8(f(x+h) - f(x-h)) - (f(x+2h) - f(x-2h))}{12 h} + O(h^4)
+
+    of the description alone: no model is solved. Where it ends on one side, five values on the
+    other one serve (B. Fornberg, Math. Comp. 51 (1988) 699, tables 1 and 3).
+
+    Parameters
+    ----------
+    build : callable
+        From a value of the parameter to a stage.
+    value : float
+        The value at which it is changed.
+    name : str
+        The name of the parameter.
+    step : float, optional
+        The step h; 1/2000 of the value where not given, of second order 1/50 000.
+    order : int
+        Order of the difference: 4, or 2 for half of the work and still some 1e-8 of the derivative.
+    arrays : StageArrays, optional
+        What the stage is made of at `value`, where it is known.
+
+    Returns
+    -------
+    StageTangents
+        The derivatives, by one parameter.
+
+    Raises
+    ------
+    ModelError
+        The step is zero, or the topology changes with the parameter.
+    FlexstageError
+        A stage cannot be built a few steps from the value, to neither side.
+
+    Notes
+    -----
+    Validity: hinges stay in the plane state that they have at the value. Where the description has
+    a kink there, as a root at the middle of its edge, it is the mean of both sides.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from flexstage.designs import design
+    >>> stage = design("parallelogram")
+    >>> found = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)
+    >>> per_thickness = found.slopes.hinge_stiffness * stage.thickness
+    >>> bool(np.allclose(per_thickness, found.arrays.hinge_stiffness))
+    True
+    """
+    h = _STEPS[order] * abs(value) if step is None else step
+    if not h > 0.0:
+        raise ModelError(f"the step of parameter '{name}' must be positive, got {h!r}: give one")
+    if arrays is None:
+        arrays = stage_arrays([build(value)])
+    nominal = arrays.stage
+    planes: list[PlaneState] = [
+        s.plane for s in hinge_springs(nominal, method=arrays.method, plane=arrays.plane)
+    ]
+
+    def values(k: int) -> dict[str, Array]:
+        stage = build(value + k * h)
+        require_topology(nominal, stage)
+        owner, found = described(stage, arrays.method, arrays.plane, planes)
+        if owner != arrays.stress_owner:
+            raise ModelError(
+                f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
+                "choose another value, or a shorter step"
+            )
+        for field in ("hinge_direction", "drive_direction", "probe_direction"):
+            # as near to the nominal angle as whole turns allow
+            turns = (found[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
+            found[field] = found[field] - 2.0 * np.pi * np.round(turns)
+        return found
+
+    found, weights = _around(values, order)
+    slopes = {}
+    for field in found[0]:
+        with np.errstate(invalid="ignore"):
+            parts = zip(weights, (part[field] for part in found), strict=True)
+            slope = sum(w * x for w, x in parts) / h
+        # what is infinite or unknown stays so
+        slopes[field] = np.where(np.isfinite(slope), slope, 0.0)[None]
+    return StageTangents(names=(name,), arrays=arrays, slopes=replace(arrays, **slopes))
+
+
+# Weights of values so many steps away, by order: to both sides, and ahead of the value.
+_CENTRAL = {2: {1: 0.5, -1: -0.5}, 4: {1: 8 / 12, -1: -8 / 12, 2: -1 / 12, -2: 1 / 12}}
+_AHEAD = {
+    2: {0: -1.5, 1: 2.0, 2: -0.5},
+    4: {0: -25 / 12, 1: 48 / 12, 2: -36 / 12, 3: 16 / 12, 4: -3 / 12},
+}
+
+
+def _around(
+    values: Callable[[int], dict[str, Array]], order: int
+) -> tuple[list[dict[str, Array]], Array]:
+    """Values some steps to both sides, or to one where there are none on the other; weights."""
+    ahead = _AHEAD[order]
+    refused: list[FlexstageError] = []
+    for weights in (_CENTRAL[order], {-k: -w for k, w in ahead.items()}, ahead):
+        try:
+            return [values(k) for k in weights], np.array(list(weights.values()))
+        except FlexstageError as error:
+            refused.append(error)
+    raise refused[0]

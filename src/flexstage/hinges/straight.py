@@ -1,4 +1,4 @@
-"""V notch whose tip is rounded."""
+"""Notches with straight sides: leaf, corner-filleted leaf, V with a round tip."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -8,6 +8,124 @@ import numpy as np
 from flexstage.errors import HingeError
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 from flexstage.units import DIMENSIONS
+
+
+def _flat(half: float) -> Piece:
+    """Return the straight piece of a contour at the neck."""
+
+    def piece(u: Array) -> tuple[Array, Array, Array, Array]:
+        zero = np.zeros_like(u)
+        return half * u, zero, zero, np.full_like(u, half)
+
+    return piece
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leaf(Profile):
+    """Strip of constant thickness that ends at sharp steps.
+
+    Examples
+    --------
+    >>> leaf = Leaf(neck_thickness=0.5e-3, leaf_length=6e-3, notch_depth=1e-3)
+    >>> leaf.root_height
+    0.0025
+    """
+
+    kind: ClassVar[str] = "leaf"
+
+    leaf_length: Length
+    """Length of the strip [m]."""
+    notch_depth: Length
+    """Height of the step at its ends, on a side [m]."""
+
+    @property
+    def length(self) -> float:
+        return self.leaf_length
+
+    @property
+    def depth(self) -> float:
+        return self.notch_depth
+
+    @property
+    def neck_radius(self) -> float:
+        return 0.0
+
+    @property
+    def flat_length(self) -> float:
+        return self.leaf_length
+
+    @property
+    def step(self) -> float:
+        return self.notch_depth
+
+    def pieces(self) -> tuple[Piece, ...]:
+        return (_flat(0.5 * self.leaf_length),)
+
+    def contour(self) -> tuple[Vertex, ...]:
+        half = 0.5 * self.leaf_length
+        return (Vertex(0.0, 0.0), Vertex(half, 0.0), Vertex(half, self.notch_depth))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CornerFilleted(Profile):
+    """Notch of constant thickness with a quarter circle at each end.
+
+    Raises
+    ------
+    HingeError
+        The fillets do not fit into the length.
+
+    Examples
+    --------
+    >>> notch = CornerFilleted(neck_thickness=0.5e-3, notch_length=6e-3, fillet_radius=1e-3)
+    >>> notch.flat_length
+    0.004
+    """
+
+    kind: ClassVar[str] = "corner-filleted"
+
+    notch_length: Length
+    """Length of the whole notch, fillets included [m]."""
+    fillet_radius: Length
+    """Radius of the fillets, the depth of the notch on a side [m]."""
+
+    def _check(self) -> None:
+        if self.notch_length < 2.0 * self.fillet_radius:
+            raise HingeError(
+                f"corner-filleted notch: notch_length must be at least two fillet radii "
+                f"({2.0 * self.fillet_radius!r} m), got {self.notch_length!r} m"
+            )
+
+    @property
+    def length(self) -> float:
+        return self.notch_length
+
+    @property
+    def depth(self) -> float:
+        return self.fillet_radius
+
+    @property
+    def neck_radius(self) -> float:
+        return self.fillet_radius
+
+    @property
+    def flat_length(self) -> float:
+        return self.notch_length - 2.0 * self.fillet_radius
+
+    def pieces(self) -> tuple[Piece, ...]:
+        half, r = 0.5 * self.flat_length, self.fillet_radius
+
+        def fillet(u: Array) -> tuple[Array, Array, Array, Array]:
+            angle = 0.5 * np.pi * u
+            depth = 2.0 * r * np.sin(0.5 * angle) ** 2
+            return half + r * np.sin(angle), depth, angle, np.full_like(u, 0.5 * np.pi * r)
+
+        return (_flat(half), fillet) if half > 0.0 else (fillet,)
+
+    def contour(self) -> tuple[Vertex, ...]:
+        half, r = 0.5 * self.flat_length, self.fillet_radius
+        arc = (Vertex(half, 0.0, float(np.tan(np.pi / 8.0))), Vertex(half + r, r))
+        return (Vertex(0.0, 0.0), *arc) if half > 0.0 else arc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
