@@ -12,16 +12,13 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.control.design import Requirements, ServoDesign, tune
-    from flexstage.control.feedforward import Compensation, compensate, trimmed_model
+    from flexstage.control.feedforward import Compensation, compensate, shifted_model, trimmed_model
     from flexstage.control.learning import learn
     from flexstage.control.learning_axis import Learning, LearningSettings, Trial
     from flexstage.control.loop_plant import loop_margins
     from flexstage.control.tracking_run import evaluate_record
-    from flexstage.control.trajectories.from_file import trajectory_of
-    from flexstage.control.trajectories.raster import raster
-    from flexstage.control.trajectories.sine import sine
-    from flexstage.control.trajectories.trajectory import Trajectory
-    from flexstage.control.trajectories.triangle import triangle
+    from flexstage.control.trajectory import Trajectory, trajectory_of
+    from flexstage.control.trajectory_shapes import raster, sine, triangle
     from flexstage.control.two_degree_of_freedom import (
         Way,
         carry_out,
@@ -45,6 +42,7 @@ __all__ = [
     "learn",
     "loop_margins",
     "raster",
+    "shifted_model",
     "sine",
     "trajectory_of",
     "triangle",

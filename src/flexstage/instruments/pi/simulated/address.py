@@ -18,9 +18,9 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
+from flexstage.instruments.protocol import Waveform
 from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
@@ -149,15 +149,12 @@ class Loopback:
 
     def __init__(self, interpreter: Interpreter, *, ends_time: bool = False) -> None:
         self._interpreter, self._ends_time = interpreter, ends_time
+        #: Where it leads.
+        self.name = interpreter.device.identity.model
         self._session = ServerSession(interpreter)
         self._answers = bytearray()
         self._lock = threading.Lock()
         self._closed = False
-
-    @property
-    def name(self) -> str:
-        """Where it leads."""
-        return self._interpreter.device.identity.model
 
     def send(self, data: bytes) -> None:
         """Send bytes; they are carried out before this returns."""
