@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from flexstage import __version__
-from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted
+from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.export.simulink.system import LIBRARY, Node, System
 
 _INDENT = "    "
@@ -40,7 +40,10 @@ def build_script(
     """
     systems = list(_walk(top))
     # systems hold mappings, so that they are told apart by what they are, not by what they hold
-    names = {id(system): _function_name(system, i) for i, system in enumerate(systems)}
+    names = {
+        id(system): f"fill_{i}_{identifier(system.title)[:36]}" if i else "fill_model"
+        for i, system in enumerate(systems)
+    }
     text = _head(name, top, notes) + _main(name, top, settings, notes)
     text += "".join(_fill(system, names) for system in systems)
     return text + _helpers(with_functions=_has_function(top))
@@ -58,10 +61,6 @@ def _has_function(system: System) -> bool:
         node.function or (node.inside is not None and _has_function(node.inside))
         for node in system.nodes
     )
-
-
-def _function_name(system: System, number: int) -> str:
-    return "fill_model" if number == 0 else f"fill_{number}_{identifier(system.title)[:36]}"
 
 
 def _arguments(system: System, at: str) -> str:
@@ -173,15 +172,8 @@ def _pairs(pairs: list[tuple[str, str]], indent: str = _INDENT) -> str:
 
 def _long(text: str, indent: str) -> str:
     """Return a long text as a string in pieces."""
-    pieces, line = [], ""
-    for word in plain(text).split(" "):
-        if line and len(line) + len(word) > _WIDTH - len(indent) - 8:
-            pieces.append(f"{line} ")
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
-    pieces.append(line)
-    strings = ["'" + piece.replace("'", "''") + "'" for piece in pieces]
+    *pieces, last = wrapped(plain(text), _WIDTH - len(indent) - 7)
+    strings = ["'" + s.replace("'", "''") + "'" for s in (*(f"{p} " for p in pieces), last)]
     return "[" + f" ...\n{indent}".join(strings) + "]"
 
 
