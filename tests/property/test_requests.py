@@ -43,7 +43,7 @@ from flexstage.hysteresis.requests import (
 from flexstage.instruments.requests import RunsRequest, TwinRequest
 from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
-from flexstage.records.read_options import DriveColumns, ReadOptions
+from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
 from flexstage.studies.requests import AnalyseRequest, StudyRequest
 from flexstage.units import DIMENSIONS, Length
 
@@ -74,7 +74,10 @@ EXAMPLES: tuple[Request, ...] = (
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
     PredictRequest(start=32.5),
-    ReadOptions(sample_rate=(200.0, 12.5), time="t", resample=(None,), decimal=",", skip_lines=2),
+    ReadOptions(
+        sample_rate=(200.0, 12.5), time="t", resample=(None,),
+        text=TextLayout(skip=2, delimiter="\t", decimal=","),
+    ),
     RunsRequest(),
     SensitivityRequest(of=("mass",), hinges=True, per=3.3e-6),
     StudyRequest(),
@@ -185,7 +188,11 @@ words = st.text(st.characters(categories=["L", "N"]), min_size=1)
             rows=st.none() | st.tuples(st.none() | st.integers(0, 9), st.integers(10, 99)),
             time=st.none() | st.integers(0, 9),
             resample=st.sampled_from([(), (None,), (12.5, None)]),
-            decimal=st.sampled_from([None, ".", ","]),
+            text=st.builds(
+                TextLayout,
+                delimiter=st.sampled_from([None, ",", ";", "tab", " ", "|"]),
+                decimal=st.sampled_from([None, ".", ","]),
+            ),
         ),
     )
 )

@@ -269,7 +269,9 @@ def test_tab_separated_text_without_names(capsys, tmp_path):
         "along=um",
     )
     got = values(
-        found(capsys, *words, "--sample-rate", "40 Hz", "--format", "text", "--delimiter", "\\t")
+        found(
+            capsys, *words, "--sample-rate", "40 Hz", "--format", "text", "--text", "delimiter=\\t"
+        )
     )
     assert got["output_displacement", "x"]["value"] == pytest.approx(STROKE * 1e-6, rel=1e-3)
     refused(capsys, "sample rate|times", tmp_path, *words)

@@ -336,8 +336,8 @@ BAD_OPTIONS = [
     (("--creep", "-3%"), "'--creep': must be from 0 to below 1"),
     (("--input-unit", "furlong"), "furlong"),
     (("--format", "excel"), "excel"),
-    (("--skip-lines", "-2"), "--skip-lines"),
-    (("--decimal", ";"), "decimal"),
+    (("--text", "skip=-2"), "'--text': skip must be a whole number from 0"),
+    (("--text", "decimal=;"), "'--text': decimal must be"),
     (("--time", "9"), "9"),
     (("--figure", "loop.bmp"), "bmp"),
     (

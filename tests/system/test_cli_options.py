@@ -137,7 +137,7 @@ def test_measured_files_are_cut_by_the_same_options(
     hold = ("--test", "hold", "--column", "along=0", "--column-unit", "along=um", "--sample-rate",
             "1 kHz", "--json")  # fmt: skip
     cut = printed(capsys, "characterise", tmp_path / "cut.csv", *hold)
-    log = (tmp_path / "log.csv", "--skip-lines", "2", *hold)
+    log = (tmp_path / "log.csv", "--text", "skip=2", *hold)
     same = printed(capsys, "characterise", *log, "--rows", "500:")
     figures = "characteristics" if "characteristics" in cut else "measured"
     assert cut[figures] == same[figures]

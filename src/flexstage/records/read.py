@@ -26,7 +26,7 @@ from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
 from flexstage.records.numpy_file import read_numpy
-from flexstage.records.read_options import ReadOptions
+from flexstage.records.read_options import ReadOptions, TextLayout
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, evened, require_complete
 from flexstage.records.tdms import read_tdms
@@ -175,18 +175,16 @@ def _hash(file: Path) -> str:
 
 
 def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:
-    dataset, skip_lines = options.dataset, options.skip_lines
-    delimiter, decimal = options.delimiter, options.decimal
+    dataset, how = options.dataset, options.text
     if known in ("text", "gcs") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
-        return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
+        return read_text(file, how)
     if known == "cmm":
-        return read_coordinates(file, dataset, skip_lines=skip_lines, decimal=decimal)
-    if skip_lines or delimiter or decimal:
+        return read_coordinates(file, dataset, how)
+    if how != TextLayout():
         raise RecordError(
-            f"'{file}' is no text file of columns: skip_lines, delimiter and decimal have no "
-            "meaning for it"
+            f"'{file}' is no text file of columns: the layout of one (--text) has no meaning for it"
         )
     if known == "gcs":
         return read_gcs_array(file)

@@ -79,9 +79,16 @@ def columns_text(columns: Sequence[str | int]) -> str:
     return ",".join(map(str, columns))
 
 
+#: What may divide columns, by the words for it; a shell passes a backslash and a letter.
+_DELIMITERS = {"tab": "\t", "comma": ",", "semicolon": ";", "space": " ", "\\t": "\t"}
+
+
 def _read_delimiter(text: str) -> str:
-    # a shell passes a backslash and a letter where a tab is meant
-    return text.replace("\\t", "\t")
+    return _DELIMITERS.get(text, text)
+
+
+def _write_delimiter(sign: str) -> str:
+    return {"\t": "tab", " ": "space"}.get(sign, sign)
 
 
 #: Number or name of a column.
@@ -100,6 +107,28 @@ _NewRates = Annotated[
     tuple[_Rate | None, ...],
     Written("RATE|median", read=_read_new_rates, write=_write_rates),
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextLayout(Request):
+    """How columns stand in a text file."""
+
+    one_value: ClassVar[bool] = True
+    refused_as: ClassVar[type[FlexstageError]] = RecordError
+
+    skip: Whole = 0
+    """Lines to skip at the start."""
+    delimiter: (
+        Annotated[str, Written("SIGN", read=_read_delimiter, write=_write_delimiter)] | None
+    ) = None
+    """What separates columns: a sign such as ; or tab, comma, semicolon or space."""
+    decimal: Literal[".", ","] | None = None
+    """Decimal sign."""
+
+    def __post_init__(self) -> None:
+        super(TextLayout, self).__post_init__()
+        if self.delimiter is not None:
+            object.__setattr__(self, "delimiter", _read_delimiter(self.delimiter))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,12 +156,8 @@ class ReadOptions(Request):
     """Group, variable, array, function or feature of a file that contains several; several
     separated by commas.
     """
-    skip_lines: Whole = 0
-    """Lines to skip at the start of a text file."""
-    delimiter: Annotated[str, Written(read=_read_delimiter)] | None = None
-    """Column separator of a text file."""
-    decimal: Literal[".", ","] | None = None
-    """Decimal sign of a text file."""
+    text: TextLayout = TextLayout()
+    """Layout of a text file that is not recognised, such as "skip=3,delimiter=;,decimal=,"."""
 
     def __post_init__(self) -> None:
         for name in ("sample_rate", "resample"):
