@@ -35,6 +35,7 @@ from flexstage.files.request import (
 from flexstage.files.schema import field_texts
 from flexstage.hinges.requests import HingesRequest
 from flexstage.hysteresis.requests import (
+    AmplifierLimits,
     CompensateRequest,
     ExciteRequest,
     IdentifyRequest,
@@ -59,7 +60,8 @@ EXAMPLES: tuple[Request, ...] = (
         reading=ReadOptions(rows=(3, 70)),
     ),
     CompensateRequest(
-        relative=True, voltage=(-3.0, 117.5), current=0.05, capacitance=6.4e-6, start=7.5,
+        relative=True, voltage=(-3.0, 117.5), start=7.5,
+        amplifier=AmplifierLimits(current=0.05, capacitance=6.4e-6),
     ),
     DriveColumns(input=(1,), branches=("up", "down"), input_unit="mV"),
     EquationsRequest(),

@@ -103,7 +103,7 @@ def test_the_printed_result(capsys, model_file, reference_file):
 
 def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
     words = (model_file, "--reference", reference_file, "--sample-rate", 250, "--json")
-    more = ("--limits", "20:80", "--slew", "190 V/s", "--out", tmp_path / "c.npz")
+    more = ("--limits", "20:80", "--amplifier", "slew=190 V/s", "--out", tmp_path / "c.npz")
     status, out, err = run(capsys, "compensate", *words, *more)
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -115,7 +115,7 @@ def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
     assert result["predicted_max_error"] > 1e-6
     assert any("limits changed" in note for note in result["notes"])
     # 0.9 mA into 5 uF are 180 V/s, which is less
-    more = ("--slew", "190 V/s", "--current", "0.9 mA", "--capacitance", "5 uF")
+    more = ("--amplifier", "slew=190 V/s,current=0.9 mA,capacitance=5 uF")
     run(capsys, "compensate", *words, *more, "--out", tmp_path / "d.npz")
     slopes = np.abs(np.diff(read_record(tmp_path / "d.npz").channel("command").values))
     assert slopes.max() == pytest.approx(180.0 / RATE, rel=1e-9)
@@ -160,12 +160,12 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--limits", "5"), 'must be a range LOW:HIGH, such as "10 V:20 V"'),
         (("--limits", "80:20"), "must rise"),
         (("--limits", "0:9 m"), "not a unit of voltage"),
-        (("--slew", "5 V"), "slew rate"),
-        (("--slew", "-5 V/s"), "'--slew': must be above 0"),
-        (("--slew", "0 V/s"), "'--slew': must be above 0"),
-        (("--current", "5 mA"), "needs --capacitance"),
-        (("--current", "5 mA", "--capacitance", "0 uF"), "'--capacitance': must be above 0"),
-        (("--capacitance", "5 uF"), "--capacitance needs --current"),
+        (("--amplifier", "slew=5 V"), "'--amplifier': slew 'V' is not a unit of slew rate"),
+        (("--amplifier", "slew=-5 V/s"), "'--amplifier': slew must be above 0"),
+        (("--amplifier", "slew=0 V/s"), "'--amplifier': slew must be above 0"),
+        (("--amplifier", "current=5 mA"), "needs the capacitance"),
+        (("--amplifier", "current=5 mA,capacitance=0 uF"), "capacitance must be above 0"),
+        (("--amplifier", "capacitance=5 uF"), "the capacitance needs the current"),
         (("--band", "0 Hz"), "'--reference-bandwidth': must be above 0"),
         (("--band", "1e-9 Hz"), "leaves nothing"),
         (("--band", "low"), "expected a frequency"),

@@ -99,7 +99,7 @@ def test_it_is_what_the_commands_find_and_write(
     np.savetxt(wanted, 12.0 - 9.0 * np.cos(2.5 * np.pi * t), header="wanted (um)", comments="")
     told = said_by(
         capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
-        "--slew", "300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
+        "--amplifier", "slew=300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
     )  # fmt: skip
     file = Reading(
         files=(str(wanted),),

@@ -1,7 +1,7 @@
 """What is asked of drives: to be identified, to predict records, to follow a reference."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.errors import ModelError
 from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Seed, Written
@@ -13,9 +13,7 @@ from flexstage.units.dimension import MEASURED
 
 _FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")]
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
-_SLEW = Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
-_CAPACITANCE = Annotated[float, DIMENSIONS["capacitance"], POSITIVE]
 _SHARE = Range(low=0.0, high=1.0, below=True)
 
 
@@ -88,6 +86,37 @@ class DynamicRequest(Request):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AmplifierLimits(Request):
+    """What the amplifier of a piezo stack can do."""
+
+    one_value: ClassVar[bool] = True
+
+    slew: (
+        Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")] | None
+    ) = None
+    """Largest slope of the voltage."""
+    current: _CURRENT | None = None
+    """Largest current, which is the capacitance times the slope."""
+    capacitance: Annotated[float, DIMENSIONS["capacitance"], POSITIVE] | None = None
+    """Capacitance of the stack."""
+
+    @property
+    def largest_rate(self) -> float | None:
+        """Largest slope that both limits allow [V/s]; None where there is none."""
+        rates = [] if self.slew is None else [self.slew]
+        if self.current is not None and self.capacitance is not None:
+            rates.append(self.current / self.capacitance)
+        return min(rates, default=None)
+
+    def require_load(self) -> None:
+        """Refuse a limit of the current without what it charges."""
+        if self.current is not None and self.capacitance is None:
+            raise ModelError(
+                "--amplifier: a limit of the current needs the capacitance of the stack: give both"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExciteRequest(Request):
     """Drive record that a piezo stage is identified from."""
 
@@ -106,12 +135,10 @@ class ExciteRequest(Request):
         Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written("RATE", bare="Hz")] | None
     ) = None
     """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
-    slew: _SLEW | None = None
-    """Largest slope of the voltage, such as "2000 V/s"."""
-    current: _CURRENT | None = None
-    """Largest current of the amplifier, such as "50 mA": the capacitance times the slope."""
-    capacitance: _CAPACITANCE | None = None
-    """Capacitance of the stack, such as "6.4 uF" (default: that of STAGE)."""
+    amplifier: AmplifierLimits = AmplifierLimits()
+    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA"; the capacitance is that of
+    the stack of STAGE where it is not given.
+    """
     frequency: _FREQUENCY | None = None
     """Lowest natural frequency with the drives in place (default: that of the lumped model of
     STAGE). Loops stay below a tenth of it, smooth movements begin and end over two of its periods.
@@ -163,12 +190,8 @@ class CompensateRequest(Request):
     """Voltage range of the command, such as "0:120" (default: the range on which the model was
     identified).
     """
-    slew: _SLEW | None = None
-    """Largest slope of the voltage, such as "2000 V/s"."""
-    current: _CURRENT | None = None
-    """Largest current of the amplifier, such as "50 mA"."""
-    capacitance: _CAPACITANCE | None = None
-    """Capacitance of the stack, such as "6.4 uF": limits the slope with --current."""
+    amplifier: AmplifierLimits = AmplifierLimits()
+    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: _FREQUENCY | None = None
     """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the
     model).
@@ -185,18 +208,11 @@ class CompensateRequest(Request):
     def __post_init__(self) -> None:
         super(CompensateRequest, self).__post_init__()
         require_start(self.start, "conditioned, rest")
-        if self.current is not None and self.capacitance is None:
-            raise ModelError("--current needs --capacitance: a current charges the stack")
-        if self.capacitance is not None and self.current is None:
-            raise ModelError("--capacitance needs --current: both together limit the slope")
-
-    @property
-    def largest_rate(self) -> float | None:
-        """Largest rate of the command that the amplifier can follow [V/s]."""
-        rates = [] if self.slew is None else [self.slew]
-        if self.current is not None and self.capacitance is not None:
-            rates.append(self.current / self.capacitance)
-        return min(rates, default=None)
+        if self.amplifier.capacitance is not None and self.amplifier.current is None:
+            raise ModelError(
+                "--amplifier: the capacitance needs the current: both together limit the slope"
+            )
+        self.amplifier.require_load()
 
 
 def require_start(start: float | str, words: str) -> None:

@@ -36,7 +36,9 @@ def of_stage(
     return name, replace(
         request,
         voltage=ends,
-        capacitance=request.capacitance or drive.capacitance,
+        amplifier=replace(
+            request.amplifier, capacitance=request.amplifier.capacitance or drive.capacitance
+        ),
         frequency=request.frequency or lowest_frequency(stage),
     )
 
@@ -78,7 +80,7 @@ class Designed(Excite):
                 sample_rate=fs,
                 duration=self.duration,
                 rates=self.rates,
-                slew=s.largest_rate,
+                amplifier={"slew": s.largest_rate},
                 frequency=s.natural_frequency_hz,
                 multisine=self.multisine and s.natural_frequency_hz is not None,
                 hold_time=self.hold,
