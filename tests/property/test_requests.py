@@ -39,6 +39,7 @@ from flexstage.hysteresis.requests import (
     CompensateRequest,
     ExciteRequest,
     IdentifyRequest,
+    KnownChain,
     PredictRequest,
 )
 from flexstage.instruments.requests import RunsRequest, TwinRequest
@@ -67,11 +68,13 @@ EXAMPLES: tuple[Request, ...] = (
     EquationsRequest(),
     ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
     FrfRequest(
-        input=("f",), output=("a", 3), band=(12.5, 900.0), fit_delay=True, near=(75.0, 90.5),
+        input=("f",), output=("a", 3), band=(12.5, 900.0), fit=("delay", "complex"),
+        near=(75.0, 90.5), window="exponential 5 %", excitation="hammer",
     ),
     HingesRequest(),
     IdentifyRequest(
-        model=("dahl", "duhem"), train=(None, 900), delay=3.1e-3, creep=0.012, resonance=813.0,
+        model=("dahl", "duhem"), train=(None, 900),
+        known=KnownChain(delay=3.1e-3, creep=0.012, resonance=813.0),
         temperature=(294.5, 296.0), drift=True,
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),

@@ -36,7 +36,7 @@ def model_file(tmp_path_factory):
         folder / "drive.csv", np.column_stack((t, u, y)), delimiter=",",
         header="time (s),u (V),y (m)", comments="",
     )  # fmt: skip
-    words = ["--input", "u", "--output", "y", "--model", "preisach", "--delay", "0 s"]
+    words = ["--input", "u", "--output", "y", "--model", "preisach", "--known", "delay=0 s"]
     with pytest.raises(SystemExit) as ended:
         main(["identify", str(folder / "drive.csv"), *words, "--out", str(folder / "m.yaml")])
     assert ended.value.code == 0

@@ -38,7 +38,7 @@ def files(tmp_path_factory):
 
 
 def test_a_model_on_other_records(capsys, files):
-    words = (files / "own.dat", *OPTIONS, *UNITS, "--model", "preisach", "--delay", "0 s")
+    words = (files / "own.dat", *OPTIONS, *UNITS, "--model", "preisach", "--known", "delay=0 s")
     out = files / "stack.yaml"
     tested = ("--test", files / "next.dat")
     status, text, err = run(capsys, "identify", *words, "--out", out, *tested, "--json")
@@ -65,7 +65,8 @@ def test_the_table_and_the_figure(capsys, files):
     model = files / "drawn.yaml"
     own = (files / "own.dat", *OPTIONS, *UNITS)
     assert (
-        run(capsys, "identify", *own, "--model", "dahl", "--delay", "0 s", "--out", model)[0] == 0
+        run(capsys, "identify", *own, "--model", "dahl", "--known", "delay=0 s", "--out", model)[0]
+        == 0
     )
     figure = files / "next.png"
     words = ("predict", model, files / "next.dat", *OPTIONS, *UNITS, "--figure", figure)

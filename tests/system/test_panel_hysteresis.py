@@ -14,7 +14,7 @@ import pytest
 from flexstage.cli import main
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
-from flexstage.hysteresis.requests import IdentifyRequest
+from flexstage.hysteresis.requests import IdentifyRequest, KnownChain
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
@@ -36,7 +36,7 @@ from tests.panel import looked_at, simulated
 
 RATE = 200.0
 #: A known chain: what is looked for is the hysteresis alone, which is quick.
-SEARCH = IdentifyRequest(model=("dahl", "prandtl-ishlinskii"), delay=0.0)
+SEARCH = IdentifyRequest(model=("dahl", "prandtl-ishlinskii"), known=KnownChain(delay=0.0))
 
 
 def drive_file(folder: Path) -> Path:
@@ -76,7 +76,7 @@ def test_it_is_what_the_commands_find_and_write(
     read = ["--sample-rate", "200", "--input-unit", "V", "--output-unit", "um"]
     model = tmp_path / "m.yaml"
     told = said_by(
-        capsys, "identify", path, "--input", 0, "--output", 2, *read, "--delay", "0 s",
+        capsys, "identify", path, "--input", 0, "--output", 2, *read, "--known", "delay=0 s",
         "--model", "dahl,prandtl-ishlinskii", "--out", model,
     )  # fmt: skip
     found = made.found
@@ -99,7 +99,8 @@ def test_it_is_what_the_commands_find_and_write(
     np.savetxt(wanted, 12.0 - 9.0 * np.cos(2.5 * np.pi * t), header="wanted (um)", comments="")
     told = said_by(
         capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
-        "--amplifier", "slew=300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
+        "--amplifier", "slew=300 V/s", "--out", tmp_path / "command.npz",
+        "--figure", tmp_path / "c.svg",
     )  # fmt: skip
     file = Reading(
         files=(str(wanted),),

@@ -27,7 +27,6 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--no-resonance": "--no-multisine",
     },
     "identify": {
-        "--damping": "--damping-ratio",
         "--test": "--test-record",
     },
     "compensate": {
@@ -41,7 +40,7 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--unit": "--column-unit",
         "--virtual": "--virtual-seed",
     },
-    "frf": {"--modes": "--fit-modes", "--delay": "--fit-delay", "--lag": "--fit-lag"},
+    "frf": {"--modes": "--fit-modes"},
     "run": {"--out": "--folder", "--steps": "--only"},
     "twin": {"--rate": "--servo-rate"},
     "runs": {"--kind": "--test", "--serial": "--serial-number"},

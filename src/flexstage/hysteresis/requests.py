@@ -26,6 +26,32 @@ def read_duration(text: str) -> float | str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class KnownChain(Request):
+    """What is known of a drive and is not to be identified."""
+
+    one_value: ClassVar[bool] = True
+
+    resonance: _FREQUENCY | None = None
+    """Resonance of the stage with its drives in place."""
+    damping: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
+    """Damping ratio of that resonance."""
+    delay: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE] | None = None
+    """Delay of the output; creep is then not fitted either."""
+    creep: Annotated[float, _SHARE, Written("SHARE")] | None = None
+    """Creep per decade of time; delay is then not fitted either."""
+
+    @property
+    def mode(self) -> tuple[float, float] | None:
+        """Frequency [Hz] and damping ratio of the known mode."""
+        return None if self.resonance is None else (self.resonance, self.damping)
+
+    @property
+    def has_lag(self) -> bool:
+        """Whether delay or creep are known, of which the other is then none."""
+        return self.delay is not None or self.creep is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyRequest(Request):
     """Identification of the hysteresis, lag, creep and resonance of a drive."""
 
@@ -39,16 +65,10 @@ class IdentifyRequest(Request):
     """Samples to fit, numbered as for --rows; all others are held out (default: all are fitted, and
     held-out errors come from cross-validation over whole cycles).
     """
-    delay: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE] | None = None
-    """Known delay of the output, such as "5 ms"; delay and creep are then not fitted."""
-    creep: Annotated[float, _SHARE, Written("SHARE")] | None = None
-    """Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted."""
-    resonance: _FREQUENCY | None = None
-    """Known resonance of the stage with its drives in place, such as "808 Hz" (default:
-    identified).
+    known: KnownChain = KnownChain()
+    """What is known of the drive and not identified, such as "resonance=808 Hz,damping=0.01" or
+    "delay=5 ms,creep=1.2 %".
     """
-    damping_ratio: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
-    """Damping ratio of the known resonance."""
     temperature: (
         Annotated[tuple[float, float], DIMENSIONS["temperature"], Written("LOW[:HIGH]", bare="K")]
         | None
@@ -57,16 +77,11 @@ class IdentifyRequest(Request):
     drift: bool = False
     """Fit a drift of constant speed beside the model, in each record, and throw it away."""
 
-    @property
-    def known_mode(self) -> tuple[float, float] | None:
-        """Frequency [Hz] and damping ratio of the known mode."""
-        return None if self.resonance is None else (self.resonance, self.damping_ratio)
-
 
 def rowwise(request: IdentifyRequest) -> IdentifyRequest:
     """Return a request about rows without times, which tell neither delay nor creep."""
-    known = request.delay is not None or request.creep is not None
-    return request if known else replace(request, delay=0.0)
+    known = request.known
+    return request if known.has_lag else replace(request, known=replace(known, delay=0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
