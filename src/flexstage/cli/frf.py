@@ -52,8 +52,8 @@ def frf(
     record_format(out)
     refuse(
         request.excitation == RING_DOWN and out,
-        "--out has no meaning with --excitation ring-down, of which outputs alone are fitted: leave "
-        "it out",
+        "--out has no meaning with --excitation ring-down, of which outputs alone are fitted: "
+        "leave it out",
     )
     with progress_bar("frf", quiet=quiet):
         found = frf_of_files(records, request, how)

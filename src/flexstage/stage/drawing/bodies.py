@@ -54,7 +54,8 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
             if cut.outward == following.outward:
                 raise StageError(
                     f"two notches overlap about {part.place(following.point)}: the drawing cannot "
-                    "be taken apart there; give --neck-limit, the thickest neck that counts"
+                    "be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
+                    "that counts"
                 )
             if cut.outward:
                 chains[(*cut.root, cut.left)] = (_between(contour, cut, following), following)
@@ -188,7 +189,8 @@ def _gathered(
         if holder is None:
             raise StageError(
                 f"the opening about {part.place(inside.coords[0])} lies in no body: the drawing "
-                "cannot be taken apart there; give --neck-limit, the thickest neck that counts"
+                "cannot be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
+                "that counts"
             )
         owned[holder].append((shape, layer))
         roots_of[holder] += roots

@@ -34,14 +34,14 @@ def find_necks(
             raise StageError(
                 f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, has no "
                 "profile that a hinge can have: both halves must be alike, and both sides, or one "
-                "straight; mend the drawing there, or give --neck-limit below its thickness to "
-                "leave it out"
+                "straight; mend the drawing there, or give --contours neck_limit=LENGTH below its "
+                "thickness to leave it out"
             )
         necks.append(neck)
     if not necks:
         raise StageError(
             "the drawing holds no neck: no place of the part is so much thinner than what lies on "
-            "both sides of it; give --neck-limit, the thickest neck that counts"
+            "both sides of it; give --contours neck_limit=LENGTH, the thickest neck that counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
     others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
