@@ -85,7 +85,7 @@ EXAMPLES: tuple[Request, ...] = (
     ),
     RunsRequest(),
     SensitivityRequest(of=("mass",), hinges=True, per=3.3e-6),
-    StudyRequest(),
+    StudyRequest(parts=("virtual", "traditional")),
     SweepRequest(over=("neck=0.3..0.8 mm/6",), plan="sobol", samples=70, indices=True),
     ToleranceRequest(samples=77, scatter=("*=0",), target_yield=0.973, follow_necks=True),
     TwinRequest(servo_rate=12.5e3, amplifier="charge", fast=True, axes=("X", "Y")),

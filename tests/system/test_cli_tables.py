@@ -206,7 +206,7 @@ QUICK = (
 )
 COMMANDS = (
     "analyse three-rrr",
-    "study parallelogram --model lumped,superelement --no-virtual --no-traditional --folder made",
+    "study parallelogram --model lumped,superelement --parts identification --folder made",
     "hinges",
     "run vgtu-mechanical --dry-run",
     "excite vgtu-piezo --axis x --amplifier 'slew=2000 V/s,current=50 mA'",

@@ -14,8 +14,6 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "study": {
         "--out": "--folder",
         "--models": "--model",
-        "--hysteresis": "--identification",
-        "--no-hysteresis": "--no-identification",
     },
     "hinges": {"--angle": "--half-angle", "--kind": "--profile"},
     "equations": {"--format": "--to"},
