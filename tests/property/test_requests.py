@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flexstage.centring.requests import CentreRequest
 from flexstage.cli.options import from_docstring
 from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.explore.requests import (
     OptimiseRequest,
     SensitivityRequest,
@@ -57,7 +57,8 @@ EXAMPLES: tuple[Request, ...] = (
         sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,
     ),
     CharacteriseRequest(
-        axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6), calibration=1.3e-3,
+        axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6),
+        sensor=SensorUncertainty(calibration=1.3e-3),
         reading=ReadOptions(rows=(3, 70)),
     ),
     CompensateRequest(
@@ -88,7 +89,7 @@ EXAMPLES: tuple[Request, ...] = (
     StudyRequest(parts=("virtual", "traditional")),
     SweepRequest(over=("neck=0.3..0.8 mm/6",), plan="sobol", samples=70, indices=True),
     ToleranceRequest(samples=77, scatter=("*=0",), target_yield=0.973, follow_necks=True),
-    TwinRequest(servo_rate=12.5e3, amplifier="charge", fast=True, axes=("X", "Y")),
+    TwinRequest(servo_rate=12.5e3, amplifier="charge", axes=("X", "Y"), address=("::1", 0)),
     UncertaintyRequest(),
 )  # fmt: skip
 REQUESTS = tuple(type(example) for example in EXAMPLES)

@@ -188,7 +188,7 @@ ROLES = ("--column", "command=drive", "--column", "along=sensor", "--column", "a
 def test_a_file_of_ones_own(capsys, tmp_path):
     path = loop(tmp_path / "loop.csv")
     result = found(
-        capsys, path, *ROLES, "--axis", "u", "--calibration", "0.2%", "--alignment", "3 mrad"
+        capsys, path, *ROLES, "--axis", "u", "--sensor", "calibration=0.2%,alignment=3 mrad"
     )
     got = values(result)
     stroke = got["output_displacement", "u"]
@@ -409,8 +409,9 @@ def test_bad_options(capsys, tmp_path):
         ("needs the column of 'along'", (path, "--column", "command=drive")),
         ("--column-unit must be a role and a unit", (path, *ROLES, "--unit", "um")),
         ("--column-unit must be a role and a unit.*roles", (path, *ROLES, "--unit", "alonng=um")),
-        ("'--calibration': must be from 0 to below 1", (path, *ROLES, "--calibration", "120%")),
-        ("angle", (path, *ROLES, "--alignment", "3 mm")),
+        ("'--sensor': calibration must be from 0 to below 1",
+         (path, *ROLES, "--sensor", "calibration=120%")),
+        ("angle", (path, *ROLES, "--sensor", "alignment=3 mm")),
         ("frequency", (path, *ROLES, "--sample-rate", "3 mm")),
         ("'input' and 'output'", (path, "--test", "response", "--column", "input=drive")),
         ("columns of 'output'", (path, "--test", "ring-down")),

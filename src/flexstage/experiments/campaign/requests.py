@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
@@ -153,6 +153,18 @@ class TestOptions(StepOptions):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensorUncertainty(Request):
+    """How far sensors can be trusted."""
+
+    one_value: ClassVar[bool] = True
+
+    calibration: Annotated[float, _BELOW_ONE, Written("SHARE")] = 0.0
+    """Relative standard uncertainty of the sensitivity."""
+    alignment: Annotated[float, DIMENSIONS["angle"], NOT_NEGATIVE] = 0.0
+    """Standard uncertainty of the direction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CharacteriseRequest(TestOptions):
     """The figures of a stage from the measured files of one test."""
 
@@ -170,10 +182,8 @@ class CharacteriseRequest(TestOptions):
     """
     column_unit: Annotated[tuple[str, ...], Written("ROLE=UNIT")] = ()
     """Unit of a column without one, such as "along=um"."""
-    calibration: Annotated[float, _BELOW_ONE, Written("SHARE")] = 0.0
-    """Relative standard uncertainty of the sensor sensitivity, such as "0.05%"."""
-    alignment: Annotated[float, DIMENSIONS["angle"], NOT_NEGATIVE] = 0.0
-    """Standard uncertainty of the direction of the sensors, such as "1 mrad"."""
+    sensor: SensorUncertainty = SensorUncertainty()
+    """Standard uncertainties of the sensors, such as "calibration=0.05 %,alignment=1 mrad"."""
 
     @property
     def columns(self) -> Columns:
