@@ -128,7 +128,7 @@ def test_a_relative_reference_starts_at_the_lowest_reading(capsys, tmp_path, mod
     wanted = 8.1e-6 * (1.2 - np.cos(np.arange(500) / 40.0))
     np.savetxt(tmp_path / "r.txt", wanted)
     np.savetxt(tmp_path / "a.txt", wanted + lowest)
-    words = ("--sample-rate", 250, "--unit", "m", "--json")
+    words = ("--sample-rate", 250, "--column", "0 m", "--json")
     relative, absolute = (
         json.loads(
             run(capsys, "compensate", model_file, "--reference", tmp_path / n, *words, *w)[1]
@@ -171,13 +171,13 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--band", "low"), "expected a frequency"),
         (("--start", "warm"), "--start must be conditioned, rest or a time"),
         (("--column", "3"), "no column 3"),
-        (("--unit", "V"), "the model gives m"),
-        (("--unit", "furlong"), "furlong"),
+        (("--column", "wanted V"), "the model gives m"),
+        (("--column", "wanted furlong"), "furlong"),
         (("--sample-rate", "quick"), "expected a frequency"),
         (("--out", "c.txt"), "--out must end in one of"),
         (("--rows", "7:3"), "must rise"),
         (("--reference", "none.csv"), "none.csv"),
-        (("--unit", "mm"), "shift the reference into that range; it spans"),
+        (("--column", "wanted mm"), "shift the reference into that range; it spans"),
     ],
 )
 def test_bad_options(capsys, tmp_path, monkeypatch, model_file, reference_file, words, said):
@@ -199,7 +199,7 @@ def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
     words = ("--reference", tmp_path / "r.txt", "--sample-rate", 250)
     status, _, err = run(capsys, "compensate", model_file, *words)
     assert status == 2
-    assert "--reference-unit" in err
+    assert 'say it behind the column, such as --column "1 m"' in err
 
 
 def test_a_model_without_unit_and_a_reference_with_one(

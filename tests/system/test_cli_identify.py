@@ -108,6 +108,7 @@ WRITERS = {
     "r.npz": write_npz,
 }
 COLUMNS = ("--input", 0, "--output", 4, "--sample-rate", 200)
+IN_UNITS = ("--input", "0 V", "--output", "4 um", "--sample-rate", 200)
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +180,7 @@ def test_every_format_gives_the_same(capsys, tmp_path, table, plain, name):
 def test_names_and_units_of_columns(capsys, tmp_path, table):
     write_csv(tmp_path / "r.csv", table)
     words = ("--sample-rate", "0.2 kHz", "--model", "dahl", "--known", "delay=0 s", "--json")
-    named = ("--input", "drive", "--output", "position", "--output-unit", "nm")
+    named = ("--input", "drive", "--output", "position nm")
     result = json.loads(run(capsys, tmp_path / "r.csv", *named, *words)[1])
     also = ("--input", "0", "--output", "column 4")
     write_text(tmp_path / "plain.txt", table)
@@ -246,7 +247,7 @@ def test_a_picture_that_fails_leaves_no_model(capsys, tmp_path, text_file, monke
 
 def test_model_and_figure_are_written(capsys, tmp_path, text_file):
     out, svg, png = (tmp_path / "new" / n for n in ("m.yaml", "loop.svg", "loop.png"))
-    words = (*COLUMNS, "--output-unit", "um", "--input-unit", "V", "--model", "preisach")
+    words = (*IN_UNITS, "--model", "preisach")
     status, said, err = run(capsys, text_file, *words, "--out", out, "--figure", svg)
     assert (status, err) == (0, "")
     assert f"wrote {out}" in said.replace("\n", "")
@@ -282,17 +283,8 @@ def test_the_table_names_the_chosen_model_and_its_warnings(capsys, text_file):
 
 
 def test_the_table_is_in_units_that_suit(capsys, text_file):
-    units = (
-        "--input-unit",
-        "V",
-        "--output-unit",
-        "um",
-        "--model",
-        "bouc-wen",
-        "--known",
-        "delay=7 ms",
-    )
-    status, out, err = run(capsys, text_file, *COLUMNS, *units)
+    words = (*IN_UNITS, "--model", "bouc-wen", "--known", "delay=7 ms")
+    status, out, err = run(capsys, text_file, *words)
     assert (status, err) == (0, "")
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.strip()}
     assert rows["gain"][-1] == rows["hysteresis_gain"][-1] == "um/V"
@@ -355,7 +347,7 @@ BAD_OPTIONS = [
     (("--known", "delay=nan s"), "nan"),
     (("--known", "creep=much"), "much"),
     (("--known", "creep=-3%"), "'--known': creep must be from 0 to below 1"),
-    (("--input-unit", "furlong"), "furlong"),
+    (("--input", "0 furlong"), "furlong"),
     (("--format", "excel"), "excel"),
     (("--text", "skip=-2"), "'--text': skip must be a whole number from 0"),
     (("--text", "decimal=;"), "'--text': decimal must be"),
@@ -496,12 +488,12 @@ def test_a_known_resonance_is_taken(capsys, text_file):
 
 
 def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_file):
-    words = [text_file, "--input", 0, "--output", 4, "--sample-rate", RATE, "--model", "dahl"]
-    words += ["--known", "delay=0 s", "--stage", "vgtu-piezo", "--json"]
+    words = [text_file, "--sample-rate", RATE, "--model", "dahl", "--known", "delay=0 s"]
+    words += ["--stage", "vgtu-piezo", "--json"]
 
     def said(input_unit, output_unit):
-        units = ["--input-unit", input_unit, "--output-unit", output_unit]
-        status, out, err = run(capsys, *words, *units)
+        columns = ["--input", f"0 {input_unit}", "--output", f"4 {output_unit}"]
+        status, out, err = run(capsys, *words, *columns)
         assert (status, err) == (0, "")
         return [w for w in json.loads(out)["warnings"] if "vgtu-piezo" in w]
 

@@ -11,7 +11,6 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setting import (
-    TURN_WORDS,
     Head,
     Setting,
     change,
@@ -26,6 +25,7 @@ from flexstage.records import Channel, Record
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_turn
 from flexstage.records.read_options import ReadOptions
+from flexstage.records.record import column_and_unit
 from flexstage.units import si_unit
 
 
@@ -50,15 +50,8 @@ def head_angles(given: Sequence[float], files: int, columns: int) -> list[float]
     )
 
 
-def spelled(text: str | None) -> str | None:
-    """Return a unit as records know it; None for a turn, none of theirs, which is seen to later."""
-    return None if text is None or text.strip().lower() in TURN_WORDS else text
-
-
 def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
     """Return how many SI units a unit is, and which."""
-    if text.strip().lower() in TURN_WORDS:
-        return 2.0 * math.pi, "rad"
     factor, unit = si_unit(text)
     if unit != "count":
         return factor, unit
@@ -72,7 +65,7 @@ def head_of(
     name: str | int,
     angle: str | int | None,
     turns: float | None,
-    units: tuple[str | None, str | None, str | None, float | None],
+    units: tuple[str | None, float | None],
     alpha: float,
     *,
     reading: bool = False,
@@ -80,21 +73,18 @@ def head_of(
 ) -> Head:
     """Return a column of errors with its angles, in SI.
 
-    Even samples over so many turns where there is no column of the angle. Units are of the angle,
-    of the errors, of both, and counts in a turn, as the options say them; `alpha` is where the head
-    stands [rad]. With `reading` the column is what the encoder reads, and the errors are that less
-    the angle; `sign` is -1 where errors are true angle less angle that was read.
+    Even samples over so many turns where there is no column of the angle. Units are that of columns
+    that do not say theirs, and counts in a turn; `alpha` is where the head stands [rad]. With
+    `reading` the column is what the encoder reads, and the errors are that less the angle; `sign`
+    is -1 where errors are true angle less angle that was read.
     """
-    angle_unit, error_unit, unit, counts = units
     errors = record.channel(name)
-    y, what = _in_si(
-        errors, error_unit, unit, counts, "--error-unit", ("rad",) if reading else ("rad", "m")
-    )
+    y, what = _in_si(errors, units, "--error", ("rad",) if reading else ("rad", "m"))
     if angle is None:
         assert turns is not None
         theta = 2.0 * math.pi * turns * np.arange(record.size) / record.size
     else:
-        theta, _ = _in_si(record.channel(angle), angle_unit, unit, counts, "--angle-unit", ("rad",))
+        theta, _ = _in_si(record.channel(angle), units, "--angle", ("rad",))
     if reading:
         _require_alike(y, theta, errors.name)
         y = y - theta
@@ -125,31 +115,27 @@ def doubts(heads: Sequence[Head]) -> list[str]:
     doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
     return [
         f"the angle goes over {float(np.ptp(h.angle)):.0f} rad in '{h.file}': if that is in "
-        "degrees, say so by --unit deg or --angle-unit deg"
+        'degrees, say so by --unit deg or behind the column, such as --angle "0 deg"'
         for h in doubtful[:1]
     ]
 
 
 def _in_si(
     channel: Channel,
-    own: str | None,
-    general: str | None,
-    counts: float | None,
+    units: tuple[str | None, float | None],
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
-    """Return a column in SI, by its own option, by the file, by the option for both."""
-    known = channel.unit
-    if own is not None and spelled(own) is None:
-        factor, known = 2.0 * math.pi, "rad"
-    elif known == "count":
+    """Return a column in SI, as it was read, or by the unit for both."""
+    known, (general, counts) = channel.unit, units
+    if known == "count":
         factor, known = _si("count", counts, f"column '{channel.name}'")
     elif known:
         factor = 1.0
     elif general is None:
         raise RecordError(
-            f"nobody says in which unit column '{channel.name}' is: give --unit or {option}, such "
-            f"as {option} deg"
+            f"nobody says in which unit column '{channel.name}' is: give --unit, or say it behind "
+            f'the column, such as {option} "{channel.name} deg"'
         )
     else:
         factor, known = _si(general, counts, f"column '{channel.name}'")
@@ -157,7 +143,7 @@ def _in_si(
         raise RecordError(
             f"column '{channel.name}' is in {known}, and must be an angle"
             + (" or a length" if "m" in allowed else "")
-            + f": choose another column, or say its unit by {option}"
+            + f": choose another column, or say its unit behind {option}"
         )
     return channel.values * factor, known
 
@@ -221,9 +207,7 @@ def centre_files(
         angle, errors, *said = taken_turn(files[0], how)
         request = replace(request, angle=angle, error=errors)
     _require_columns(request)
-    own = [] if request.angle is None else [spelled(request.angle_unit)]
-    units = [*own, *[spelled(request.error_unit)] * len(request.names)]
-    read = read_files(files, request.columns, options=how, units=units, over="point")
+    read = read_files(files, request.columns, options=how, over="point")
     read[0] = replace(read[0], notes=(*said, *read[0].notes))
     return centre_records(read, request)
 
@@ -238,7 +222,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     names = options.names
     at = head_angles(options.heads, len(records), len(names))
     mirror = -1.0 if options.head_direction == "cw" else 1.0
-    units = (options.angle_unit, options.error_unit, options.unit, options.counts)
+    units = (options.unit, options.counts)
     pairs = [(record, name) for record in records for name in names]
     found = [
         head_of(
@@ -256,7 +240,8 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     together = len(records) > 1 and len(options.heads) == len(found)
     size = len(found) if together else len(names)
     settings = [_fitted(found[i : i + size], options) for i in range(0, len(found), size)]
-    written = options.error_unit or options.unit
+    headings = [channel.name for channel in records[0].channels]
+    written = column_and_unit(headings, names[0])[1] or options.unit
     reports = [report(s, mirror, options.mounting_angle, written) for s in settings]
     for i in range(1, len(reports)):
         reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)

@@ -28,14 +28,12 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--test": "--test-record",
     },
     "compensate": {
-        "--unit": "--reference-unit",
         "--limits": "--voltage",
         "--band": "--reference-bandwidth",
     },
     "characterise": {
         "--out": "--folder",
         "--models": "--model",
-        "--unit": "--column-unit",
         "--virtual": "--virtual-seed",
     },
     "frf": {"--modes": "--fit-modes"},

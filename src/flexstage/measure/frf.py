@@ -47,12 +47,10 @@ def frf_of_files(
     existing = not (request.input or request.output or decays)
     if existing and (how.sample_rate or how.time is not None or how.resample):
         raise ModelError(_NEEDED)
-    units = [request.input_unit] * len(request.input) + [request.output_unit] * len(request.output)
     read = read_files(
         files,
         [*request.input, *request.output],
         options=how,
-        units=units,
         over="table" if existing else "any",
     )
     if existing:
@@ -107,12 +105,7 @@ def frf(
 def _tabled(record: Record, request: FrfRequest) -> Record:
     """Return a record over frequency, as it is or from columns of a table."""
     if record.over != "frequency":
-        return responses_in_columns(
-            record,
-            list(request.response) or None,
-            output_unit=request.output_unit,
-            input_unit=request.input_unit,
-        )
+        return responses_in_columns(record, list(request.response) or None)
     if request.response:
         raise ModelError(
             f"'{record.source}' says itself which responses it holds: leave --response out, and "

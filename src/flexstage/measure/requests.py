@@ -7,12 +7,10 @@ from typing import Annotated, Literal
 from flexstage.errors import ModelError
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Seed, Written
 from flexstage.files.request import Request, read_number, request_fields
-from flexstage.records.read_options import ColumnList, columns_text, read_columns
+from flexstage.records.read_options import ONE_COLUMN, ColumnList
 from flexstage.units import DIMENSIONS
 
 _FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE]
-_ONE = Written("COLUMN", read=read_columns, write=columns_text)
-_UNIT = Annotated[str, Written("UNIT")]
 #: The excitation of a free decay.
 RING_DOWN = "ring-down"
 
@@ -66,7 +64,7 @@ class UncertaintyRequest(Request):
 class FrfRequest(Request):
     """Frequency responses and modes of records."""
 
-    input: Annotated[ColumnList, _ONE] = ()
+    input: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the input column (default: of a record over time the one in N, else in V,
     or called so).
     """
@@ -76,7 +74,7 @@ class FrfRequest(Request):
     """
     response: Annotated[tuple[str, ...], Written("COLUMNS", commas=True)] = ()
     """Columns of a measured response, if the headings do not name them: frequency, real and
-    imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".
+    imaginary part, "0,1 um/V,2 um/V", or magnitude and phase, "0,1 dB,2 deg".
     """
     estimator: Literal["H1", "H2", "Hv"] = "H1"
     """H1 for noise in the outputs, H2 for noise in the input, Hv for both."""
@@ -111,10 +109,6 @@ class FrfRequest(Request):
     falls as of one; a first-order lag of them; with either, complex modes, for damping that is not
     proportional, which needs a wide band.
     """
-    input_unit: _UNIT | None = None
-    """Unit of the input, such as "V" or "N"."""
-    output_unit: _UNIT | None = None
-    """Unit of the output, such as "um" or "m/s^2"."""
 
     def __post_init__(self) -> None:
         super(FrfRequest, self).__post_init__()
@@ -144,7 +138,7 @@ class FrfRequest(Request):
 
     def _require_no_drive(self) -> None:
         """Refuse what a free decay has no use for."""
-        used = ("output", "output_unit", "fit_modes", "excitation")
+        used = ("output", "fit_modes", "excitation")
         idle = [
             field.option
             for name, field in request_fields(FrfRequest).items()

@@ -91,14 +91,16 @@ def _write_delimiter(sign: str) -> str:
     return {"\t": "tab", " ": "space"}.get(sign, sign)
 
 
+#: What a column that is asked for may say besides.
+_BEHIND = 'Its unit stands behind where the file does not say it: "1 um".'
 #: Number or name of a column.
-Column = Annotated[str | int, Written("COLUMN", read=read_column)]
+Column = Annotated[str | int, Written("COLUMN", read=read_column, help=_BEHIND)]
 #: Numbers or names of columns.
 ColumnList = Annotated[
-    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text)
+    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text, help=_BEHIND)
 ]
 #: Columns of which a command takes one, but of curves in columns of their own.
-_ONE = Written("COLUMN", read=read_columns, write=columns_text)
+ONE_COLUMN = Written("COLUMN", read=read_columns, write=columns_text, help=_BEHIND)
 #: A range of samples.
 Rows = Annotated[RowRange, Written("START:STOP", read=read_rows, write=write_rows)]
 _Rate = Annotated[float, POSITIVE]
@@ -194,9 +196,9 @@ class DriveColumns(Request):
 
     refused_as: ClassVar[type[FlexstageError]] = RecordError
 
-    input: Annotated[ColumnList, _ONE] = ()
+    input: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the input column (default: the one in V, or called so)."""
-    output: Annotated[ColumnList, _ONE] = ()
+    output: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the output column (default: the one in a unit of length or angle, or called
     so).
     """
@@ -211,10 +213,6 @@ class DriveColumns(Request):
     numbers or reversal points; "files" if each file is one curve, "columns" if --output lists one
     column for each.
     """
-    input_unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the input, such as "V" or "N"."""
-    output_unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the output, such as "um" or "m/s^2"."""
 
     @property
     def is_table(self) -> bool:

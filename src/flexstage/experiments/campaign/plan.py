@@ -201,7 +201,6 @@ class Campaign:
             kind=request.test,
             records=tuple(files),
             columns=request.columns,
-            units=request.units,
             along="sensor",
             transverse="sensor",
             angle="sensor",

@@ -15,7 +15,7 @@ from flexstage.records import FORMATS
 from flexstage.records.contents import column_label, contents_table, length_in_words
 from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
 from flexstage.web.figures import in_page, picture, show_table
-from flexstage.web.hysteresis.requests import Reading
+from flexstage.web.hysteresis.requests import UNITS, Reading
 from flexstage.web.hysteresis.state import MeasuredFiles
 from flexstage.web.hysteresis.work import Looked, is_light, looked_at
 from flexstage.web.jobs import BackgroundJob
@@ -39,7 +39,8 @@ _TABLES = ("branches", "curve")
 
 _FIELDS = {**request_fields(DriveColumns), **request_fields(ReadOptions)}
 _LABELS = {name: field.label for name, field in _FIELDS.items()}
-_TEXTS = {**field_texts(DriveColumns), **field_texts(ReadOptions)}
+_LABELS |= {name: name.replace("_", " ").capitalize() for name in UNITS}
+_TEXTS = {**field_texts(DriveColumns), **field_texts(ReadOptions), **UNITS}
 _TEXTS["text"] += f" {part_texts(TextLayout)}"
 
 
