@@ -78,8 +78,8 @@ class CentreRequest(Request):
     angle is subtracted.
     """
     angle: Column | None = None
-    """Number or name of the column of the true angle, wrapped or not (default: samples are evenly
-    spaced over --turns).
+    """Number or name of the column of the true angle, wrapped or not, with its unit where the file
+    does not say it, "0 deg" (default: samples are evenly spaced over --turns).
     """
     unit: Annotated[str, Written("UNIT")] | None = None
     """Unit of angle and error if neither the file says it nor --angle and --error, such as "deg",

@@ -105,9 +105,9 @@ class FrfRequest(Request):
     fit: Annotated[
         tuple[Literal["delay", "lag", "complex"], ...], Written("NAMES", commas=True)
     ] = ()
-    """What to fit as well: a delay of the outputs, which --fit-modes auto tries where the phase
-    falls as of one; a first-order lag of them; with either, complex modes, for damping that is not
-    proportional, which needs a wide band.
+    """What to fit as well, with commas between: delay (of the outputs; --fit-modes auto tries it
+    where the phase falls as of one), lag (of first order, of the outputs), and with either complex
+    (modes, for damping that is not proportional; needs a wide band).
     """
 
     def __post_init__(self) -> None:

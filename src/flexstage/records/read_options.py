@@ -92,9 +92,9 @@ def _write_delimiter(sign: str) -> str:
 
 
 #: What a column that is asked for may say besides.
-_BEHIND = 'Its unit stands behind where the file does not say it: "1 um".'
+_BEHIND = 'A unit that the file does not say stands behind the column: "2 um".'
 #: Number or name of a column.
-Column = Annotated[str | int, Written("COLUMN", read=read_column, help=_BEHIND)]
+Column = Annotated[str | int, Written("COLUMN", read=read_column)]
 #: Numbers or names of columns.
 ColumnList = Annotated[
     tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text, help=_BEHIND)
