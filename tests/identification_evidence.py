@@ -176,8 +176,8 @@ def identified(fault: Fault, own: Bench, source: Path, folder: Path) -> dict[str
         np.savetxt(file, table, delimiter=",", header="time (s),u,y", comments="")
     rate = () if fault.time is not None else ("--sample-rate", repr(told))
     command = [
-        sys.executable, "-m", "flexstage", "identify", str(file), "--input", "u", "--output", "y",
-        "--input-unit", "V", "--output-unit", fault.unit, "--model", fault.model, *rate,
+        sys.executable, "-m", "flexstage", "identify", str(file), "--input", "u V",
+        "--output", f"y {fault.unit}", "--model", fault.model, *rate,
         *fault.options, "--out", str(out), "--json",
     ]  # fmt: skip
     where = {**os.environ, "PYTHONPATH": str(source), "COLUMNS": "1000"}

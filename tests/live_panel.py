@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--charts", type=int, default=2)
     options = parser.parse_args()
     add_view(fed(options.seconds), options.charts)
-    server.serve(PanelOptions(folder=options.folder, port=0), _say)
+    server.serve(PanelOptions(folder=options.folder, address=("127.0.0.1", 0)), _say)
 
 
 def _say(address: str) -> None:

@@ -67,7 +67,7 @@ async def person(folder: Path) -> AsyncIterator[tuple[Any, Any]]:
 @contextlib.contextmanager
 def served(folder: Path, *options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     """Serve the panel in a process of its own; give the address that opens it, and the process."""
-    command = [sys.executable, "-m", "flexstage", "serve", "--port", "0", "--no-open", "--json"]
+    command = [sys.executable, "-m", "flexstage", "serve", "--address", "0", "--no-open", "--json"]
     with (folder / "panel.log").open("w") as log:
         process = subprocess.Popen(
             [*command, "--folder", str(folder / "files"), *options],

@@ -35,7 +35,7 @@ def read(
     paths: list[Path], columns: list[str] | None = None, over: Any = "time", **options: Any
 ) -> list[Record]:
     how = ReadOptions(**options)
-    return read_files(paths, columns, options=how, units=[None] * len(columns or ()), over=over)
+    return read_files(paths, columns, options=how, over=over)
 
 
 @pytest.mark.parametrize("wanted", ["time", "point", "frequency"])

@@ -10,7 +10,7 @@ from flexstage.errors import StageError
 from flexstage.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import read_drawing
-from flexstage.stage.drawing.requests import DrawingOptions
+from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions
 from flexstage.stage.drawing.thickness import _Samples, _too_coarse
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide
@@ -64,7 +64,7 @@ def test_a_neck_may_be_thicker_than_a_body_elsewhere(tmp_path) -> None:
 
 
 def test_a_limit_says_how_thick_a_neck_may_be(tmp_path) -> None:
-    stage = _thick_and_thin(tmp_path / "part.dxf", neck_limit=1e-3)
+    stage = _thick_and_thin(tmp_path / "part.dxf", contours=ContourOptions(neck_limit=1e-3))
     # the blocks are one body, held together by what was the thick neck
     assert len(stage.bodies) == 2
     assert len(stage.hinges) == 2

@@ -19,7 +19,7 @@ from flexstage.hysteresis.excitations.segments import ExcitationDesign, fitted, 
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.preisach.law import preisach_columns
-from flexstage.hysteresis.requests import ExciteRequest
+from flexstage.hysteresis.requests import AmplifierLimits, ExciteRequest
 from flexstage.records import Record
 
 SHAPES = request_fields(ExciteRequest)["shape"].words
@@ -28,7 +28,9 @@ RANGE = (-17.0, 113.0)
 
 def made(**options) -> Excitation:
     usual = {"sample_rate": 2000.0, "rates": (0.45, 4.7), "slew": 1900.0}
-    return excitation(RANGE, **(usual | options))
+    asked = usual | options
+    amplifier = {n: asked.pop(n) for n in ("slew", "current", "capacitance") if n in asked}
+    return excitation(RANGE, amplifier=amplifier, **asked)
 
 
 # ---------------------------------------------------------------------------------- movements
@@ -113,9 +115,9 @@ def test_every_limit_holds_at_every_sample(
             duration=duration,
             rates=(fast / ratio, fast),
             shape=shape,
-            slew=limit,
-            current=0.9 * capacitance * limit,
-            capacitance=capacitance,
+            amplifier=AmplifierLimits(
+                slew=limit, current=0.9 * capacitance * limit, capacitance=capacitance
+            ),
             frequency=natural,
             rest=low + rest * span,
             hold_time=1.3,
@@ -170,7 +172,9 @@ def test_the_current_is_the_capacitance_times_the_slope():
 
 
 def test_a_limit_of_the_current_bounds_the_rates():
-    e = excitation(RANGE, sample_rate=2000.0, current=3e-3, capacitance=7e-6, shape="triangle")
+    e = excitation(
+        RANGE, sample_rate=2000.0, amplifier="current=3 mA,capacitance=7 uF", shape="triangle"
+    )
     assert e.rates_hz[1] == pytest.approx(3e-3 / 7e-6 / 260.0, rel=1e-4)
     assert e.largest_current is not None
     assert 2.97e-3 < e.largest_current <= 3e-3
@@ -226,7 +230,7 @@ def test_the_multisine_is_small_and_around_the_natural_frequency():
         RANGE,
         sample_rate=700.0,
         rates=(0.01,),
-        slew=3.0,
+        amplifier="slew=3 V/s",
         frequency=83.0,
         hold_time=0.0,
     )
@@ -321,12 +325,14 @@ def test_what_does_not_fit_is_left_out_in_its_order():
 
 
 def test_rates_that_nobody_asked_for_are_raised_as_the_limits_allow():
-    slow = excitation(RANGE, sample_rate=2000.0, slew=4300.0, shape="triangle")
+    slow = excitation(RANGE, sample_rate=2000.0, amplifier="slew=4300 V/s", shape="triangle")
     assert slow.rates_hz == (0.5, 5.0)
-    e = excitation(RANGE, sample_rate=2000.0, slew=4300.0, shape="triangle", duration=17.0)
+    e = excitation(
+        RANGE, sample_rate=2000.0, amplifier="slew=4300 V/s", shape="triangle", duration=17.0
+    )
     assert 5.0 < e.rates_hz[1] < 4300.0 / 260.0
     assert e.rates_hz[1] == pytest.approx(10.0 * e.rates_hz[0])
-    low = excitation(RANGE, sample_rate=2000.0, slew=430.0, shape="triangle")
+    low = excitation(RANGE, sample_rate=2000.0, amplifier="slew=430 V/s", shape="triangle")
     assert low.rates_hz[1] == pytest.approx(430.0 / 260.0, rel=1e-4)
 
 
@@ -524,7 +530,9 @@ def _identified(u, y, skip):
 def test_it_identifies_better_than_sines_of_the_same_time(other):
     """Held-out error of a model of another class than the plant, fitted to either record."""
     rates = (0.4, 4.1)
-    e = excitation(RANGE, sample_rate=400.0, rates=rates, duration=24.0, slew=1500.0, seed=2)
+    e = excitation(
+        RANGE, sample_rate=400.0, rates=rates, duration=24.0, amplifier="slew=1500 V/s", seed=2
+    )
     if other == "one rate":
         phase = 2.0 * np.pi * math.sqrt(rates[0] * rates[1]) * e.time
     else:

@@ -9,7 +9,7 @@ from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.stage import Circle, Stage
 from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
-from flexstage.stage.drawing.requests import DrawingOptions
+from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions
 from tests import foreign_drawings as foreign
 from tests.drawing_stages import NOTCHES, guide
 from tests.drawn_stages import require_same
@@ -37,7 +37,7 @@ _WITHOUT_UNIT = ("R12 polylines", "six digits")
 def _read(document, path, stage: Stage, unit: str | None = None) -> DrawnStage:
     document.saveas(path)
     told = DrawingOptions(
-        thickness=stage.thickness, material=stage.material.name, drawing_unit=unit
+        thickness=stage.thickness, material=stage.material.name, contours=ContourOptions(unit=unit)
     )
     return read_drawing(path, told)
 
@@ -136,7 +136,7 @@ def test_lines_of_six_digits_give_round_places_and_drilled_holes(tmp_path) -> No
             document.modelspace().add_line(a, b)
     path = tmp_path / "part.dxf"
     document.saveas(path)
-    stage = read_drawing(path, DrawingOptions(drawing_unit="mm")).stage
+    stage = read_drawing(path, DrawingOptions(contours=ContourOptions(unit="mm"))).stage
     assert [(h.profile.kind, h.at) for h in stage.hinges] == [
         ("circular", (26e-3, 42e-3)),
         ("circular", (74e-3, 42e-3)),
@@ -202,9 +202,9 @@ def test_a_large_gap_is_refused_with_its_place(tmp_path) -> None:
     stage = design("parallelogram")
     document = foreign.soup(stage, gap=0.05)
     said = _refused(document, tmp_path / "part.dxf")
-    for part in ("the contour is open at (", "50 um away", "--gap"):
+    for part in ("the contour is open at (", "50 um away", "--contours gap=LENGTH"):
         assert part in said
-    told = DrawingOptions(gap=60e-6)
+    told = DrawingOptions(contours=ContourOptions(gap=60e-6))
     require_same(read_drawing(tmp_path / "part.dxf", told).stage, stage, within=1e-9, layers=False)
 
 
@@ -260,8 +260,10 @@ def test_a_drawing_without_a_unit_is_refused(tmp_path) -> None:
     document = foreign.new(None)
     document.header["$INSUNITS"] = 0
     _square(document.modelspace())
-    assert "give --drawing-unit" in _refused(document, tmp_path / "part.dxf")
-    assert "unknown unit" in _refused(document, tmp_path / "part.dxf", drawing_unit="foot")
+    assert "give --contours unit=UNIT" in _refused(document, tmp_path / "part.dxf")
+    assert "unknown unit" in _refused(
+        document, tmp_path / "part.dxf", contours=ContourOptions(unit="foot")
+    )
 
 
 def test_a_neck_with_two_different_halves_is_refused_with_the_place(tmp_path) -> None:

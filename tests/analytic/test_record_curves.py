@@ -35,7 +35,7 @@ def write(path: Path, heading: str, rows: list[str]) -> Path:
     return path
 
 
-COLUMNS = {"input": "u", "output": "y", "input_unit": "V"}
+COLUMNS = {"input": "u V", "output": "y"}
 
 
 def read(*files: Path, **given: object) -> Record:

@@ -136,12 +136,12 @@ def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     assert (found.output_units, found.input_units) == (("m/s^2",), ("N",))
     assert found.response[:, 0, 0] == pytest.approx(9.80665 * H, rel=1e-14)
     bare = table(tmp_path, "f,real,imag\n" + rows(F, H.real, H.imag))
-    given = responses_in_columns(bare, output_unit="um", input_unit="V")
+    given = responses_in_columns(bare, ["f", "real um/V", "imag um/V"])
     found = response_from_record(given)
     assert (found.output_units, found.input_units) == (("m",), ("V",))
     assert found.response[:, 0, 0] == pytest.approx(1e-6 * H, rel=1e-14)
     with pytest.raises(RecordError, match="says its unit, m/s"):
-        responses_in_columns(said, output_unit="um")
+        responses_in_columns(said, ["f", "H real um/V", "H imag"])
 
 
 @pytest.mark.parametrize(

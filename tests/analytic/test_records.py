@@ -97,12 +97,14 @@ def test_one_column_of_decimal_commas_or_two_of_integers(tmp_path: Path) -> None
     assert values(one, "pos") == [[1.25e-6, 2.5e-6]]
     two = read_record(text(tmp_path, "a,b\n1,25\n2,5\n"), sample_rate=3.0)
     assert values(two, "a", "b") == [[1.0, 2.0], [25.0, 5.0]]
-    told = read_record(text(tmp_path, "1,25\n2,5\n"), sample_rate=3.0, decimal=",", delimiter=";")
+    told = read_record(text(tmp_path, "1,25\n2,5\n"), sample_rate=3.0, text="decimal=,,delimiter=;")
     assert values(told, 0) == [[1.25, 2.5]]
     for delimiter in ("space", " "):
-        told = read_record(text(tmp_path, "1,25 2\n2,5 7\n"), sample_rate=3.0, delimiter=delimiter)
+        told = read_record(
+            text(tmp_path, "1,25 2\n2,5 7\n"), sample_rate=3.0, text={"delimiter": delimiter}
+        )
         assert values(told, 0, 1) == [[1.25, 2.5], [2.0, 7.0]]
-    bars = read_record(text(tmp_path, "u|y\n1.5|2\n3|4\n"), sample_rate=3.0, delimiter="|")
+    bars = read_record(text(tmp_path, "u|y\n1.5|2\n3|4\n"), sample_rate=3.0, text="delimiter=|")
     assert values(bars, "u", "y") == [[1.5, 3.0], [2.0, 4.0]]
     single = read_record(text(tmp_path, "pos\n1.25\n2.5\n"), sample_rate=3.0)
     assert values(single, "pos") == [[1.25, 2.5]]
@@ -120,12 +122,12 @@ def test_regular_text_takes_the_fast_way(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_skipped_lines_and_chosen_rows(tmp_path: Path) -> None:
     path = text(tmp_path, "1,2\n3,4\nu,y\n5,6\n7,8\n9,nan\n11,12\n13,14\n")
-    record = read_record(path, sample_rate=4.0, skip_lines=2, rows=(0, 2))
+    record = read_record(path, sample_rate=4.0, text="skip=2", rows=(0, 2))
     assert values(record, "u", "y") == [[5.0, 7.0], [6.0, 8.0]]
-    record = read_record(path, sample_rate=4.0, skip_lines=2, columns=["u"])
+    record = read_record(path, sample_rate=4.0, text="skip=2", columns=["u"])
     assert values(record, "u") == [[5.0, 7.0, 9.0, 11.0, 13.0]]
     assert any("column y" in note for note in record.notes)
-    record = read_record(path, sample_rate=4.0, skip_lines=2, rows=(3, None))
+    record = read_record(path, sample_rate=4.0, text="skip=2", rows=(3, None))
     assert values(record, "u") == [[11.0, 13.0]]
 
 
@@ -552,14 +554,14 @@ def test_wrong_options(tmp_path: Path) -> None:
     refuse(path, "2 columns in the file, got 1 names", names=["u"], sample_rate=2.0)
     refuse(path, "the format must be one of text", format="xml", sample_rate=2.0)
     refuse(path, "it has no datasets", dataset="run", sample_rate=2.0)
-    refuse(path, "decimal must be one of", decimal="'", sample_rate=2.0)
-    refuse(path, "divided by one sign", delimiter=", ", sample_rate=2.0)
-    refuse(path, "divided by one sign", delimiter=".", sample_rate=2.0)
-    refuse(path, "skip_lines must be a whole number from 0", skip_lines=-1, sample_rate=2.0)
+    refuse(path, "decimal must be one of", text={"decimal": "'"}, sample_rate=2.0)
+    refuse(path, "divided by one sign", text={"delimiter": ", "}, sample_rate=2.0)
+    refuse(path, "divided by one sign", text="delimiter=.", sample_rate=2.0)
+    refuse(path, "skip must be a whole number from 0", text={"skip": -1}, sample_rate=2.0)
     refuse(path, "no column 'z'", columns=["z"], sample_rate=2.0)
     refuse(path, "fewer than two", rows=(1, 2), sample_rate=2.0)
     np.save(tmp_path / "a.npy", U)
-    refuse(tmp_path / "a.npy", "no text file", skip_lines=2, sample_rate=2.0)
+    refuse(tmp_path / "a.npy", "no text file", text="skip=2", sample_rate=2.0)
     savemat(tmp_path / "a.mat", {"u": U, "fs": 350.0})
     refuse(tmp_path / "a.mat", "given as 340 Hz, and 'fs' of the file says 350", sample_rate=340.0)
 

@@ -293,7 +293,7 @@ def test_a_universal_file_is_known_by_its_content(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="is over frequency, without times"):
         read_record(tmp_path / "a.uff", sample_rate=200.0)
     with pytest.raises(RecordError, match="no text file"):
-        read_record(tmp_path / "a.uff", decimal=",")
+        read_record(tmp_path / "a.uff", text="decimal=,")
     assert read_record(tmp_path / "a.uff", over="point").over == "frequency"
     assert set(FORMATS) >= {"universal", "gcs", "cmm"}
 
@@ -420,7 +420,7 @@ def test_inches_and_a_unit_that_is_not_said(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="its rows are points, without times"):
         read_record(path, sample_rate=2.0)
     below = len(report(POINTS[:1]).splitlines()) - 1
-    assert read_record(path, skip_lines=below).channel("SPH1.X").values.tolist() == [
+    assert read_record(path, text={"skip": below}).channel("SPH1.X").values.tolist() == [
         10.5019, 11.0003,
     ]  # fmt: skip
     with pytest.raises(RecordError, match="there is no feature 'SPH3': the report has SPH1, SPH2"):

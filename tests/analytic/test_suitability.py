@@ -59,7 +59,7 @@ def test_units_of_one_dimension_are_converted():
 @pytest.mark.parametrize(
     ("unit", "model_unit", "said"),
     [
-        ("", "um", "no unit and the model is in um: name it with --reference-unit, such as"),
+        ("", "um", "no unit and the model is in um: say it behind the column, such as --column"),
         ("um", "", "is in um and the model was identified without a unit"),
         ("V", "m", "is in V, the model gives m"),
         ("furlong", "m", "furlong"),

@@ -102,7 +102,7 @@ def flexstage(*words: str) -> str:
 def on_the_twin(stage: str, out: Path) -> str:
     """Carry out the ready plan of a stage on its twin, whose noise is drawn from seed 1."""
     twin = subprocess.Popen(
-        [sys.executable, "-m", "flexstage", "twin", stage, "--seed", "1", "--port", "0",
+        [sys.executable, "-m", "flexstage", "twin", stage, "--seed", "1", "--address", "0",
          "--identity", "flexstage"],  # which has a hammer for every stage
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from flexstage.experiments.campaign.plan import (
     campaign_text,
     read_campaign,
 )
-from flexstage.records.read_options import ReadOptions
+from flexstage.records.read_options import ReadOptions, TextLayout
 from flexstage.sensor import SensorSpecification
 from tests.strategies import names, texts
 
@@ -46,9 +46,12 @@ readings = st.builds(
     | names.filter(lambda n: n == n.strip() and not n.isdecimal()),
     format=st.none() | st.sampled_from(["text", "tdms", "cmm"]),
     dataset=st.none() | names,
-    delimiter=st.none() | st.sampled_from([",", ";", "\t", " ", "tab", "|"]),
-    decimal=st.none() | st.sampled_from([".", ","]),
-    skip_lines=st.integers(0, 40),
+    text=st.builds(
+        TextLayout,
+        delimiter=st.none() | st.sampled_from([",", ";", "\t", " ", "tab", "|"]),
+        decimal=st.none() | st.sampled_from([".", ","]),
+        skip=st.integers(0, 40),
+    ),
 )
 instruments = st.builds(
     SensorSpecification,

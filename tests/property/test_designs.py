@@ -348,7 +348,7 @@ def renamed(stage: Stage) -> Stage:
 
 def studied(stage: Stage) -> dict[str, Any]:
     """Return all that a study of rigid bodies gives, by the names that the parts had at first."""
-    study = run_study(stage, identification=True, virtual=True)
+    study = run_study(stage, parts="identification,virtual")
     text = results_json(study_results(study)).decode()
     require_valid(json.loads(text), "study")
     results = json.loads(re.sub("(body|hinge|drive|probe|axis)_of_", "", text))
@@ -386,5 +386,5 @@ def test_hysteresis_is_found_whatever_axis_and_probe_are_called(
     monkeypatch.setattr(importlib.import_module("flexstage.studies.compensation"), "identify", read)
     said = {}
     for stage in (design("bridge"), renamed(design("bridge"))):
-        said |= run_study(stage, identification=True).experiments_left_out
+        said |= run_study(stage, parts="identification").experiments_left_out
     assert said["axis_of_y"] == said["y"] == "120 V, 187.5 um"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flexstage.centring.requests import CentreRequest
 from flexstage.cli.options import from_docstring
 from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.explore.requests import (
     OptimiseRequest,
     SensitivityRequest,
@@ -35,15 +35,17 @@ from flexstage.files.request import (
 from flexstage.files.schema import field_texts
 from flexstage.hinges.requests import HingesRequest
 from flexstage.hysteresis.requests import (
+    AmplifierLimits,
     CompensateRequest,
     ExciteRequest,
     IdentifyRequest,
+    KnownChain,
     PredictRequest,
 )
 from flexstage.instruments.requests import RunsRequest, TwinRequest
 from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
-from flexstage.records.read_options import DriveColumns, ReadOptions
+from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
 from flexstage.studies.requests import AnalyseRequest, StudyRequest
 from flexstage.units import DIMENSIONS, Length
 
@@ -55,32 +57,39 @@ EXAMPLES: tuple[Request, ...] = (
         sign=-1, stage_at=((1e-6, 0.0), (-2.5e-6, 3e-5)), mounting_angle=0.3, outliers=False,
     ),
     CharacteriseRequest(
-        axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6), calibration=1.3e-3,
+        axis="y", test="spheres", column=("along=2",), commands=(0.0, 5e-6),
+        sensor=SensorUncertainty(calibration=1.3e-3),
         reading=ReadOptions(rows=(3, 70)),
     ),
     CompensateRequest(
-        relative=True, voltage=(-3.0, 117.5), current=0.05, capacitance=6.4e-6, start=7.5,
+        relative=True, voltage=(-3.0, 117.5), start=7.5,
+        amplifier=AmplifierLimits(current=0.05, capacitance=6.4e-6),
     ),
-    DriveColumns(input=(1,), branches=("up", "down"), input_unit="mV"),
+    DriveColumns(input=("1 mV",), branches=("up", "down")),
     EquationsRequest(),
     ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
     FrfRequest(
-        input=("f",), output=("a", 3), band=(12.5, 900.0), fit_delay=True, near=(75.0, 90.5),
+        input=("f",), output=("a", 3), band=(12.5, 900.0), fit=("delay", "complex"),
+        near=(75.0, 90.5), window="exponential 5 %", excitation="hammer",
     ),
     HingesRequest(),
     IdentifyRequest(
-        model=("dahl", "duhem"), train=(None, 900), delay=3.1e-3, creep=0.012, resonance=813.0,
+        model=("dahl", "duhem"), train=(None, 900),
+        known=KnownChain(delay=3.1e-3, creep=0.012, resonance=813.0),
         temperature=(294.5, 296.0), drift=True,
     ),
     OptimiseRequest(maximise=("mass",), over=("neck=20 %",), start="middle", confirm="plane"),
     PredictRequest(start=32.5),
-    ReadOptions(sample_rate=(200.0, 12.5), time="t", resample=(None,), decimal=",", skip_lines=2),
+    ReadOptions(
+        sample_rate=(200.0, 12.5), time="t", resample=(None,),
+        text=TextLayout(skip=2, delimiter="\t", decimal=","),
+    ),
     RunsRequest(),
     SensitivityRequest(of=("mass",), hinges=True, per=3.3e-6),
-    StudyRequest(),
+    StudyRequest(parts=("virtual", "traditional")),
     SweepRequest(over=("neck=0.3..0.8 mm/6",), plan="sobol", samples=70, indices=True),
     ToleranceRequest(samples=77, scatter=("*=0",), target_yield=0.973, follow_necks=True),
-    TwinRequest(servo_rate=12.5e3, amplifier="charge", fast=True, axes=("X", "Y")),
+    TwinRequest(servo_rate=12.5e3, amplifier="charge", axes=("X", "Y"), address=("::1", 0)),
     UncertaintyRequest(),
 )  # fmt: skip
 REQUESTS = tuple(type(example) for example in EXAMPLES)
@@ -185,7 +194,11 @@ words = st.text(st.characters(categories=["L", "N"]), min_size=1)
             rows=st.none() | st.tuples(st.none() | st.integers(0, 9), st.integers(10, 99)),
             time=st.none() | st.integers(0, 9),
             resample=st.sampled_from([(), (None,), (12.5, None)]),
-            decimal=st.sampled_from([None, ".", ","]),
+            text=st.builds(
+                TextLayout,
+                delimiter=st.sampled_from([None, ",", ";", "tab", " ", "|"]),
+                decimal=st.sampled_from([None, ".", ","]),
+            ),
         ),
     )
 )

@@ -15,8 +15,9 @@ import pytest
 from flexstage import web
 from flexstage.cli import main
 from flexstage.errors import ModelError
+from flexstage.files.request import request_of
 from flexstage.web.gate import LOG, SESSION, Gate
-from flexstage.web.options import PanelOptions
+from flexstage.web.options import Certificate, PanelOptions
 from flexstage.web.sessions import Access, Session
 
 HERE = "http://127.0.0.1:8321"
@@ -319,7 +320,7 @@ def test_the_address_that_lets_in_stands_in_no_argument_of_the_browser(
 
 
 def test_a_password_opens_it_and_guessing_ends(caplog: pytest.LogCaptureFixture) -> None:
-    door = Door(host="0.0.0.0", password=PASSWORD)
+    door = Door(address=("0.0.0.0", 8321), password=PASSWORD)
     own = {"origin": HERE}
 
     async def visit(client: httpx.AsyncClient) -> None:
@@ -353,7 +354,7 @@ def test_without_a_password_there_is_no_such_page() -> None:
 
 
 def test_over_tls_the_cookie_stays_there() -> None:
-    door = Door(certificate=Path("cert.pem"), key=Path("key.pem"))
+    door = Door(tls=Certificate(certificate=Path("cert.pem"), key=Path("key.pem")))
 
     async def visit(client: httpx.AsyncClient) -> None:
         entered = await client.get("/", params={"token": door.access.new_token()})
@@ -365,20 +366,20 @@ def test_over_tls_the_cookie_stays_there() -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"host": "0.0.0.0"}, "give it a password"),
-        ({"host": "192.168.7.3", "password": "short"}, "10 letters or more, got 5"),
-        ({"certificate": Path("cert.pem")}, "needs a certificate and its key"),
-        ({"port": 70000}, "0 to 65535, got 70000"),
+        ({"address": ("0.0.0.0", 8321)}, "give it a password"),
+        ({"address": ("192.168.7.3", 8321), "password": "short"}, "10 letters or more, got 5"),
+        ({"tls": {"certificate": Path("cert.pem")}}, "needs a certificate and its key"),
+        ({"address": ("127.0.0.1", 70000)}, r"\[HOST:\]PORT .* got .*70000"),
     ],
 )
 def test_options_that_leave_it_open_are_refused(given: dict[str, Any], told: str) -> None:
     with pytest.raises(ModelError, match=told):
-        PanelOptions(folder=Path("files"), **given)
+        request_of(PanelOptions, None, {"folder": Path("files"), **given})
 
 
 def test_a_named_host_is_known_and_a_foreign_one_is_not() -> None:
     options = PanelOptions(
-        folder=Path("files"), host="0.0.0.0", password=PASSWORD, host_name=("stage.lab",)
+        folder=Path("files"), address=("0.0.0.0", 8321), password=PASSWORD, host_name=("stage.lab",)
     )
     assert options.is_own_name("Stage.Lab")
     assert options.is_own_name("192.168.7.3")
@@ -390,7 +391,7 @@ def test_a_named_host_is_known_and_a_foreign_one_is_not() -> None:
     [
         ("--password-file", b"\xff\xfe\x00", "is no text in UTF-8"),
         ("--password-file", b"", "is empty: its first line is the password"),
-        ("--certificate", b"garbage", "are no certificate and its private key"),
+        ("--tls", b"garbage", "are no certificate and its private key"),
     ],
 )
 def test_files_that_are_none_are_refused_before_an_address_is_said(
@@ -398,9 +399,9 @@ def test_files_that_are_none_are_refused_before_an_address_is_said(
 ) -> None:
     file = tmp_path / "given.pem"
     file.write_bytes(content)
-    key = ("--key", str(file)) if name == "--certificate" else ()
+    given = f"certificate={file},key={file}" if name == "--tls" else str(file)
     with pytest.raises(SystemExit) as end:
-        main(["serve", "--port", "0", "--no-open", name, str(file), *key])
+        main(["serve", "--address", "0", "--no-open", name, given])
     said = capsys.readouterr()
     assert end.value.code == 2
     assert said.out == ""

@@ -133,8 +133,8 @@ def test_a_reading_beside_the_angle(run, tmp_path, unit):
     read = theta + exact_error(theta, E, R) + 2.0
     shown = np.degrees(read) % 360.0 if unit == "deg" else read / (2.0 * np.pi) * 65536 % 65536
     path = write(tmp_path / "c.csv", np.degrees(theta) % 360.0, shown, header="reference,encoder")
-    words = ("--angle", "reference", "--reading", "encoder", "--angle-unit", "deg")
-    own = ("--error-unit", unit, "--counts", "65536", "--radius", "50 mm", "--kind", "disc")
+    words = ("--angle", "reference deg", "--reading", f"encoder {unit}")
+    own = ("--counts", "65536", "--radius", "50 mm", "--kind", "disc")
     status, out, err = run(path, *words, *own, "--json")
     assert (status, err) == (0, "")
     found = json.loads(out)["eccentricity"]
@@ -261,9 +261,7 @@ def test_units_of_the_file_go_before_unit(run, tmp_path):
     path = write(
         tmp_path / "u.csv", theta / (2.0 * np.pi), 7.0 * np.sin(theta), header="t,error (arcsec)"
     )
-    status, out, _ = run(
-        path, "--angle", "t", "--error", "1", "--unit", "deg", "--angle-unit", "turn", "--json"
-    )
+    status, out, _ = run(path, "--angle", "t turn", "--error", "1", "--unit", "deg", "--json")
     assert status == 0
     first = json.loads(out)["harmonics"][0]
     assert first["amplitude_arcsec"] == pytest.approx(7.0)

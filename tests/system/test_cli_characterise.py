@@ -182,13 +182,17 @@ def loop(path, seed=1, count=5, samples=200, head=None):
     return path
 
 
-ROLES = ("--column", "command=drive", "--column", "along=sensor", "--column", "across=side")
+def columns(*texts):
+    return tuple(word for text in texts for word in ("--column", text))
+
+
+ROLES = columns("command=drive", "along=sensor", "across=side")
 
 
 def test_a_file_of_ones_own(capsys, tmp_path):
     path = loop(tmp_path / "loop.csv")
     result = found(
-        capsys, path, *ROLES, "--axis", "u", "--calibration", "0.2%", "--alignment", "3 mrad"
+        capsys, path, *ROLES, "--axis", "u", "--sensor", "calibration=0.2%,alignment=3 mrad"
     )
     got = values(result)
     stroke = got["output_displacement", "u"]
@@ -244,12 +248,12 @@ def test_table(capsys, tmp_path):
 
 def test_units_that_the_file_does_not_say(capsys, tmp_path):
     bare = loop(tmp_path / "bare.csv", head="time (s),drive,sensor,side")
-    words = (bare, *ROLES, "--unit", "command=V", "--unit", "along=um", "--unit", "across=nm")
+    words = (bare, *columns("command=drive V", "along=sensor um", "across=side nm"))
     got = values(found(capsys, *words))
     assert got["output_displacement", "x"]["value"] == pytest.approx(STROKE * 1e-6, rel=1e-3)
     assert got["straightness", "x"]["value"] == pytest.approx(0.21e-9, rel=5e-2)
     refused(capsys, "'side' does not give its unit", tmp_path, bare, *ROLES)
-    refused(capsys, "unknown unit|no unit|unit", tmp_path, *words[:-1], "across=parsec2")
+    refused(capsys, "unknown unit|no unit|unit", tmp_path, *words[:-1], "across=side parsec2")
 
 
 def test_tab_separated_text_without_names(capsys, tmp_path):
@@ -259,17 +263,12 @@ def test_tab_separated_text_without_names(capsys, tmp_path):
     np.savetxt(path, data[:, 1:], delimiter="\t")
     words = (
         path,
-        "--column",
-        "command=0",
-        "--column",
-        "along=1",
-        "--unit",
-        "command=V",
-        "--unit",
-        "along=um",
+        *columns("command=0 V", "along=1 um"),
     )
     got = values(
-        found(capsys, *words, "--sample-rate", "40 Hz", "--format", "text", "--delimiter", "\\t")
+        found(
+            capsys, *words, "--sample-rate", "40 Hz", "--format", "text", "--text", "delimiter=\\t"
+        )
     )
     assert got["output_displacement", "x"]["value"] == pytest.approx(STROKE * 1e-6, rel=1e-3)
     refused(capsys, "sample rate|times", tmp_path, *words)
@@ -392,8 +391,7 @@ def test_bad_options(capsys, tmp_path):
         ("nothing.yaml", (tmp_path / "nothing.yaml",)),
         ("the campaign has no test", (campaign,)),
         ("stands alone", (campaign, path)),
-        ("--column, --column-unit has no meaning",
-         (campaign, "--column", "along=1", "--unit", "along=um")),
+        ("--column has no meaning", (campaign, "--column", "along=1 um")),
         ("--virtual-seed needs --stage", ("--virtual", "3")),
         ("--virtual-seed needs --stage", (path, "--virtual", "3", "--stage", "vgtu-piezo")),
         ("--column has no meaning with --virtual",
@@ -405,10 +403,11 @@ def test_bad_options(capsys, tmp_path):
         ("evaluated from one file, got 2", (path, other, *ROLES)),
         ("no column 'sensr'", (path, "--column", "command=drive", "--column", "along=sensr")),
         ("needs the column of 'along'", (path, "--column", "command=drive")),
-        ("--column-unit must be a role and a unit", (path, *ROLES, "--unit", "um")),
-        ("--column-unit must be a role and a unit.*roles", (path, *ROLES, "--unit", "alonng=um")),
-        ("'--calibration': must be from 0 to below 1", (path, *ROLES, "--calibration", "120%")),
-        ("angle", (path, *ROLES, "--alignment", "3 mm")),
+        ("--column must be a role and a column", (path, *ROLES, "--column", "um")),
+        ("--column must be a role and a column.*roles", (path, *ROLES, "--column", "alonng=1 um")),
+        ("'--sensor': calibration must be from 0 to below 1",
+         (path, *ROLES, "--sensor", "calibration=120%")),
+        ("angle", (path, *ROLES, "--sensor", "alignment=3 mm")),
         ("frequency", (path, *ROLES, "--sample-rate", "3 mm")),
         ("'input' and 'output'", (path, "--test", "response", "--column", "input=drive")),
         ("columns of 'output'", (path, "--test", "ring-down")),
@@ -522,7 +521,7 @@ def test_a_description_finds_its_files_from_its_own_folder(capsys, tmp_path, mon
 def test_help(capsys):
     status, out, _ = run(capsys, "--help")
     assert status == 0
-    for option in ("--stage", "--virtual-seed", "--column-unit", "--folder", "--json", "--column"):
+    for option in ("--stage", "--virtual-seed", "--folder", "--json", "--column"):
         assert option in out
 
 

@@ -36,7 +36,7 @@ def model_file(tmp_path_factory):
         folder / "drive.csv", np.column_stack((t, u, y)), delimiter=",",
         header="time (s),u (V),y (m)", comments="",
     )  # fmt: skip
-    words = ["--input", "u", "--output", "y", "--model", "preisach", "--delay", "0 s"]
+    words = ["--input", "u", "--output", "y", "--model", "preisach", "--known", "delay=0 s"]
     with pytest.raises(SystemExit) as ended:
         main(["identify", str(folder / "drive.csv"), *words, "--out", str(folder / "m.yaml")])
     assert ended.value.code == 0
@@ -103,7 +103,7 @@ def test_the_printed_result(capsys, model_file, reference_file):
 
 def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
     words = (model_file, "--reference", reference_file, "--sample-rate", 250, "--json")
-    more = ("--limits", "20:80", "--slew", "190 V/s", "--out", tmp_path / "c.npz")
+    more = ("--limits", "20:80", "--amplifier", "slew=190 V/s", "--out", tmp_path / "c.npz")
     status, out, err = run(capsys, "compensate", *words, *more)
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -115,7 +115,7 @@ def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
     assert result["predicted_max_error"] > 1e-6
     assert any("limits changed" in note for note in result["notes"])
     # 0.9 mA into 5 uF are 180 V/s, which is less
-    more = ("--slew", "190 V/s", "--current", "0.9 mA", "--capacitance", "5 uF")
+    more = ("--amplifier", "slew=190 V/s,current=0.9 mA,capacitance=5 uF")
     run(capsys, "compensate", *words, *more, "--out", tmp_path / "d.npz")
     slopes = np.abs(np.diff(read_record(tmp_path / "d.npz").channel("command").values))
     assert slopes.max() == pytest.approx(180.0 / RATE, rel=1e-9)
@@ -128,7 +128,7 @@ def test_a_relative_reference_starts_at_the_lowest_reading(capsys, tmp_path, mod
     wanted = 8.1e-6 * (1.2 - np.cos(np.arange(500) / 40.0))
     np.savetxt(tmp_path / "r.txt", wanted)
     np.savetxt(tmp_path / "a.txt", wanted + lowest)
-    words = ("--sample-rate", 250, "--unit", "m", "--json")
+    words = ("--sample-rate", 250, "--column", "0 m", "--json")
     relative, absolute = (
         json.loads(
             run(capsys, "compensate", model_file, "--reference", tmp_path / n, *words, *w)[1]
@@ -160,24 +160,24 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
         (("--limits", "5"), 'must be a range LOW:HIGH, such as "10 V:20 V"'),
         (("--limits", "80:20"), "must rise"),
         (("--limits", "0:9 m"), "not a unit of voltage"),
-        (("--slew", "5 V"), "slew rate"),
-        (("--slew", "-5 V/s"), "'--slew': must be above 0"),
-        (("--slew", "0 V/s"), "'--slew': must be above 0"),
-        (("--current", "5 mA"), "needs --capacitance"),
-        (("--current", "5 mA", "--capacitance", "0 uF"), "'--capacitance': must be above 0"),
-        (("--capacitance", "5 uF"), "--capacitance needs --current"),
+        (("--amplifier", "slew=5 V"), "'--amplifier': slew 'V' is not a unit of slew rate"),
+        (("--amplifier", "slew=-5 V/s"), "'--amplifier': slew must be above 0"),
+        (("--amplifier", "slew=0 V/s"), "'--amplifier': slew must be above 0"),
+        (("--amplifier", "current=5 mA"), "needs the capacitance"),
+        (("--amplifier", "current=5 mA,capacitance=0 uF"), "capacitance must be above 0"),
+        (("--amplifier", "capacitance=5 uF"), "the capacitance needs the current"),
         (("--band", "0 Hz"), "'--reference-bandwidth': must be above 0"),
         (("--band", "1e-9 Hz"), "leaves nothing"),
         (("--band", "low"), "expected a frequency"),
         (("--start", "warm"), "--start must be conditioned, rest or a time"),
         (("--column", "3"), "no column 3"),
-        (("--unit", "V"), "the model gives m"),
-        (("--unit", "furlong"), "furlong"),
+        (("--column", "wanted V"), "the model gives m"),
+        (("--column", "wanted furlong"), "furlong"),
         (("--sample-rate", "quick"), "expected a frequency"),
         (("--out", "c.txt"), "--out must end in one of"),
         (("--rows", "7:3"), "must rise"),
         (("--reference", "none.csv"), "none.csv"),
-        (("--unit", "mm"), "shift the reference into that range; it spans"),
+        (("--column", "wanted mm"), "shift the reference into that range; it spans"),
     ],
 )
 def test_bad_options(capsys, tmp_path, monkeypatch, model_file, reference_file, words, said):
@@ -199,7 +199,7 @@ def test_a_reference_without_unit_is_refused(capsys, tmp_path, model_file):
     words = ("--reference", tmp_path / "r.txt", "--sample-rate", 250)
     status, _, err = run(capsys, "compensate", model_file, *words)
     assert status == 2
-    assert "--reference-unit" in err
+    assert 'say it behind the column, such as --column "1 m"' in err
 
 
 def test_a_model_without_unit_and_a_reference_with_one(

@@ -26,7 +26,7 @@ FREE = ("--voltage=-12:104", "--rates", "0.6,5.5", "--sample-rate", "1.5 kHz", "
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".mat", ".h5"])
 def test_the_file_reads_back_within_the_limits(capsys, tmp_path, suffix):
     file = tmp_path / "new" / f"drive{suffix}"
-    limits = ("--slew", "1.8 V/ms", "--current", "9 mA", "--capacitance", "4.7 uF")
+    limits = ("--amplifier", "slew=1.8 V/ms,current=9 mA,capacitance=4.7 uF")
     status, out, err = run(capsys, *FREE, *limits, "--out", str(file), "--json")
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -59,7 +59,7 @@ def test_the_file_has_a_heading_with_units(capsys, tmp_path):
 
 
 def test_a_stage_gives_the_limits(capsys):
-    words = ("vgtu-piezo", "--axis", "y", "--slew", "2600 V/s", "--json")
+    words = ("vgtu-piezo", "--axis", "y", "--amplifier", "slew=2600 V/s", "--json")
     status, out, err = run(capsys, *words)
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -101,10 +101,10 @@ def test_the_table_says_what_is_run_and_what_is_not(capsys):
         (("vgtu-pieso",), "did you mean 'vgtu-piezo'"),
         (("vgtu-piezo", "--rates", "0.5,95"), "a tenth of the lowest natural frequency"),
         ((*FREE, "--rates", "1,fast"), "expected a frequency"),
-        ((*FREE, "--slew", "5 V"), "not a unit of slew rate"),
-        ((*FREE, "--slew", "900 V/s"), "too fast"),
-        ((*FREE, "--current", "5"), "has no unit"),
-        ((*FREE, "--current", "5 mA"), "needs the capacitance"),
+        ((*FREE, "--amplifier", "slew=5 V"), "not a unit of slew rate"),
+        ((*FREE, "--amplifier", "slew=900 V/s"), "too fast"),
+        ((*FREE, "--amplifier", "current=5"), "has no unit"),
+        ((*FREE, "--amplifier", "current=5 mA"), "needs the capacitance"),
         ((*FREE, "--duration", "2 s"), "take at least"),
         ((*FREE, "--duration", "2 V"), "not a unit of time"),
         ((*FREE, "--sample-rate", "0 Hz"), "'--sample-rate': must be above 0"),

@@ -166,7 +166,7 @@ def test_an_exponential_window_adds_no_damping(capsys, struck):
         "2",
     )
     plain = found(capsys, *words)
-    windowed = found(capsys, *words, "--exponential", "0.02")
+    windowed = found(capsys, *words, "--window", "exponential 2 %")
     for mode, (f0, _, _) in zip(windowed["modes"], MODES, strict=True):
         assert mode["frequency_hz"]["value"] == pytest.approx(f0, rel=5e-5)
     ratio = [
@@ -227,13 +227,18 @@ def decaying(folder, name="decay.csv"):
 def test_ring_down(capsys, folder, tmp_path):
     path = decaying(folder)
     picture = tmp_path / "decay.png"
-    result = found(capsys, path, "--ring-down", "--output", "a,b", "--figure", picture)
+    result = found(
+        capsys, path, "--excitation", "ring-down", "--output", "a,b", "--figure", picture
+    )
     check_modes(result)
     check_shapes(result)
     assert result["files"] == [str(picture)]
     assert picture.read_bytes()[:4] == b"\x89PNG"
     # columns by number give shapes under their names
-    assert found(capsys, path, "--ring-down", "--output", "1,2")["modes"] == result["modes"]
+    assert (
+        found(capsys, path, "--excitation", "ring-down", "--output", "1,2")["modes"]
+        == result["modes"]
+    )
 
 
 @pytest.mark.slow
@@ -246,10 +251,10 @@ def test_delay_and_lag_of_a_sensor(capsys, folder):
         path, "--input", "force", "--output", "a,b", "--excitation", "hammer", "--band", "60:420",
         "--modes", "2",
     )  # fmt: skip
-    late = found(capsys, *words, "--delay")
+    late = found(capsys, *words, "--fit", "delay")
     assert late["delay"]["unit"] == "s"
     assert late["delay"]["value"] > delay + 0.5 * lag
-    both = found(capsys, *words, "--delay", "--lag")
+    both = found(capsys, *words, "--fit", "delay,lag")
     assert abs(both["lag"]["value"] - lag) < 3.3 * both["lag"]["uncertainty"]
     assert both["lag"]["value"] == pytest.approx(lag, rel=0.1)
     # residual terms, which are free, can stand for a part of a sample
@@ -258,7 +263,7 @@ def test_delay_and_lag_of_a_sensor(capsys, folder):
     assert "lag" not in late
     # one mode on a few lines, for what the table says of it
     few = (*words[:-3], "220:290", "--modes", "1")
-    status, out, _ = run(capsys, *few, "--delay", "--lag")
+    status, out, _ = run(capsys, *few, "--fit", "delay,lag")
     assert status == 0
     assert re.search(r"delay 0\.003\d* s", out)
 
@@ -271,12 +276,12 @@ def test_guesses_weights_and_complex_modes(capsys, universal):
     words = (universal, "--band", "80:350", "--weight", "relative")
     got = [m["frequency_hz"]["value"] for m in found(capsys, *words)["modes"]]
     assert got == pytest.approx([f for f, _, _ in MODES], rel=2e-3)
-    late = found(capsys, universal, "--band", "80:350", "--delay", "--complex")
+    late = found(capsys, universal, "--band", "80:350", "--fit", "delay,complex")
     check_modes(late, frequency=1e-3, damping=0.1)
     # modes of any phase leave little to tell the delay by
     assert abs(late["delay"]["value"]) < 0.5 / RATE
     # those in phase with each other tell more
-    real = found(capsys, universal, "--band", "80:350", "--delay")
+    real = found(capsys, universal, "--band", "80:350", "--fit", "delay")
     assert real["delay"]["uncertainty"] < 0.5 * late["delay"]["uncertainty"]
 
 
@@ -425,17 +430,20 @@ def test_bad_options(capsys, struck, tmp_path):
         ("differ", (*named, "--near", "137,250", "--modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),
         ("'--weight': must be noise, relative or uniform", (*named, "--weight", "inv")),
-        ("--complex applies to fits with --fit-delay", (*named, "--complex")),
+        ("--fit complex goes with delay or lag", (*named, "--fit", "complex")),
         ("no file", (tmp_path / "nothing.csv", "--input", "force", "--output", "a")),
-        ("--output", (struck, "--ring-down")),
+        ("--output", (struck, "--excitation", "ring-down")),
         (
             "--out .*no meaning",
-            (struck, "--ring-down", "--output", "a", "--out", tmp_path / "a.csv"),
+            (struck, "--excitation", "ring-down", "--output", "a", "--out", tmp_path / "a.csv"),
         ),
-        ("--band.*no meaning", (struck, "--ring-down", "--output", "a", "--band", "8:20")),
-        ("--fit-modes 0", (struck, "--ring-down", "--output", "a", "--modes", "0")),
+        (
+            "--band.*no meaning",
+            (struck, "--excitation", "ring-down", "--output", "a", "--band", "8:20"),
+        ),
+        ("--fit-modes 0", (struck, "--excitation", "ring-down", "--output", "a", "--modes", "0")),
         ("'--resolution': must be above 0", (*named, "--resolution", "-2 Hz")),
-        ("exponential", (*named, "--excitation", "hammer", "--exponential", "1.7")),
+        ("exponential", (*named, "--excitation", "hammer", "--window", "exponential 1.7")),
     ):
         refused(capsys, said, tmp_path, *words)
 
@@ -455,7 +463,9 @@ def test_swapped_columns_are_said_first(capsys, shaken):
 
 
 def test_a_record_over_frequency_is_no_decay(capsys, universal, tmp_path):
-    refused(capsys, "over frequency", tmp_path, universal, "--ring-down", "--output", "0")
+    refused(
+        capsys, "over frequency", tmp_path, universal, "--excitation", "ring-down", "--output", "0"
+    )
 
 
 def test_times_and_frequencies_do_not_mix(capsys, universal, struck, tmp_path):

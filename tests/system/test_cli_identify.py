@@ -108,6 +108,7 @@ WRITERS = {
     "r.npz": write_npz,
 }
 COLUMNS = ("--input", 0, "--output", 4, "--sample-rate", 200)
+IN_UNITS = ("--input", "0 V", "--output", "4 um", "--sample-rate", 200)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def text_file(tmp_path_factory, table):
     return path
 
 
-QUICK = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--json")
+QUICK = (*COLUMNS, "--model", "dahl", "--known", "delay=0 s", "--json")
 
 
 @pytest.fixture(scope="module")
@@ -178,8 +179,8 @@ def test_every_format_gives_the_same(capsys, tmp_path, table, plain, name):
 
 def test_names_and_units_of_columns(capsys, tmp_path, table):
     write_csv(tmp_path / "r.csv", table)
-    words = ("--sample-rate", "0.2 kHz", "--model", "dahl", "--delay", "0 s", "--json")
-    named = ("--input", "drive", "--output", "position", "--output-unit", "nm")
+    words = ("--sample-rate", "0.2 kHz", "--model", "dahl", "--known", "delay=0 s", "--json")
+    named = ("--input", "drive", "--output", "position nm")
     result = json.loads(run(capsys, tmp_path / "r.csv", *named, *words)[1])
     also = ("--input", "0", "--output", "column 4")
     write_text(tmp_path / "plain.txt", table)
@@ -207,7 +208,7 @@ def test_two_rates_tell_the_delay(capsys, tmp_path):
 
 
 def test_a_part_is_held_out(capsys, text_file):
-    words = (*COLUMNS, "--model", "prandtl-ishlinskii", "--delay", "0 s", "--json")
+    words = (*COLUMNS, "--model", "prandtl-ishlinskii", "--known", "delay=0 s", "--json")
     whole = json.loads(run(capsys, text_file, *words)[1])
     first = json.loads(run(capsys, text_file, *words, "--train", ":1500")[1])
     also = json.loads(run(capsys, text_file, *words, "--train", f"0:{1500}")[1])
@@ -225,7 +226,7 @@ def test_rows_are_read_before_anything_else(capsys, tmp_path, table, plain):
 
 
 def test_a_known_chain_is_not_searched_for(capsys, text_file):
-    words = (*COLUMNS, "--model", "dahl", "--json", "--delay", "3 ms", "--creep", "1.1%")
+    words = (*COLUMNS, "--model", "dahl", "--json", "--known", "delay=3 ms,creep=1.1%")
     chain = json.loads(run(capsys, text_file, *words)[1])["chain"]
     assert chain["delay"] == {"value": 0.003, "standard_error": None, "unit": "s"}
     assert chain["creep_per_decade"]["value"] == pytest.approx(0.011)
@@ -246,7 +247,7 @@ def test_a_picture_that_fails_leaves_no_model(capsys, tmp_path, text_file, monke
 
 def test_model_and_figure_are_written(capsys, tmp_path, text_file):
     out, svg, png = (tmp_path / "new" / n for n in ("m.yaml", "loop.svg", "loop.png"))
-    words = (*COLUMNS, "--output-unit", "um", "--input-unit", "V", "--model", "preisach")
+    words = (*IN_UNITS, "--model", "preisach")
     status, said, err = run(capsys, text_file, *words, "--out", out, "--figure", svg)
     assert (status, err) == (0, "")
     assert f"wrote {out}" in said.replace("\n", "")
@@ -262,7 +263,7 @@ def test_model_and_figure_are_written(capsys, tmp_path, text_file):
     assert file.errors["heldout_rms"] == pytest.approx(0.1, abs=0.08)
     assert svg.read_bytes().lstrip().startswith(b"<?xml")
     assert b"</svg>" in svg.read_bytes()
-    quick = (*COLUMNS, "--model", "dahl", "--delay", "0 s")
+    quick = (*COLUMNS, "--model", "dahl", "--known", "delay=0 s")
     assert run(capsys, text_file, *quick, "--figure", png)[0] == 0
     assert png.read_bytes().startswith(b"\x89PNG")
 
@@ -282,8 +283,8 @@ def test_the_table_names_the_chosen_model_and_its_warnings(capsys, text_file):
 
 
 def test_the_table_is_in_units_that_suit(capsys, text_file):
-    units = ("--input-unit", "V", "--output-unit", "um", "--model", "bouc-wen", "--delay", "7 ms")
-    status, out, err = run(capsys, text_file, *COLUMNS, *units)
+    words = (*IN_UNITS, "--model", "bouc-wen", "--known", "delay=7 ms")
+    status, out, err = run(capsys, text_file, *words)
     assert (status, err) == (0, "")
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.strip()}
     assert rows["gain"][-1] == rows["hysteresis_gain"][-1] == "um/V"
@@ -295,14 +296,26 @@ def test_the_table_is_in_units_that_suit(capsys, text_file):
 
 
 def test_a_gain_that_a_model_does_without_is_not_printed(capsys, text_file):
-    status, out, err = run(capsys, text_file, *COLUMNS, "--model", "preisach", "--delay", "0 s")
+    status, out, err = run(
+        capsys, text_file, *COLUMNS, "--model", "preisach", "--known", "delay=0 s"
+    )
     assert (status, err) == (0, "")
     assert "\n gain " not in out
     assert "output/input on average" in out
 
 
 def test_what_was_fitted_is_counted_in_the_file(capsys, text_file):
-    words = (*COLUMNS, "--model", "dahl", "--delay", "0 s", "--rows", "200:", "--train", "700:1500")
+    words = (
+        *COLUMNS,
+        "--model",
+        "dahl",
+        "--known",
+        "delay=0 s",
+        "--rows",
+        "200:",
+        "--train",
+        "700:1500",
+    )
     status, out, err = run(capsys, text_file, *words, "--json")
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -329,15 +342,15 @@ BAD_OPTIONS = [
     (("--rows", "a:b"), "'--rows': must be a range"),
     (("--rows", "0:40"), "at least 50"),
     (("--rows", "900:901"), "there are fewer than two samples"),
-    (("--delay", "5"), "has no unit"),
-    (("--delay", "-1 ms"), "delay"),
-    (("--delay", "nan s"), "nan"),
-    (("--creep", "much"), "much"),
-    (("--creep", "-3%"), "'--creep': must be from 0 to below 1"),
-    (("--input-unit", "furlong"), "furlong"),
+    (("--known", "delay=5"), "has no unit"),
+    (("--known", "delay=-1 ms"), "delay"),
+    (("--known", "delay=nan s"), "nan"),
+    (("--known", "creep=much"), "much"),
+    (("--known", "creep=-3%"), "'--known': creep must be from 0 to below 1"),
+    (("--input", "0 furlong"), "furlong"),
     (("--format", "excel"), "excel"),
-    (("--skip-lines", "-2"), "--skip-lines"),
-    (("--decimal", ";"), "decimal"),
+    (("--text", "skip=-2"), "'--text': skip must be a whole number from 0"),
+    (("--text", "decimal=;"), "'--text': decimal must be"),
     (("--time", "9"), "9"),
     (("--figure", "loop.bmp"), "bmp"),
     (
@@ -465,22 +478,22 @@ def test_the_temperature_is_kept_in_the_model(capsys, text_file, tmp_path):
 
 def test_a_known_resonance_is_taken(capsys, text_file):
     status, out, _ = run(
-        capsys, text_file, *COLUMNS, "--model", "dahl", "--resonance", "71 Hz", "--json"
+        capsys, text_file, *COLUMNS, "--model", "dahl", "--known", "resonance=71 Hz", "--json"
     )
     assert status == 0
     assert json.loads(out)["chain"]["resonance"]["value"] == 71.0
-    status, _, err = run(capsys, text_file, *COLUMNS, "--resonance", "0 Hz")
+    status, _, err = run(capsys, text_file, *COLUMNS, "--known", "resonance=0 Hz")
     assert status == 2
-    assert "'--resonance': must be above 0" in err
+    assert "'--known': resonance must be above 0" in err
 
 
 def test_the_record_is_compared_with_the_description_of_the_drive(capsys, text_file):
-    words = [text_file, "--input", 0, "--output", 4, "--sample-rate", RATE, "--model", "dahl"]
-    words += ["--delay", "0 s", "--stage", "vgtu-piezo", "--json"]
+    words = [text_file, "--sample-rate", RATE, "--model", "dahl", "--known", "delay=0 s"]
+    words += ["--stage", "vgtu-piezo", "--json"]
 
     def said(input_unit, output_unit):
-        units = ["--input-unit", input_unit, "--output-unit", output_unit]
-        status, out, err = run(capsys, *words, *units)
+        columns = ["--input", f"0 {input_unit}", "--output", f"4 {output_unit}"]
+        status, out, err = run(capsys, *words, *columns)
         assert (status, err) == (0, "")
         return [w for w in json.loads(out)["warnings"] if "vgtu-piezo" in w]
 
@@ -501,7 +514,7 @@ def test_the_verdict_is_told_and_drift_is_fitted_on_demand(capsys, tmp_path, tab
     moved[[700, 1501], 4] -= 4.0 * STROKE_UM
     path = tmp_path / "drifts.txt"
     write_text(path, moved)
-    words = (*COLUMNS, "--model", "bouc-wen", "--delay", "0 s", "--json")
+    words = (*COLUMNS, "--model", "bouc-wen", "--known", "delay=0 s", "--json")
     blind, told = (json.loads(run(capsys, path, *words, *more)[1]) for more in ((), ("--drift",)))
     findings = {f["kind"]: f for f in blind["verdict"]["findings"]}
     assert set(findings) == {"spikes", "drift"}

@@ -36,7 +36,7 @@ REFUSED = {
     "centre": ["nowhere.csv", "--error", "1", "--angle", "0"],
     "run": ["nowhere.yaml"],
     "twin": ["nowhere.yaml"],
-    "serve": ["--host", "0.0.0.0"],
+    "serve": ["--address", "0.0.0.0:8321"],
     "runs": ["--since", "yesteryear"],
     "runs show": ["0", "--catalogue", "folder/none.db"],
     "runs add": ["nowhere"],

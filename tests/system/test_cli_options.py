@@ -13,6 +13,7 @@ from tests.system.test_cli_json import commands
 
 #: What differs in writing and not in meaning.
 ONE_MEANING = {
+    "--amplifier": "the amplifier of a stack: its kind, or what it can do",
     "--column": "a column; of a test with its role, and several times",
     "--material": "a material of the catalogue; of a part also by its constants, by solid",
     "--model": "a model of the mechanics; a twin has the two that run in real time",
@@ -113,8 +114,8 @@ def test_a_bare_number_has_the_unit_of_the_help(
     error = 3.0 * np.cos(np.radians(angle) - 0.4) + 0.01 * np.sin(np.radians(7.0 * angle))
     file = tmp_path / "r.csv"
     np.savetxt(file, np.column_stack([angle, error]), delimiter=",")
-    scale = ("centre", file, "--angle", "0", "--error", "1", "--angle-unit", "deg", "--json",
-             "--error-unit", "arcsec", "--radius", "50 mm", "--kind", "disc")  # fmt: skip
+    scale = ("centre", file, "--angle", "0 deg", "--error", "1 arcsec", "--json",
+             "--radius", "50 mm", "--kind", "disc")  # fmt: skip
 
     def move(*words: str) -> tuple[float, float]:
         found = printed(capsys, *scale, *words)["move"]
@@ -134,10 +135,10 @@ def test_measured_files_are_cut_by_the_same_options(
     rows = "\n".join(f"{value:.9f}" for value in reading)
     (tmp_path / "log.csv").write_text(f"a logger's first line\nand its second\n{rows}\n")
     (tmp_path / "cut.csv").write_text("\n".join(rows.splitlines()[500:]) + "\n")
-    hold = ("--test", "hold", "--column", "along=0", "--column-unit", "along=um", "--sample-rate",
+    hold = ("--test", "hold", "--column", "along=0 um", "--sample-rate",
             "1 kHz", "--json")  # fmt: skip
     cut = printed(capsys, "characterise", tmp_path / "cut.csv", *hold)
-    log = (tmp_path / "log.csv", "--skip-lines", "2", *hold)
+    log = (tmp_path / "log.csv", "--text", "skip=2", *hold)
     same = printed(capsys, "characterise", *log, "--rows", "500:")
     figures = "characteristics" if "characteristics" in cut else "measured"
     assert cut[figures] == same[figures]

@@ -118,7 +118,16 @@ def test_a_study_says_why_there_is_no_hysteresis(
     without_range: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["study", str(without_range), "--models", "lumped", "--no-virtual"])
+        main(
+            [
+                "study",
+                str(without_range),
+                "--models",
+                "lumped",
+                "--parts",
+                "identification,traditional",
+            ]
+        )
     said = " ".join(capsys.readouterr().out.split())
     assert "the hysteresis of axis x was left out" in said
     assert "voltage_range: [0 V, 120 V]" in said

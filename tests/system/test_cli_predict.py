@@ -9,8 +9,8 @@ from flexstage.cli import main
 from flexstage.virtual.stack import virtual_stack
 
 RATE = 200.0
-OPTIONS = ("--input", "0", "--output", "1", "--sample-rate", "200")
-UNITS = ("--input-unit", "V", "--output-unit", "um")
+BARE = ("--input", "0", "--output", "1", "--sample-rate", "200")
+OPTIONS = ("--input", "0 V", "--output", "1 um", "--sample-rate", "200")
 
 
 def run(capsys, *words):
@@ -38,14 +38,14 @@ def files(tmp_path_factory):
 
 
 def test_a_model_on_other_records(capsys, files):
-    words = (files / "own.dat", *OPTIONS, *UNITS, "--model", "preisach", "--delay", "0 s")
+    words = (files / "own.dat", *OPTIONS, "--model", "preisach", "--known", "delay=0 s")
     out = files / "stack.yaml"
     tested = ("--test", files / "next.dat")
     status, text, err = run(capsys, "identify", *words, "--out", out, *tested, "--json")
     assert (status, err) == (0, "")
     identified = json.loads(text)
     status, text, err = run(
-        capsys, "predict", out, files / "next.dat", files / "moved.dat", *OPTIONS, *UNITS, "--json"
+        capsys, "predict", out, files / "next.dat", files / "moved.dat", *OPTIONS, "--json"
     )
     assert (status, err) == (0, "")
     found = json.loads(text)
@@ -63,20 +63,21 @@ def test_a_model_on_other_records(capsys, files):
 
 def test_the_table_and_the_figure(capsys, files):
     model = files / "drawn.yaml"
-    own = (files / "own.dat", *OPTIONS, *UNITS)
+    own = (files / "own.dat", *OPTIONS)
     assert (
-        run(capsys, "identify", *own, "--model", "dahl", "--delay", "0 s", "--out", model)[0] == 0
+        run(capsys, "identify", *own, "--model", "dahl", "--known", "delay=0 s", "--out", model)[0]
+        == 0
     )
     figure = files / "next.png"
-    words = ("predict", model, files / "next.dat", *OPTIONS, *UNITS, "--figure", figure)
+    words = ("predict", model, files / "next.dat", *OPTIONS, "--figure", figure)
     status, out, err = run(capsys, *words)
     assert (status, err) == (0, "")
     for word in ("as predicted", "with a free constant", "next.dat", "95 % of its held-out errors"):
         assert word in out
     assert figure.read_bytes().startswith(b"\x89PNG")
-    status, out, err = run(capsys, *words[:3], *OPTIONS)
+    status, out, err = run(capsys, *words[:3], *BARE)
     assert (status, out) == (2, "")
-    assert "--output-unit" in err or "--input-unit" in err
+    assert 'say it behind the column, such as --input "1 V"' in err
     status, out, err = run(capsys, *words, "--start", "-3 s")
     assert (status, out) == (2, "")
     assert "--start" in err

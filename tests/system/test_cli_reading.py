@@ -13,7 +13,7 @@ from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 
 RATE = 100.0
-MODEL = ("--model", "prandtl-ishlinskii", "--delay", "0 s", "--json")
+MODEL = ("--model", "prandtl-ishlinskii", "--known", "delay=0 s", "--json")
 
 
 def run(capsys, *words):

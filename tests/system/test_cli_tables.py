@@ -206,10 +206,10 @@ QUICK = (
 )
 COMMANDS = (
     "analyse three-rrr",
-    "study parallelogram --model lumped,superelement --no-virtual --no-traditional --folder made",
+    "study parallelogram --model lumped,superelement --parts identification --folder made",
     "hinges",
     "run vgtu-mechanical --dry-run",
-    "excite vgtu-piezo --axis x --slew '2000 V/s' --current '50 mA'",
+    "excite vgtu-piezo --axis x --amplifier 'slew=2000 V/s,current=50 mA'",
     "sweep vgtu-piezo --over 'x.lever_neck=0.35..0.75 mm' --samples 5",
     "sweep vgtu-piezo --over 'x.lever_neck=10 %' --over 'x.leg_neck=10 %' --samples 9",
     "tolerance parallelogram --require 'natural_frequency.x >= 190 Hz' --samples 64 --workers 1",

@@ -99,7 +99,7 @@ def test_a_conversation_with_a_process(start):
 
     client = threading.Thread(target=knock)
     client.start()
-    twin = start("vgtu-piezo", "--port", str(port), "--fast", "--seed", "4", "--serial-number",
+    twin = start("vgtu-piezo", "--address", str(port), "--fast", "--seed", "4", "--serial-number",
                  "A-17", "--identity", "flexstage", "--json")  # fmt: skip
     client.join()
     # the port opens when it can answer
@@ -128,7 +128,7 @@ def test_a_conversation_with_a_process(start):
 @pytest.mark.slow
 @POSIX
 def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
-    twin = start("vgtu-mechanical", "--port", "0", "--host", "0.0.0.0", "--hold-control",
+    twin = start("vgtu-mechanical", "--address", "0.0.0.0:0", "--hold-control",
                  "--axes", "X,Y")  # fmt: skip
     assert twin.line.startswith("twin of vgtu-mechanical at gcs://0.0.0.0:")
     assert "simulated" in twin.line
@@ -161,10 +161,10 @@ def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
 def test_a_port_that_is_taken(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        status, err = refused(capsys, "vgtu-mechanical", "--port", str(port))
+        status, err = refused(capsys, "vgtu-mechanical", "--address", str(port))
     assert status == 1
     assert f"cannot listen at 127.0.0.1:{port}" in err
-    assert "--port" in err
+    assert "--address" in err
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_port_that_is_taken(capsys):
         (["vgtu-piezo", "--axes", "2"], "such as X,Y, got '2'"),  # the second is called so already
         (["vgtu-piezo", "--axes", "X,"], "got 'X,'"),
         (["vgtu-piezo", "--axes", "a-b"], "got 'a-b'"),
-        (["vgtu-piezo", "--port", "70000"], "a whole number from 0 to 65535, got '70000'"),
+        (["vgtu-piezo", "--address", "70000"], "a port from 0 to 65535, with"),
         (["vgtu-piezo", "--rate", "1 um"], "'um' is not a unit of frequency"),
         (["vgtu-piezo", "--rate", "1 Hz"], "must be from 1000 to 50000"),
         (["vgtu-piezo", "--seed", "-1"], "--seed"),
@@ -194,11 +194,11 @@ def test_bad_input_is_one_sentence(capsys, words, expected):
 @pytest.mark.parametrize("host", ["ä" * 80, "a" * 70, "x..y"])
 def test_a_host_that_no_name_can_have_gets_a_sentence(capsys, host):
     with pytest.raises(SystemExit) as ended:
-        main(["twin", "vgtu-piezo", "--port", "0", "--host", host])
+        main(["twin", "vgtu-piezo", "--address", f"{host}:0"])
     said = capsys.readouterr()
     assert (ended.value.code, said.out) == (1, "")
     assert said.err.count("\n") == 1
-    assert "choose another --port" in said.err
+    assert "choose another port by --address" in said.err
 
 
 # ------------------------------------------------------------------ a record that is played

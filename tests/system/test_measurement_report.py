@@ -224,7 +224,7 @@ def study():
     stage = design("vgtu-piezo")
     found = characterised(stage, kinds=("motion",))
     real = replace(found, origin="measured", notes=("bench 7",))
-    return run_study(stage, model=("lumped",), measured=real, virtual=True, seed=2)
+    return run_study(stage, model=("lumped",), measured=real, parts="virtual", seed=2)
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +317,7 @@ def test_results_of_a_study(study):
 
 @pytest.mark.slow
 def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
-    made = run_study(design("parallelogram"), model=("lumped",), virtual=True, seed=3)
+    made = run_study(design("parallelogram"), model=("lumped",), parts="virtual", seed=3)
     assert isinstance(made.centring, str)
     assert "No scale could be centred: " in sections_of(made, "centring")
     results = study_results(made)
@@ -333,7 +333,7 @@ def run(capsys, *words):
     return ended.value.code, said.out, said.err
 
 
-QUICK = ("parallelogram", "--models", "lumped", "--no-hysteresis")
+QUICK = ("parallelogram", "--models", "lumped", "--parts", "virtual,traditional")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -350,7 +350,7 @@ def test_measured_files_join_a_study(capsys, tmp_path):
     )
     out = tmp_path / "out"
     status, text, err = run(
-        capsys, *QUICK, "--no-virtual", "--measured", plan, "--out", out, "--json"
+        capsys, *QUICK[:3], "--parts", "traditional", "--measured", plan, "--out", out, "--json"
     )
     assert (status, err) == (0, "")
     rows = [r for r in json.loads(text)["characteristics"] if r["origin"] == "measured"]

@@ -286,7 +286,7 @@ def test_a_study_is_read_and_is_the_same_study(
 
     def study(stage: Stage, **options: Any) -> Any:
         done.clear()
-        return run_study(stage, model=models, virtual=True, cache=cache, **options)
+        return run_study(stage, model=models, parts="virtual", cache=cache, **options)
 
     first = study(stage)
     assert first.read == ()
@@ -309,7 +309,7 @@ def test_a_study_is_read_and_is_the_same_study(
         (study(neck_changed(stage, 1e-9)), ()),
         (study(stage, plane="stress"), ()),
         (study(stage, seed=2), ("superelement",)),
-        (run_study(stage, model=models, virtual=True), ()),
+        (run_study(stage, model=models, parts="virtual"), ()),
     ):
         assert changed.read == kept
 
@@ -355,7 +355,15 @@ def test_the_command_keeps_nothing_where_it_is_told_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FLEXSTAGE_CACHE", str(tmp_path / "cache"))
-    words = ["study", "parallelogram", "--model", "lumped", "--no-virtual", "--quiet"]
+    words = [
+        "study",
+        "parallelogram",
+        "--model",
+        "lumped",
+        "--parts",
+        "identification,traditional",
+        "--quiet",
+    ]
     for options, kept in ((["--no-cache"], False), ([], True)):
         with pytest.raises(SystemExit) as ended:
             main([*words, "--folder", str(tmp_path / "out"), *options])

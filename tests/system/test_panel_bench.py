@@ -559,7 +559,7 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
     twin = subprocess.Popen(
-        [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--port", "0", "--json"],
+        [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--address", "0", "--json"],
         stdout=subprocess.PIPE,
         text=True,
     )

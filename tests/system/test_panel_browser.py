@@ -70,8 +70,8 @@ def test_it_is_served_with_a_password_over_tls(tmp_path: Path) -> None:
     made = "req -x509 -newkey rsa:2048 -nodes -subj /CN=localhost -keyout key.pem -out cert.pem"
     subprocess.run([openssl, *made.split()], cwd=tmp_path, check=True, capture_output=True)
     (tmp_path / "password.txt").write_text("a long password\n", encoding="utf-8")
-    options = ("--host", "0.0.0.0", "--password-file", str(tmp_path / "password.txt"))
-    options += ("--certificate", str(tmp_path / "cert.pem"), "--key", str(tmp_path / "key.pem"))
+    options = ("--address", "0.0.0.0:0", "--password-file", str(tmp_path / "password.txt"))
+    options += ("--tls", f"certificate={tmp_path}/cert.pem,key={tmp_path}/key.pem")
     with served(tmp_path, *options) as (address, _):
         assert address.startswith("https://")
         base = "{0.scheme}://{0.netloc}".format(urlsplit(address))

@@ -14,7 +14,7 @@ import pytest
 from flexstage.cli import main
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
-from flexstage.hysteresis.requests import IdentifyRequest
+from flexstage.hysteresis.requests import IdentifyRequest, KnownChain
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
@@ -36,7 +36,7 @@ from tests.panel import looked_at, simulated
 
 RATE = 200.0
 #: A known chain: what is looked for is the hysteresis alone, which is quick.
-SEARCH = IdentifyRequest(model=("dahl", "prandtl-ishlinskii"), delay=0.0)
+SEARCH = IdentifyRequest(model=("dahl", "prandtl-ishlinskii"), known=KnownChain(delay=0.0))
 
 
 def drive_file(folder: Path) -> Path:
@@ -55,7 +55,9 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, Iden
     path = drive_file(tmp_path_factory.mktemp("drive"))
     reading = Reading(
         files=(str(path),),
-        columns=DriveColumns(input=(0,), output=(2,), input_unit="V", output_unit="um"),
+        columns=DriveColumns(input=(0,), output=(2,)),
+        input_unit="V",
+        output_unit="um",
         how=ReadOptions(sample_rate=200.0),
     )
     return path, reading, identified(reading, SEARCH, "loop")
@@ -73,10 +75,10 @@ def test_it_is_what_the_commands_find_and_write(
     capsys: Any, tmp_path: Path, drive: tuple[Path, Reading, Identified]
 ) -> None:
     path, reading, made = drive
-    read = ["--sample-rate", "200", "--input-unit", "V", "--output-unit", "um"]
+    read = ["--sample-rate", "200", "--input", "0 V", "--output", "2 um"]
     model = tmp_path / "m.yaml"
     told = said_by(
-        capsys, "identify", path, "--input", 0, "--output", 2, *read, "--delay", "0 s",
+        capsys, "identify", path, *read, "--known", "delay=0 s",
         "--model", "dahl,prandtl-ishlinskii", "--out", model,
     )  # fmt: skip
     found = made.found
@@ -99,7 +101,8 @@ def test_it_is_what_the_commands_find_and_write(
     np.savetxt(wanted, 12.0 - 9.0 * np.cos(2.5 * np.pi * t), header="wanted (um)", comments="")
     told = said_by(
         capsys, "compensate", model, "--reference", wanted, "--relative", "--sample-rate", 200,
-        "--slew", "300 V/s", "--out", tmp_path / "command.npz", "--figure", tmp_path / "c.svg",
+        "--amplifier", "slew=300 V/s", "--out", tmp_path / "command.npz",
+        "--figure", tmp_path / "c.svg",
     )  # fmt: skip
     file = Reading(
         files=(str(wanted),),
@@ -163,7 +166,7 @@ def test_what_cannot_be_identified_is_said_in_a_sentence(
     _, reading, _ = drive
     with pytest.raises(RecordError, match="sample rate"):
         identified(reading.changed("sample_rate", ""), SEARCH, "a")
-    with pytest.raises(RecordError, match="no column 9"):
+    with pytest.raises(RecordError, match="no column '9 um'"):
         identified(reading.changed("output", "9"), SEARCH, "a")
     gap = tmp_path / "nan.csv"
     gap.write_text("u (V),y (um)\n0,1\n1,nan\n2,3\n", encoding="utf-8")
@@ -235,7 +238,7 @@ def test_a_wrong_file_loses_nothing(
         assert "'fast'" in alerts()[0]
         (unit,) = (e for e in user.find(ui.input).elements if e.label == "Input unit")
         unit.value = "V"
-        await come(lambda: state.source.reading.columns.input_unit == "V")
+        await come(lambda: state.source.reading.input_unit == "V")
         await asyncio.sleep(0.3)
         assert (rate.value, "'fast'" in alerts()[0]) == ("fast", True)  # it is still to be mended
         assert state.source.missing()

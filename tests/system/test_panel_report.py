@@ -44,10 +44,10 @@ def test_a_report_is_that_of_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     variant = GUIDE.changed("leg_spacing", 0.061, 0.05)
-    report = write_report(tmp_path, variant, replace(LITTLE, virtual=True))
+    report = write_report(tmp_path, variant, replace(LITTLE, parts=("virtual",)))
     assert report.name.startswith("parallelogram-changed_")
     assert report.files == list(FILES)
-    options = "--model lumped --no-traditional --quiet --json --set leg_spacing=61mm --folder"
+    options = "--model lumped --parts virtual --quiet --json --set leg_spacing=61mm --folder"
     with pytest.raises(SystemExit) as end:
         main(["study", "parallelogram", *options.split(), str(tmp_path / "out")])
     assert not end.value.code

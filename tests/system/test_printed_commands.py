@@ -355,7 +355,7 @@ class Page:
         for start, (told, more) in _SERVES.items():
             if not line.startswith(start) or "--play" in line:
                 continue
-            said = self.shell.serve(line + more + ("" if "--port" in line else " --port 0"))
+            said = self.shell.serve(line + more + ("" if "--address" in line else " --address 0"))
             ready = re.search(told, said)
             if ready is None:
                 self.faults.append(f"{line}: no line that it is ready, but {said!r}")

@@ -36,7 +36,7 @@ steps:
 @pytest.fixture
 def twin():
     started = subprocess.Popen(
-        [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--port", "0", "--json"],
+        [sys.executable, "-m", "flexstage", "twin", "vgtu-piezo", "--address", "0", "--json"],
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -106,7 +106,7 @@ def test_an_axis_without_a_stack_is_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_report_shows_it_beside_what_was_published() -> None:
-    study = run_study(design("vgtu-piezo"), identification=True)
+    study = run_study(design("vgtu-piezo"), parts="identification")
     page = report_html(study)
     assert '<section id="hysteresis">' in page
     assert "virtual" in page
@@ -116,7 +116,7 @@ def test_the_report_shows_it_beside_what_was_published() -> None:
     assert set(results) == {"x", "y"}
     assert results["x"]["runs"][1]["reduction_percent"] > 99.0
     assert results["x"]["open_loop"]["tracking_rms"] > results["x"]["runs"][1]["tracking_rms"]
-    without = run_study(design("vgtu-mechanical"), identification=True)
+    without = run_study(design("vgtu-mechanical"), parts="identification")
     assert without.experiments == {}
     assert '<section id="hysteresis">' not in report_html(without)
 
@@ -129,7 +129,7 @@ def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.Monkey
     # the room has a function of the module's name
     module = importlib.import_module("flexstage.studies.compensation")
     monkeypatch.setattr(module, "virtual_experiment", fail)
-    study = run_study(design("vgtu-piezo"), model=["lumped"], identification=True)
+    study = run_study(design("vgtu-piezo"), model=["lumped"], parts="identification")
     assert study.experiments == {}
     page = report_html(study)
     assert "Axis x was left out: axis x &amp; its &lt;record&gt; cannot serve." in page

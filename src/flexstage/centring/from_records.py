@@ -26,6 +26,7 @@ from flexstage.records import Channel, Record
 from flexstage.records.likely_columns import taken_turn
 from flexstage.records.files import read_files
 from flexstage.records.read_options import ReadOptions
+from flexstage.records.record import column_and_unit
 from flexstage.units import si_unit
 
 
@@ -50,15 +51,8 @@ def head_angles(given: Sequence[float], files: int, columns: int) -> list[float]
     )
 
 
-def spelled(text: str | None) -> str | None:
-    """Return a unit as records know it; None for a turn, none of theirs, which is seen to later."""
-    return None if text is None or text.strip().lower() in TURN_WORDS else text
-
-
 def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
     """Return how many SI units a unit is, and which."""
-    if text.strip().lower() in TURN_WORDS:
-        return 2.0 * math.pi, "rad"
     factor, unit = si_unit(text)
     if unit != "count":
         return factor, unit
@@ -76,16 +70,12 @@ def head_of(
     the head stands [rad].
     """
     errors = record.channel(name)
-    y, unit = _in_si(
-        errors, request.error_unit, request, "--error-unit",
-        ("rad",) if request.reading else ("rad", "m"),
-    )  # fmt: skip
+    y, unit = _in_si(errors, request, "--error", ("rad",) if request.reading else ("rad", "m"))
     if request.angle is None:
         assert request.turns is not None
         theta = 2.0 * math.pi * request.turns * np.arange(record.size) / record.size
     else:
-        angle = record.channel(request.angle)
-        theta, _ = _in_si(angle, request.angle_unit, request, "--angle-unit", ("rad",))
+        theta, _ = _in_si(record.channel(request.angle), request, "--angle", ("rad",))
     if request.reading:
         _require_alike(y, theta, errors.name)
         y = y - theta
@@ -113,30 +103,27 @@ def doubts(heads: Sequence[HeadReadings]) -> list[str]:
     doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
     return [
         f"the angle goes over {float(np.ptp(h.angle)):.0f} rad in '{h.file}': if that is in "
-        "degrees, say so by --unit deg or --angle-unit deg"
+        'degrees, say so by --unit deg or behind the column, such as --angle "0 deg"'
         for h in doubtful[:1]
     ]
 
 
 def _in_si(
     channel: Channel,
-    own: str | None,
     request: CentreRequest,
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
-    """Return a column in SI, by its own option, by the file, by the option for both."""
+    """Return a column in SI, as it was read, or by the unit for both."""
     known, general, counts = channel.unit, request.unit, request.counts
-    if own is not None and spelled(own) is None:
-        factor, known = 2.0 * math.pi, "rad"
-    elif known == "count":
+    if known == "count":
         factor, known = _si("count", counts, f"column '{channel.name}'")
     elif known:
         factor = 1.0
     elif general is None:
         raise RecordError(
-            f"nobody says in which unit column '{channel.name}' is: give --unit or {option}, such "
-            f"as {option} deg"
+            f"nobody says in which unit column '{channel.name}' is: give --unit, or say it behind "
+            f'the column, such as {option} "{channel.name} deg"'
         )
     else:
         factor, known = _si(general, counts, f"column '{channel.name}'")
@@ -144,7 +131,7 @@ def _in_si(
         raise RecordError(
             f"column '{channel.name}' is in {known}, and must be an angle"
             + (" or a length" if "m" in allowed else "")
-            + f": choose another column, or say its unit by {option}"
+            + f": choose another column, or say its unit behind {option}"
         )
     return channel.values * factor, known
 
@@ -208,9 +195,7 @@ def centre_files(
         angle, errors, *said = taken_turn(files[0], how)
         request = replace(request, angle=angle, error=errors)
     _require_columns(request)
-    own = [] if request.angle is None else [spelled(request.angle_unit)]
-    units = [*own, *[spelled(request.error_unit)] * len(request.names)]
-    read = read_files(files, request.columns, options=how, units=units, over="point")
+    read = read_files(files, request.columns, options=how, over="point")
     read[0] = replace(read[0], notes=(*said, *read[0].notes))
     return centre_records(read, request)
 
@@ -233,7 +218,8 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     together = len(records) > 1 and len(options.heads) == len(found)
     size = len(found) if together else len(names)
     settings = [_fitted(found[i : i + size], options) for i in range(0, len(found), size)]
-    written = options.error_unit or options.unit
+    headings = [channel.name for channel in records[0].channels]
+    written = column_and_unit(headings, names[0])[1] or options.unit
     reports = [report(s, mirror, options.mounting_angle, written) for s in settings]
     for i in range(1, len(reports)):
         reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)

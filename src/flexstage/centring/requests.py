@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from flexstage.errors import ModelError, RecordError
 from flexstage.files.ranges import Range, Size, Written
 from flexstage.files.request import Request
-from flexstage.records.read_options import Column, ColumnList, columns_text, read_columns
+from flexstage.records.read_options import Column, ColumnList
 from flexstage.units import DIMENSIONS, parse
 
 #: One pair of poles on the axis.
@@ -55,7 +55,6 @@ def _orders_text(orders: Sequence[int]) -> str:
     return ",".join(map(str, orders)) if len(orders) > 1 else f"{orders[0]}:{orders[0]}"
 
 
-_COLUMNS = Written("COLUMN,...", read=read_columns, write=columns_text)
 _ANGLE = Annotated[float, DIMENSIONS["angle"]]
 #: Where heads stand [rad].
 HeadAngles = Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=True)]
@@ -63,34 +62,29 @@ HeadAngles = Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=
 ScaleRadius = Annotated[Size, Written(bare="mm")]
 #: How a stage lies on its table [rad].
 MountingAngle = Annotated[_ANGLE, Written(bare="deg")]
-_UNIT = Annotated[str, Written("UNIT")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CentreRequest(Request):
     """Eccentricity of a scale on a turning table, and the move that removes it."""
 
-    error: Annotated[ColumnList, _COLUMNS] = ()
+    error: ColumnList = ()
     """Numbers or names of the error columns, one for each head: angle reading minus true angle; or,
     in a unit of length, the readings of indicators on the rim (default: with none of these options,
     what is called angle and error).
     """
-    reading: Annotated[ColumnList, _COLUMNS] = ()
+    reading: ColumnList = ()
     """Instead of --error: columns of the readings of the heads, wrapped at a turn or not; the true
     angle is subtracted.
     """
     angle: Column | None = None
-    """Number or name of the column of the true angle, wrapped or not (default: samples are evenly
-    spaced over --turns).
+    """Number or name of the column of the true angle, wrapped or not, with its unit where the file
+    does not say it, "0 deg" (default: samples are evenly spaced over --turns).
     """
-    unit: _UNIT | None = None
-    """Unit of angle and error if neither the file nor --angle-unit and --error-unit give it, such
-    as "deg", "rad", "arcsec", "turn" or "count"; harmonics are printed in it.
+    unit: Annotated[str, Written("UNIT")] | None = None
+    """Unit of angle and error if neither the file says it nor --angle and --error, such as "deg",
+    "rad", "arcsec", "turn" or "count"; harmonics are printed in it.
     """
-    angle_unit: _UNIT | None = None
-    """Unit of the angle."""
-    error_unit: _UNIT | None = None
-    """Unit of the errors, or of the readings."""
     counts: float | None = None
     """Counts per turn, for columns in counts."""
     heads: HeadAngles = ()

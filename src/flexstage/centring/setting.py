@@ -14,9 +14,7 @@ from flexstage.centring.harmonics import fit_harmonics
 from flexstage.estimate import Estimate
 from flexstage.files.plain import picked
 from flexstage.units import si_unit
-
-#: Words for a turn as a unit.
-TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
+from flexstage.units.columns import TURN_WORDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

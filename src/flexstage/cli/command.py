@@ -14,8 +14,6 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
     "study": {
         "--out": "--folder",
         "--models": "--model",
-        "--hysteresis": "--identification",
-        "--no-hysteresis": "--no-identification",
     },
     "hinges": {"--angle": "--half-angle", "--kind": "--profile"},
     "equations": {"--format": "--to"},
@@ -27,21 +25,18 @@ FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--no-resonance": "--no-multisine",
     },
     "identify": {
-        "--damping": "--damping-ratio",
         "--test": "--test-record",
     },
     "compensate": {
-        "--unit": "--reference-unit",
         "--limits": "--voltage",
         "--band": "--reference-bandwidth",
     },
     "characterise": {
         "--out": "--folder",
         "--models": "--model",
-        "--unit": "--column-unit",
         "--virtual": "--virtual-seed",
     },
-    "frf": {"--modes": "--fit-modes", "--delay": "--fit-delay", "--lag": "--fit-lag"},
+    "frf": {"--modes": "--fit-modes"},
     "run": {"--out": "--folder", "--steps": "--only"},
     "twin": {"--rate": "--servo-rate"},
     "runs": {"--kind": "--test", "--serial": "--serial-number"},

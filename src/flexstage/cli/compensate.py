@@ -33,7 +33,6 @@ def compensate(
     reference: Path,
     *,
     column_: str | None = None,
-    reference_unit: str | None = None,
     request: CompensateRequest,
     how: ReadOptions,
     out: OutputFile = None,
@@ -52,9 +51,8 @@ def compensate(
         FILE: Record of the wanted readings over time.
     column_
         --column COLUMN: Number or name of its column (default: the only one in a unit of length or
-        angle, or called position, output...).
-    reference_unit
-        UNIT: Unit of the reference, such as "um".
+        angle, or called position, output...), with its unit behind where the file does not say it,
+        such as "1 um".
     out
         Write time, command, reference and prediction (.csv, .npz, .h5 or .mat).
     figure
@@ -75,7 +73,7 @@ def compensate(
         _, (wanted,), _ = taken_drive(reference, (("none",), ()), how, options=("input", "column"))
     else:
         wanted = read_column(column_)
-    (record,) = read_files([reference], [wanted], options=how, units=[reference_unit], even=True)
+    (record,) = read_files([reference], [wanted], options=how, even=True)
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
@@ -85,7 +83,7 @@ def compensate(
         values + (lowest_reading(drive) if request.relative else 0.0),
         1.0 / record.sample_rate_hz,
         limits=request.voltage,
-        largest_rate=request.largest_rate,
+        largest_rate=request.amplifier.largest_rate,
         state=drive.hysteresis.initial_state() if request.start == "rest" else None,
         start=None if isinstance(request.start, str) else request.start,
         band_hz=request.reference_bandwidth,

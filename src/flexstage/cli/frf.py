@@ -17,7 +17,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.reading import record_format
-from flexstage.measure.requests import FrfRequest
+from flexstage.measure.requests import RING_DOWN, FrfRequest
 from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
@@ -51,8 +51,9 @@ def frf(
 
     record_format(out)
     refuse(
-        request.ring_down and out,
-        "--out has no meaning with --ring-down, which fits outputs alone: leave it out",
+        request.excitation == RING_DOWN and out,
+        "--out has no meaning with --excitation ring-down, of which outputs alone are fitted: "
+        "leave it out",
     )
     with progress_bar("frf", quiet=quiet):
         found = frf_of_files(records, request, how)

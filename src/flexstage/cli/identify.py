@@ -1,18 +1,12 @@
 """`flexstage identify`: a model of a drive from measured records."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from flexstage.cli.options import (
-    AxisOption,
-    JsonOption,
-    QuietOption,
-    from_docstring,
-    refuse,
-)
+from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
@@ -32,6 +26,8 @@ from flexstage.cli.predict import (
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import RecordError
 from flexstage.files.plain import picked
+from flexstage.files.ranges import Written
+from flexstage.files.request import Request
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
@@ -42,16 +38,38 @@ if TYPE_CHECKING:
     from flexstage.records import Record
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparedWith(Request):
+    """What an identified model is compared with."""
+
+    heading: ClassVar[str] = "Comparison of the model"
+
+    test_record: Annotated[tuple[Path, ...], Written("FILE")] = ()
+    """Another record, read with the same options, on which the model is tested without another
+    fit.
+    """
+    stage: Annotated[str, Written("STAGE")] | None = None
+    """A stage file, or the name of a built-in design: the record is compared with its voltage range
+    and stroke.
+    """
+    axis: Annotated[str, Written("NAME")] | None = None
+    """Axis of the stage (default: the first)."""
+    taken: StageOptions = AS_DESCRIBED
+    """How the stage is taken."""
+
+    def __post_init__(self) -> None:
+        super(ComparedWith, self).__post_init__()
+        refuse(self.axis and not self.stage, "--axis needs --stage: it names an axis of that")
+        self.taken.require_stage(self.stage, "--stage")
+
+
 @from_docstring
 def identify(
     records: Annotated[list[Path], typer.Argument()],
     *,
     columns: DriveColumns,
     request: IdentifyRequest,
-    test_record: list[Path] | None = None,
-    stage: str | None = None,
-    taken: StageOptions = AS_DESCRIBED,
-    axis: AxisOption = None,
+    beside: ComparedWith,
     how: ReadOptions,
     out: OutputFile = None,
     figure: FigureFile = None,
@@ -65,12 +83,6 @@ def identify(
     records
         RECORD...: Measured files of one drive. Files at two or more rates separate lag and creep
         from hysteresis.
-    test_record
-        FILE: Another record, read with the same options, on which the model is tested without
-        another fit; may be repeated.
-    stage
-        STAGE: A stage file, or the name of a built-in design: the record is compared with its
-        voltage range and stroke.
     out
         Write the model, as readable text.
     figure
@@ -80,21 +92,19 @@ def identify(
     from flexstage.hysteresis.prediction import predict_each
     from flexstage.records.drives import read_drive
 
-    refuse(axis is not None and stage is None, "--axis needs --stage: it names an axis of that")
-    taken.require_stage(stage, "--stage")
     one = "--curve files makes one record of all files: leave --test-record out"
-    refuse(test_record and columns.curve == "files", one, RecordError)
-    given, driven, follows = read_drive([*records, *(test_record or ())], columns, how)
+    refuse(beside.test_record and columns.curve == "files", one, RecordError)
+    given, driven, follows = read_drive([*records, *beside.test_record], columns, how)
     read, others = given[: len(records)], given[len(records) :]
     if columns.is_table and not how.sample_rate:
         request = rowwise(request)
     with progress_bar("identify", quiet=quiet):
         found = run(read, driven, follows, request)
     tested = predict_each(found.model, others, driven, follows)
-    if stage is not None:
+    if beside.stage is not None:
         from flexstage.studies.measurement import against_description
 
-        said = against_description(found, taken.stage(stage), axis)
+        said = against_description(found, beside.taken.stage(beside.stage), beside.axis)
         found = replace(found, warnings=(*said, *found.warnings))
     files = _write(found, read, out, figure)
     result = identification_result(found, read, files)

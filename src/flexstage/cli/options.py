@@ -110,7 +110,7 @@ def _default(field: RequestField) -> Any:
         if field.default and f"m{si}" in units and abs(field.default) < 0.1:
             return f"{1e3 * field.default:g} m{si}"
         return f"{field.default:g} {si if field.default else units[0]}"
-    return " ".join(field.texts(field.default))
+    return " ".join(field.texts(field.default)) or None
 
 
 def _option_of(field: RequestField, panel: str | None) -> Any:
@@ -147,7 +147,7 @@ def _filled(kind: type[Request], given: dict[str, Any]) -> Request:
 
 def request_texts(command: Any) -> dict[str, str]:
     """Return the help of the options that come from the requests of a command, by their names."""
-    from flexstage.files.schema import field_texts
+    from flexstage.files.schema import field_texts, part_texts
 
     texts: dict[str, str] = {}
     left = list(getattr(command, "requests", ()))
@@ -158,19 +158,11 @@ def request_texts(command: Any) -> dict[str, str]:
             if name in own:
                 field = own[name]
                 end = "; may be repeated." if field.repeated else "."
-                parts = _part_texts(field.kind) if is_request(field.kind) else ""
+                parts = part_texts(field.kind) if is_request(field.kind) else ""
                 said = f"{text.removesuffix('.')}{end} {field.written.help}{parts}"
                 texts[name] = said.strip()
         left += [group for _, group in request_groups(kind)]
     return texts
-
-
-def _part_texts(kind: type[Request]) -> str:
-    """Return the help of the parts of an option that is a request."""
-    from flexstage.files.schema import field_texts
-
-    texts = field_texts(kind)
-    return " ".join(f"{f.name}={f.metavar}: {texts[f.name]}" for f in request_fields(kind).values())
 
 
 def _described(

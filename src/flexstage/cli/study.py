@@ -30,7 +30,7 @@ def study(
 ) -> None:
     """Compare models with published values, in a report.
 
-    Writes report.html and results.json, and virtual-measurement.html unless --no-virtual.
+    Writes report.html and results.json, and virtual-measurement.html where --parts has virtual.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def twin(
         said = {"stage": described.name, "record": str(play), "files": [str(out)]}
         print_json(said) if as_json else print_notes(console(), (), [out])
         return
-    host, port = request.host, request.port
+    host, port = request.address
     with _ended_by_signals() as ended, _reserved(host, port) as listener:
         from flexstage.instruments.pi.simulated.address import simulated_controller
         from flexstage.instruments.pi.simulated.server import GcsServer
@@ -101,8 +101,8 @@ def _taken(host: str, port: int) -> Iterator[None]:
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise NotConnectedError(
-            f"cannot listen at {host}:{port} ({why}): choose another --port, 0 for any that is "
-            "free, or another --host"
+            f"cannot listen at {host}:{port} ({why}): choose another port by --address, 0 for any "
+            "that is free, or another host"
         ) from error
 
 

@@ -23,6 +23,7 @@ from flexstage.files.format import (
 )
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.ranges import range_of, written_as
+from flexstage.files.request import Request, request_fields
 from flexstage.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
@@ -233,6 +234,12 @@ def field_texts(cls: type) -> dict[str, str]:
         if "__annotations__" in vars(base):
             texts |= _own_texts(base)
     return texts
+
+
+def part_texts(cls: type[Request]) -> str:
+    """Return what is said of the parts of a request that is one value."""
+    texts = field_texts(cls)
+    return " ".join(f"{f.name}={f.metavar}: {texts[f.name]}" for f in request_fields(cls).values())
 
 
 # the module of a class is parsed to find it

@@ -233,13 +233,13 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
         return given, ""
     if not unit:
         raise ModelError(
-            f"the {what} has no unit and the model is in {model_unit}: name it with "
-            f'--reference-unit, such as --reference-unit "{model_unit}"'
+            f"the {what} has no unit and the model is in {model_unit}: say it behind "
+            f'the column, such as --column "1 {model_unit}"'
         )
     if not model_unit:
         raise ModelError(
             f"the {what} is in {unit} and the model was identified without a unit: identify it "
-            "again with --input-unit and --output-unit"
+            'again with units behind the columns, such as --output "1 um"'
         )
     try:
         (own, si), (wanted, model_si) = si_unit(unit), si_unit(model_unit)
@@ -247,8 +247,8 @@ def in_unit_of_model(values: ArrayLike, unit: str, model_unit: str, what: str) -
         raise ModelError(f"the {what} is in {unit}, the model in {model_unit}: {error}") from error
     if si != model_si:
         raise ModelError(
-            f"the {what} is in {unit}, the model gives {model_unit}: name its unit with "
-            "--reference-unit, or choose another column"
+            f"the {what} is in {unit}, the model gives {model_unit}: say its unit behind "
+            "--column, or choose another column"
         )
     made = given * (own / wanted)
     return made, f"the {what} was converted from {unit} to {model_unit}, the unit of the model"

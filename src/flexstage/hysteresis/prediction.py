@@ -214,8 +214,8 @@ def predict_each(
             if own != unit:
                 raise ModelError(
                     f"the {side} of {record.source or 'the record'} is in "
-                    f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: name "
-                    f"the unit with --{side}-unit"
+                    f"{own or 'no unit that is said'}, that of the model in {unit or 'none'}: say "
+                    f'it behind the column, such as --{side} "1 {unit or "um"}"'
                 )
     return [predict(model, r, input_column, output_column, start=start) for r in records]
 

@@ -1,7 +1,7 @@
 """What is asked of drives: to be identified, to predict records, to follow a reference."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.errors import ModelError
 from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Seed, Written
@@ -13,9 +13,7 @@ from flexstage.units.dimension import MEASURED
 
 _FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")]
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
-_SLEW = Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
-_CAPACITANCE = Annotated[float, DIMENSIONS["capacitance"], POSITIVE]
 _SHARE = Range(low=0.0, high=1.0, below=True)
 
 
@@ -25,6 +23,32 @@ def read_duration(text: str) -> float | str:
     if word.isalpha():
         return float("inf") if word == "inf" else word
     return parse(word, "time", bare_unit="s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownChain(Request):
+    """What is known of a drive and is not to be identified."""
+
+    one_value: ClassVar[bool] = True
+
+    resonance: _FREQUENCY | None = None
+    """Resonance of the stage with its drives in place."""
+    damping: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
+    """Damping ratio of that resonance."""
+    delay: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE] | None = None
+    """Delay of the output; creep is then not fitted either."""
+    creep: Annotated[float, _SHARE, Written("SHARE")] | None = None
+    """Creep per decade of time; delay is then not fitted either."""
+
+    @property
+    def mode(self) -> tuple[float, float] | None:
+        """Frequency [Hz] and damping ratio of the known mode."""
+        return None if self.resonance is None else (self.resonance, self.damping)
+
+    @property
+    def has_lag(self) -> bool:
+        """Whether delay or creep are known, of which the other is then none."""
+        return self.delay is not None or self.creep is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,16 +65,10 @@ class IdentifyRequest(Request):
     """Samples to fit, numbered as for --rows; all others are held out (default: all are fitted, and
     held-out errors come from cross-validation over whole cycles).
     """
-    delay: Annotated[float, DIMENSIONS["time"], NOT_NEGATIVE] | None = None
-    """Known delay of the output, such as "5 ms"; delay and creep are then not fitted."""
-    creep: Annotated[float, _SHARE, Written("SHARE")] | None = None
-    """Known creep per decade of time, such as "1.2%"; delay and creep are then not fitted."""
-    resonance: _FREQUENCY | None = None
-    """Known resonance of the stage with its drives in place, such as "808 Hz" (default:
-    identified).
+    known: KnownChain = KnownChain()
+    """What is known of the drive and not identified, such as "resonance=808 Hz,damping=0.01" or
+    "delay=5 ms,creep=1.2 %".
     """
-    damping_ratio: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
-    """Damping ratio of the known resonance."""
     temperature: (
         Annotated[tuple[float, float], DIMENSIONS["temperature"], Written("LOW[:HIGH]", bare="K")]
         | None
@@ -59,16 +77,11 @@ class IdentifyRequest(Request):
     drift: bool = False
     """Fit a drift of constant speed beside the model, in each record, and throw it away."""
 
-    @property
-    def known_mode(self) -> tuple[float, float] | None:
-        """Frequency [Hz] and damping ratio of the known mode."""
-        return None if self.resonance is None else (self.resonance, self.damping_ratio)
-
 
 def rowwise(request: IdentifyRequest) -> IdentifyRequest:
     """Return a request about rows without times, which tell neither delay nor creep."""
-    known = request.delay is not None or request.creep is not None
-    return request if known else replace(request, delay=0.0)
+    known = request.known
+    return request if known.has_lag else replace(request, known=replace(known, delay=0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +98,37 @@ class DynamicRequest(Request):
     """Largest current of the amplifier, such as "50 mA"."""
     keep_modes: Annotated[int, Range(low=1)] | None = None
     """Number of modes to keep (default: all)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AmplifierLimits(Request):
+    """What the amplifier of a piezo stack can do."""
+
+    one_value: ClassVar[bool] = True
+
+    slew: (
+        Annotated[float, DIMENSIONS["slew rate"], POSITIVE, Written("SLOPE", bare="V/s")] | None
+    ) = None
+    """Largest slope of the voltage."""
+    current: _CURRENT | None = None
+    """Largest current, which is the capacitance times the slope."""
+    capacitance: Annotated[float, DIMENSIONS["capacitance"], POSITIVE] | None = None
+    """Capacitance of the stack."""
+
+    @property
+    def largest_rate(self) -> float | None:
+        """Largest slope that both limits allow [V/s]; None where there is none."""
+        rates = [] if self.slew is None else [self.slew]
+        if self.current is not None and self.capacitance is not None:
+            rates.append(self.current / self.capacitance)
+        return min(rates, default=None)
+
+    def require_load(self) -> None:
+        """Refuse a limit of the current without what it charges."""
+        if self.current is not None and self.capacitance is None:
+            raise ModelError(
+                "--amplifier: a limit of the current needs the capacitance of the stack: give both"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,12 +150,10 @@ class ExciteRequest(Request):
         Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written("RATE", bare="Hz")] | None
     ) = None
     """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
-    slew: _SLEW | None = None
-    """Largest slope of the voltage, such as "2000 V/s"."""
-    current: _CURRENT | None = None
-    """Largest current of the amplifier, such as "50 mA": the capacitance times the slope."""
-    capacitance: _CAPACITANCE | None = None
-    """Capacitance of the stack, such as "6.4 uF" (default: that of STAGE)."""
+    amplifier: AmplifierLimits = AmplifierLimits()
+    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA"; the capacitance is that of
+    the stack of STAGE where it is not given.
+    """
     frequency: _FREQUENCY | None = None
     """Lowest natural frequency with the drives in place (default: that of the lumped model of
     STAGE). Loops stay below a tenth of it, smooth movements begin and end over two of its periods.
@@ -163,12 +205,8 @@ class CompensateRequest(Request):
     """Voltage range of the command, such as "0:120" (default: the range on which the model was
     identified).
     """
-    slew: _SLEW | None = None
-    """Largest slope of the voltage, such as "2000 V/s"."""
-    current: _CURRENT | None = None
-    """Largest current of the amplifier, such as "50 mA"."""
-    capacitance: _CAPACITANCE | None = None
-    """Capacitance of the stack, such as "6.4 uF": limits the slope with --current."""
+    amplifier: AmplifierLimits = AmplifierLimits()
+    """What the amplifier can do, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
     reference_bandwidth: _FREQUENCY | None = None
     """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the
     model).
@@ -185,18 +223,11 @@ class CompensateRequest(Request):
     def __post_init__(self) -> None:
         super(CompensateRequest, self).__post_init__()
         require_start(self.start, "conditioned, rest")
-        if self.current is not None and self.capacitance is None:
-            raise ModelError("--current needs --capacitance: a current charges the stack")
-        if self.capacitance is not None and self.current is None:
-            raise ModelError("--capacitance needs --current: both together limit the slope")
-
-    @property
-    def largest_rate(self) -> float | None:
-        """Largest rate of the command that the amplifier can follow [V/s]."""
-        rates = [] if self.slew is None else [self.slew]
-        if self.current is not None and self.capacitance is not None:
-            rates.append(self.current / self.capacitance)
-        return min(rates, default=None)
+        if self.amplifier.capacitance is not None and self.amplifier.current is None:
+            raise ModelError(
+                "--amplifier: the capacitance needs the current: both together limit the slope"
+            )
+        self.amplifier.require_load()
 
 
 def require_start(start: float | str, words: str) -> None:

@@ -15,14 +15,44 @@ def read_names(text: str) -> tuple[str, ...]:
     return tuple(text.split(",")) if text else ()
 
 
+def read_address(text: str) -> tuple[str, int]:
+    """Return where to listen: a host, this computer where none is named, and a port.
+
+    Examples
+    --------
+    >>> read_address("0.0.0.0:50000"), read_address("[::1]:0"), read_address("8080")
+    (('0.0.0.0', 50000), ('::1', 0), ('127.0.0.1', 8080))
+    """
+    host, _, port = text.strip().rpartition(":")
+    if not port.isdecimal() or int(port) > _LAST_PORT:
+        raise ModelError(
+            f"must be a port from 0 to {_LAST_PORT}, with an address before it or none, such as "
+            f"0.0.0.0:8080, got '{text[:60]}'"
+        )
+    return host.removeprefix("[").removesuffix("]") or _LOOPBACK, int(port)
+
+
+def write_address(address: tuple[str, int]) -> str:
+    """Return the text of a host and a port."""
+    host, port = address
+    if not 0 <= port <= _LAST_PORT:
+        raise ValueError
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+_LOOPBACK, _LAST_PORT = "127.0.0.1", 65535
+#: Host and port to listen on.
+Address = Annotated[tuple[str, int], Written("[HOST:]PORT", read=read_address, write=write_address)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinRequest(Request):
     """A simulated stage behind a GCS controller."""
 
-    port: Annotated[int, Range(low=0, high=65535)] = 50000
-    """TCP port; 0 for any free port."""
-    host: Annotated[str, Written("ADDRESS")] = "127.0.0.1"
-    """Address to listen on; any address but 127.0.0.1 lets others on the network move the stage."""
+    address: Address = (_LOOPBACK, 50000)
+    """Address and TCP port to listen on, 0 for any free port; any address but 127.0.0.1, which is
+    meant where none is given, lets others on the network move the stage.
+    """
     seed: Seed = 0
     """Random seed of the simulated stage."""
     model: Literal["lumped", "superelement"] = "lumped"

@@ -231,8 +231,8 @@ def study(
         Some of ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` and ``solid``; the last
         takes a minute or more.
     **asked
-        Other fields of `flexstage.studies.requests.StudyRequest`: plane and seed, and
-        identification, virtual and traditional, which are done only where they are True here.
+        Other fields of `flexstage.studies.requests.StudyRequest`: plane and seed, and parts, such
+        as ``"virtual,traditional"``, of which none is done unless it is named here.
 
     Returns
     -------

@@ -110,7 +110,9 @@ def frf(
     named = {name: _columns(column) for name, column in columns.items() if column is not None}
     found = evaluated(given, request_of(FrfRequest, None, {**named, **asked}))
     if not isinstance(found, FrfResult) or found.fit is None:
-        raise ModelError("no modes were asked for: leave ring_down and fit_modes=0 out")
+        raise ModelError(
+            'no modes were asked for: leave excitation="ring-down" and fit_modes=0 out'
+        )
     return found.fit
 
 

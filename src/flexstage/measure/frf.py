@@ -8,7 +8,7 @@ from flexstage.errors import ModelError
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown, ring_down
-from flexstage.measure.requests import FrfRequest
+from flexstage.measure.requests import RING_DOWN, FrfRequest
 from flexstage.measure.spectra.checks import HitOptions
 from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
 from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
@@ -39,19 +39,18 @@ def frf_of_files(
 ) -> FrfResult | tuple[Sequence[Record], RingDown]:
     """Return what `frf` finds in files; columns that units and names tell are taken of them."""
     taken = ""
-    if not (request.ring_down or request.response or (request.input and request.output)):
+    decays = request.excitation == RING_DOWN
+    if not (decays or request.response or (request.input and request.output)):
         columns = (request.input, request.output)
         driven, follows, taken = taken_drive(files[0], columns, how, vibration=True)
         request = replace(request, input=driven, output=follows)
-    existing = not (request.input or request.output or request.ring_down)
+    existing = not (request.input or request.output or decays)
     if existing and (how.sample_rate or how.time is not None or how.resample):
         raise ModelError(_NEEDED)
-    units = [request.input_unit] * len(request.input) + [request.output_unit] * len(request.output)
     read = read_files(
         files,
         [*request.input, *request.output],
         options=how,
-        units=units,
         over="table" if existing else "any",
     )
     if existing:
@@ -68,9 +67,9 @@ def frf(
     With a delay or a lag modes are in phase unless complex ones are asked for: a delay turns the
     phase as complex modes do.
     """
-    if request.ring_down:
+    if request.excitation == "ring-down":
         return records, _decayed(records, request)
-    estimate, added = None, 0.0
+    estimate, added, at_end = None, 0.0, request.exponential
     if records[0].over == "frequency":
         responses = [response_from_record(record) for record in records]
     else:
@@ -82,12 +81,9 @@ def frf(
             request.output,
             estimator=request.estimator,
             excitation=request.excitation,
-            window=request.window,
-            segment=request.segment,
+            window="hann" if at_end else request.window,
             resolution_hz=request.resolution,
-            hits=None
-            if request.exponential is None
-            else HitOptions(exponential=request.exponential),
+            hits=HitOptions(exponential=at_end) if at_end else None,
         )
         responses, added = [estimate.response], estimate.added_damping_rate
     found = None
@@ -98,9 +94,9 @@ def frf(
             count=request.fit_modes,
             frequency_guess=request.near or None,
             weighting="variance" if request.weight == "noise" else request.weight,
-            delay=request.fit_delay or None,
-            lag=request.fit_lag,
-            real_modes=(request.fit_delay or request.fit_lag) and not request.complex,
+            delay="delay" in request.fit or None,
+            lag="lag" in request.fit,
+            real_modes=bool(request.fit) and "complex" not in request.fit,
             added_damping_rate=added,
         )
     return FrfResult(records=records, response=responses[0], estimate=estimate, fit=found)
@@ -109,12 +105,7 @@ def frf(
 def _tabled(record: Record, request: FrfRequest) -> Record:
     """Return a record over frequency, as it is or from columns of a table."""
     if record.over != "frequency":
-        return responses_in_columns(
-            record,
-            list(request.response) or None,
-            output_unit=request.output_unit,
-            input_unit=request.input_unit,
-        )
+        return responses_in_columns(record, list(request.response) or None)
     if request.response:
         raise ModelError(
             f"'{record.source}' says itself which responses it holds: leave --response out, and "
@@ -125,10 +116,12 @@ def _tabled(record: Record, request: FrfRequest) -> Record:
 
 def _decayed(records: Sequence[Record], request: FrfRequest) -> RingDown:
     if len(records) != 1 or not request.output:
-        raise ModelError("--ring-down needs one file and --output: name the columns that decay")
+        raise ModelError(
+            "--excitation ring-down needs one file and --output: name the columns that decay"
+        )
     if records[0].over != "time":
         raise ModelError(
-            f"--ring-down needs samples over time, and '{records[0].source}' is over "
+            f"--excitation ring-down needs samples over time, and '{records[0].source}' is over "
             f"{records[0].over}: leave the option out, or give a record of the decay"
         )
     count = request.fit_modes

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import INNER_SHARE, POSITIVE, Range, Seed, Written
-from flexstage.files.request import Request, request_fields
-from flexstage.records.read_options import ColumnList, columns_text, read_columns
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, Seed, Written
+from flexstage.files.request import Request, read_number, request_fields
+from flexstage.records.read_options import ONE_COLUMN, ColumnList
 from flexstage.units import DIMENSIONS
 
 _FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE]
-_ONE = Written("COLUMN", read=read_columns, write=columns_text)
-_UNIT = Annotated[str, Written("UNIT")]
+#: The excitation of a free decay.
+RING_DOWN = "ring-down"
 
 
 def read_count(text: str) -> int | str:
@@ -37,6 +37,17 @@ def read_trials(text: str) -> int | str:
     return int(number)
 
 
+def _exponential(window: str) -> float | None:
+    """Return the share that an exponential window ends at; None of another window."""
+    name, _, share = window.strip().partition(" ")
+    if name != "exponential":
+        return None
+    value = read_number(share, 'the value of the window at the end of a hit, such as "5 %"')
+    if not 0.0 < value < 1.0:
+        raise ModelError(f"--window exponential ends at a share between 0 and 1, got {share}")
+    return value
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyRequest(Request):
     """Propagation of an uncertainty budget."""
@@ -53,7 +64,7 @@ class UncertaintyRequest(Request):
 class FrfRequest(Request):
     """Frequency responses and modes of records."""
 
-    input: Annotated[ColumnList, _ONE] = ()
+    input: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the input column (default: of a record over time the one in N, else in V,
     or called so).
     """
@@ -63,21 +74,21 @@ class FrfRequest(Request):
     """
     response: Annotated[tuple[str, ...], Written("COLUMNS", commas=True)] = ()
     """Columns of a measured response, if the headings do not name them: frequency, real and
-    imaginary part, "0,1,2", or magnitude and phase, "0,1 dB,2 deg".
+    imaginary part, "0,1 um/V,2 um/V", or magnitude and phase, "0,1 dB,2 deg".
     """
     estimator: Literal["H1", "H2", "Hv"] = "H1"
     """H1 for noise in the outputs, H2 for noise in the input, Hv for both."""
-    excitation: Literal["auto", "random", "periodic", "hammer", "step", "sweep"] = "auto"
-    """Kind of excitation; auto recognises it from the input."""
+    excitation: Literal["auto", "random", "periodic", "hammer", "step", "sweep", "ring-down"] = (
+        "auto"
+    )
+    """Kind of excitation; auto recognises it from the input; ring-down is a free decay, of outputs
+    only and no input.
+    """
     resolution: Annotated[_FREQUENCY, Written(bare="Hz")] | None = None
     """Frequency resolution, such as "0.5 Hz"."""
-    segment: Annotated[int, Range(low=8)] | None = None
-    """Samples of a segment, instead of --resolution."""
     window: Annotated[str, Written("NAME")] = "hann"
-    """Window of random segments: hann, hamming, blackman, boxcar."""
-    exponential: Annotated[float, Written("SHARE")] | None = None
-    """For hammer tests: value of the exponential window at the end of a hit; the damping that it
-    adds is subtracted.
+    """Window of random segments: hann, hamming, blackman, boxcar; or of hits of a hammer, such as
+    "exponential 5 %", with its value at the end of a hit; the damping that it adds is subtracted.
     """
     band: (
         Annotated[tuple[float, float], DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")] | None
@@ -91,31 +102,24 @@ class FrfRequest(Request):
     """Weight of the frequency lines: noise, by their variance or the residual of the fit; relative,
     by the inverse of their magnitude, for responses over decades; uniform.
     """
-    fit_delay: bool = False
-    """Also fit a delay of the outputs; --fit-modes auto tries it where the phase falls as of one.
+    fit: Annotated[
+        tuple[Literal["delay", "lag", "complex"], ...], Written("NAMES", commas=True)
+    ] = ()
+    """What to fit as well, with commas between: delay (of the outputs; --fit-modes auto tries it
+    where the phase falls as of one), lag (of first order, of the outputs), and with either complex
+    (modes, for damping that is not proportional; needs a wide band).
     """
-    fit_lag: bool = False
-    """Also fit a first-order lag of the outputs."""
-    complex: bool = False
-    """With --fit-delay or --fit-lag: fit complex modes, for damping that is not proportional; needs
-    a wide band.
-    """
-    ring_down: bool = False
-    """The record is a free decay: outputs only, no input."""
-    input_unit: _UNIT | None = None
-    """Unit of the input, such as "V" or "N"."""
-    output_unit: _UNIT | None = None
-    """Unit of the output, such as "um" or "m/s^2"."""
 
     def __post_init__(self) -> None:
         super(FrfRequest, self).__post_init__()
-        if self.ring_down:
+        if self.excitation == RING_DOWN:
             self._require_no_drive()
-        if self.complex and not (self.fit_delay or self.fit_lag):
+        if self.fit == ("complex",):
             raise ModelError(
-                "--complex applies to fits with --fit-delay or --fit-lag, which assume real modes "
-                "otherwise; without them all modes are complex: leave it out"
+                "--fit complex goes with delay or lag, which assume real modes otherwise; without "
+                "them all modes are complex: leave it out"
             )
+        _exponential(self.window)
         if self.near and self.fit_modes not in ("auto", len(self.near)):
             raise ModelError(
                 f"--fit-modes {self.fit_modes} and --near with {len(self.near)} frequencies "
@@ -127,9 +131,14 @@ class FrfRequest(Request):
                 "a record over time: give one or the other"
             )
 
+    @property
+    def exponential(self) -> float | None:
+        """Value of an exponential window at the end of a hit; None where there is none."""
+        return _exponential(self.window)
+
     def _require_no_drive(self) -> None:
         """Refuse what a free decay has no use for."""
-        used = ("output", "output_unit", "fit_modes", "ring_down")
+        used = ("output", "fit_modes", "excitation")
         idle = [
             field.option
             for name, field in request_fields(FrfRequest).items()
@@ -137,8 +146,8 @@ class FrfRequest(Request):
         ]
         if idle:
             raise ModelError(
-                f"{', '.join(idle)} has no meaning with --ring-down, which fits outputs alone: "
-                "leave it out"
+                f"{', '.join(idle)} has no meaning with --excitation ring-down, of which outputs "
+                "alone are fitted: leave it out"
             )
         if self.fit_modes == 0:
-            raise ModelError("--ring-down fits modes and nothing else: leave --fit-modes 0 out")
+            raise ModelError("of a ring-down modes are all that is fitted: leave --fit-modes 0 out")

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns
+from flexstage.records.read_options import TextLayout
 from flexstage.records.text_rows import text_lines
 
 _ANGLES = frozenset(("A", "PA"))
@@ -93,7 +94,7 @@ def _heading(line: str) -> _Heading | None:
 
 
 def read_coordinates(
-    path: Path, dataset: str | None = None, *, skip_lines: int = 0, decimal: str | None = None
+    path: Path, dataset: str | None = None, how: TextLayout = TextLayout()
 ) -> FileColumns:
     r"""Read the text report of a coordinate measuring machine that PC-DMIS writes in English.
 
@@ -122,7 +123,7 @@ def read_coordinates(
     ('SPH1.X', array([10.0025, 12.498 ]), 'mm')
     """
     lines = text_lines(path)
-    lines[:skip_lines] = [""] * skip_lines
+    lines[: how.skip] = [""] * how.skip
     if not has_report(lines):
         raise RecordError(
             "there is no table as PC-DMIS prints it in English, with AX, NOMINAL and MEAS in its "
@@ -131,7 +132,7 @@ def read_coordinates(
     rows, left_out = _rows(lines)
     if not rows:
         raise RecordError("there is no row of an axis in its tables: print the report again")
-    sign = decimal_sign(((r.line, text) for r in rows for text in r.values.values()), decimal)
+    sign = decimal_sign(((r.line, text) for r in rows for text in r.values.values()), how.decimal)
     series: _Series = {}
     for row in rows:
         series.setdefault((row.feature, row.axis), []).append((*_numbers(row, sign), row.unit))
@@ -382,14 +383,14 @@ def decimal_sign(numbers: Iterable[tuple[int, str]], given: str | None = None) -
             line, text = open_[_OTHER[sign]]
             raise RecordError(
                 f"line {line}: '{text}' may be in thousands or have another decimal sign than the "
-                "other numbers: export the file with one sign, or give the option decimal"
+                "other numbers: export the file with one sign, or say which by --text decimal=SIGN"
             )
         return sign
     if "," in open_:
         line, text = open_[","]
         raise RecordError(
             f"line {line}: the comma in '{text}' may be decimal or divide thousands, and no number "
-            "of the file tells: give the option decimal"
+            "of the file tells: say which by --text decimal=SIGN"
         )
     return "."
 
@@ -428,7 +429,7 @@ def printed_number(text: str, sign: str, where: str) -> float:
     if grouped is None or not (grouped[2] or grouped[3]):
         raise RecordError(
             f"{where}: '{text.strip()[:30]}' is not a number with the decimal sign '{sign}': "
-            "correct it, or give the option decimal"
+            "correct it, or say which by --text decimal=SIGN"
         )
     digits = grouped[2].replace(_OTHER[sign], "")
     return float(f"{grouped[1]}{digits or '0'}.{grouped[3] or '0'}{grouped[4] or ''}")

@@ -129,7 +129,7 @@ class FileColumns:
                 f"line {self.lines[held[0]]}, column {number}: '{column.words[held[0]]}' is not a "
                 f"number, and {held.size} of {column.words.size} rows of column '{column.name}' "
                 "hold text: correct them, read rows without them by the option rows, leave lines "
-                f"out by skip_lines, or choose another column{self.hint}"
+                f"out by --text skip=N, or choose another column{self.hint}"
             )
 
 

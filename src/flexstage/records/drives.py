@@ -43,8 +43,7 @@ def read_drive(
         wanted = [*input, *output]
         if len(wanted) != 2:
             raise RecordError("--input and --output name one column each, but of --curve columns")
-        units = (columns.input_unit, columns.output_unit)
-        read = read_files(files, wanted, options=how, units=units, even=True)
+        read = read_files(files, wanted, options=how, even=True)
         read[0] = replace(read[0], notes=(*said, *read[0].notes))
         return read, wanted[0], wanted[1]
     if not input or not (output or columns.branches):
@@ -113,8 +112,7 @@ def _loops(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> li
             f"and {len(columns.input)}"
         )
     (input,), (up, down) = columns.input, columns.branches
-    units = (columns.input_unit, columns.output_unit, columns.output_unit)
-    read = read_files(files, [input, up, down], options=_timeless(how), units=units, over="table")
+    read = read_files(files, [input, up, down], options=_timeless(how), over="table")
     return [
         from_branches(table, input, up, down, sample_rate_hz=each.rate)
         for table, each in zip(read, how.of_each(len(files)), strict=True)
@@ -127,7 +125,6 @@ def _timeless(how: ReadOptions) -> ReadOptions:
 
 def _curves(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> list[Record]:
     inputs, outputs, curve = columns.input, columns.output, columns.curve or ""
-    units = (columns.input_unit, columns.output_unit)
     table = partial(read_files, files, options=_timeless(how), over="table")
     rates = [each.rate for each in how.of_each(len(files))]
     if curve != "columns" and len(inputs) * len(outputs) != 1:
@@ -136,19 +133,18 @@ def _curves(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> l
             "so by --curve columns"
         )
     if curve == "columns":
-        each = [units[0]] * len(inputs) + [units[1]] * len(outputs)
         # where a curve was not measured its column is empty
-        read = table(inputs[:1], units=each, partial=[*inputs[1:], *outputs])
+        read = table(inputs[:1], partial=[*inputs[1:], *outputs])
         return [
             curves_in_columns(one, inputs, outputs, sample_rate_hz=rate)
             for one, rate in zip(read, rates, strict=True)
         ]
     pair = [inputs[0], outputs[0]]
     if curve == "files":
-        read = table(pair, units=units)
+        read = table(pair)
         return [curves_in_records(read, inputs[0], outputs[0], sample_rate_hz=rates[0])]
     by = read_column(curve)
-    read = table([*pair, by], units=[*units, None], labels=by)
+    read = table([*pair, by], labels=by)
     return [
         curves_in_rows(one, inputs[0], outputs[0], by, sample_rate_hz=rate)
         for one, rate in zip(read, rates, strict=True)

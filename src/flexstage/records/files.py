@@ -22,7 +22,6 @@ def read_files(
     columns: Sequence[str | int] | None,
     *,
     options: ReadOptions = ReadOptions(),
-    units: Sequence[str | None],
     over: Literal["time", "point", "frequency", "any", "table"] = "time",
     even: bool = False,
     labels: str | int | None = None,
@@ -30,20 +29,18 @@ def read_files(
 ) -> list[Record]:
     """Read files, one record for each.
 
-    `units` are those of `columns` (all, where None), then of `partial`: further columns, which may
-    be incomplete. `over` is what the samples must follow one another by: with point, rows of a text
+    `columns` are those that are used (all, where None); `partial` are further ones, which may be
+    incomplete. `over` is what the samples must follow one another by: with point, rows of a text
     need no times; with table, times are not looked at. With `even`, uneven times are refused.
     `labels` is the column that labels the rows, with numbers or texts.
     """
-    all_used = (*(columns or ()), *partial)
-    named = {str(c): u for c, u in zip(all_used, units, strict=True) if u is not None}
     read = []
     for file, how in zip(files, options.of_each(len(files)), strict=True):
         record = read_record(
             file,
             how,
-            units=named,
             columns=columns,
+            partial=partial,
             over="point" if over in ("point", "table") else "time",
             labels=labels,
         )

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from flexstage.errors import RecordError
 from flexstage.records.contents import column_label, contents, read_whole
 from flexstage.records.read_options import ReadOptions
+from flexstage.records.record import column_and_unit
 from flexstage.records.times import TIME_NAMES
 
 _INPUTS = ("input", "in", "u", "voltage", "volt", "spannung", "command", "drive", "force", "kraft")
@@ -72,8 +74,12 @@ def taken_drive(
     found = contents(*read_whole(file, how))
     if vibration and found["over"] != "time" and not any(columns):
         return (), (), ""
-    known = {str(column) for given in columns for column in given}
-    left = [c for c in moving_columns(found) if not known & {str(c["number"]), c["name"]}]
+    names = [str(c["name"]) for c in found["columns"]]
+    known: set[int] = set()
+    for column in (column for given in columns for column in given):
+        with suppress(RecordError):  # one that there is not is refused where it is read
+            known.add(column_and_unit(names, column)[0])
+    left = [c for c in moving_columns(found) if c["number"] not in known]
     chosen, said = list(columns), []
     likely = likely_drive(left, vibration=vibration, driven=[] if columns[0] else None)
     for k, option in enumerate(options):

@@ -26,8 +26,8 @@ from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
 from flexstage.records.numpy_file import read_numpy
-from flexstage.records.read_options import ReadOptions
-from flexstage.records.record import Channel, Record, column_number
+from flexstage.records.read_options import ReadOptions, TextLayout
+from flexstage.records.record import Channel, Record, column_and_unit, column_number
 from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, evened, require_complete
 from flexstage.records.tdms import read_tdms
 from flexstage.records.text import read_text
@@ -45,6 +45,7 @@ def read_record(
     units: Mapping[str, str] | None = None,
     names: Sequence[str] | None = None,
     columns: Sequence[str | int] | None = None,
+    partial: Sequence[str | int] = (),
     over: Literal["time", "point"] = "time",
     largest_step: float | None = None,
     labels: str | int | None = None,
@@ -53,8 +54,9 @@ def read_record(
     r"""Read columns of measured data from a file.
 
     The format is known by the first bytes, then by the suffix. Every column of the file is a
-    channel with the number that it has in the file, the time too. Units come from `units`, then
-    from the file; a column without one keeps its numbers. Times come from `time`, then from the
+    channel with the number that it has in the file, the time too. Units come from `units`, or from
+    behind the names of columns that are asked for, ``"2 um"``, then from the file; a column without
+    one keeps its numbers. Times come from `time`, then from the
     file's own sample rate, then from a column that is called time and says its unit. A file of
     frequency responses, and a report of a measuring machine, has no times: `Record.over` says so.
 
@@ -72,6 +74,8 @@ def read_record(
     columns : sequence of str or int, optional
         The columns that will be used: only they must be complete. All, where not given, but those
         that hold nothing but text, whose values are NaN.
+    partial : sequence of str or int, optional
+        Further columns, which may be incomplete.
     over : {"time", "point"}
         What the rows of a file follow one another by that does not say it: time, or their number.
     largest_step : float, optional
@@ -128,7 +132,9 @@ def read_record(
         used = _used(raw, columns)
         for number in sorted(used):
             raw.require_numbers(number)
-        channels, notes = _in_si(raw, units or {}, _accelerations(raw, file))
+        timed_by = () if options.time is None else (options.time,)
+        said = _units_said(raw, (*(columns or ()), *partial, *timed_by), units or {})
+        channels, notes = _in_si(raw, said, _accelerations(raw, file))
         kind = _kind(raw, over, options)
         if kind == "time":
             if largest_step is None:
@@ -175,18 +181,16 @@ def _hash(file: Path) -> str:
 
 
 def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:
-    dataset, skip_lines = options.dataset, options.skip_lines
-    delimiter, decimal = options.delimiter, options.decimal
+    dataset, how = options.dataset, options.text
     if known in ("text", "gcs") and dataset is not None:
         raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
     if known == "text":
-        return read_text(file, skip_lines=skip_lines, delimiter=delimiter, decimal=decimal)
+        return read_text(file, how)
     if known == "cmm":
-        return read_coordinates(file, dataset, skip_lines=skip_lines, decimal=decimal)
-    if skip_lines or delimiter or decimal:
+        return read_coordinates(file, dataset, how)
+    if how != TextLayout():
         raise RecordError(
-            f"'{file}' is no text file of columns: skip_lines, delimiter and decimal have no "
-            "meaning for it"
+            f"'{file}' is no text file of columns: the layout of one (--text) has no meaning for it"
         )
     if known == "gcs":
         return read_gcs_array(file)
@@ -235,11 +239,32 @@ def _kind(
     return kind
 
 
-def _numbers(raw: FileColumns, names: Sequence[str], selector: str | int) -> tuple[int, ...]:
-    """Return the columns that a name or number stands for."""
-    if isinstance(selector, str) and selector.strip() in raw.groups:
-        return raw.groups[selector.strip()]
-    return (column_number(names, selector),)
+def _asked(raw: FileColumns, selector: str | int) -> tuple[tuple[int, ...], str]:
+    """Return the columns that a name or number stands for, and the unit behind it."""
+    if (text := str(selector).strip()) in raw.groups:
+        return raw.groups[text], ""
+    group, _, unit = text.partition(" ")
+    if unit and group in raw.groups:
+        return raw.groups[group], unit.strip()
+    number, unit = column_and_unit([c.name for c in raw.columns], selector)
+    return (number,), unit
+
+
+def _units_said(
+    raw: FileColumns, columns: Sequence[str | int], units: Mapping[str, str]
+) -> dict[int, str]:
+    """Return the units that are given to columns, behind them or by themselves."""
+    given = [(_asked(raw, column)[0], unit, False) for column, unit in units.items()]
+    behind = [(*_asked(raw, column), True) for column in columns]
+    said: dict[int, str] = {}
+    for numbers, unit, again in (*given, *behind):
+        for number in numbers if unit else ():
+            if number in said and not (again and said[number] == unit):
+                raise RecordError(
+                    f"column '{raw.columns[number].name}' is given two units: give one"
+                )
+            said[number] = unit
+    return said
 
 
 def _accelerations(raw: FileColumns, file: Path) -> str:
@@ -253,16 +278,9 @@ def _accelerations(raw: FileColumns, file: Path) -> str:
 
 
 def _in_si(
-    raw: FileColumns, units: Mapping[str, str], accelerations: str
+    raw: FileColumns, said: Mapping[int, str], accelerations: str
 ) -> tuple[list[Channel], list[str]]:
-    """Return the columns in SI units, and what was done."""
-    names = [c.name for c in raw.columns]
-    said: dict[int, str] = {}
-    for selector, unit in units.items():
-        for number in _numbers(raw, names, selector):
-            if number in said:
-                raise RecordError(f"column '{names[number]}' is given two units: give one")
-            said[number] = unit
+    """Return the columns in SI units, by those that are said of some, and what was done."""
     channels, notes, found = [], [], []
     for number, column in enumerate(raw.columns):
         text = said.get(number, column.unit)
@@ -339,9 +357,8 @@ def _known(text: str) -> tuple[float, str] | None:
 
 def _used(raw: FileColumns, wanted: Sequence[str | int] | None) -> set[int]:
     """Return the columns that must be complete: those wanted, or all that hold numbers."""
-    names = [c.name for c in raw.columns]
     if wanted is not None:
-        return {number for selector in wanted for number in _numbers(raw, names, selector)}
+        return {number for selector in wanted for number in _asked(raw, selector)[0]}
     return {
         i
         for i, column in enumerate(raw.columns)

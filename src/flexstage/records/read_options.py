@@ -79,19 +79,28 @@ def columns_text(columns: Sequence[str | int]) -> str:
     return ",".join(map(str, columns))
 
 
+#: What may divide columns, by the words for it; a shell passes a backslash and a letter.
+_DELIMITERS = {"tab": "\t", "comma": ",", "semicolon": ";", "space": " ", "\\t": "\t"}
+
+
 def _read_delimiter(text: str) -> str:
-    # a shell passes a backslash and a letter where a tab is meant
-    return text.replace("\\t", "\t")
+    return _DELIMITERS.get(text, text)
 
 
+def _write_delimiter(sign: str) -> str:
+    return {"\t": "tab", " ": "space"}.get(sign, sign)
+
+
+#: What a column that is asked for may say besides.
+_BEHIND = 'A unit that the file does not say stands behind the column: "2 um".'
 #: Number or name of a column.
 Column = Annotated[str | int, Written("COLUMN", read=read_column)]
 #: Numbers or names of columns.
 ColumnList = Annotated[
-    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text)
+    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text, help=_BEHIND)
 ]
 #: Columns of which a command takes one, but of curves in columns of their own.
-_ONE = Written("COLUMN", read=read_columns, write=columns_text)
+ONE_COLUMN = Written("COLUMN", read=read_columns, write=columns_text, help=_BEHIND)
 #: A range of samples.
 Rows = Annotated[RowRange, Written("START:STOP", read=read_rows, write=write_rows)]
 _Rate = Annotated[float, POSITIVE]
@@ -100,6 +109,28 @@ _NewRates = Annotated[
     tuple[_Rate | None, ...],
     Written("RATE|median", read=_read_new_rates, write=_write_rates),
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextLayout(Request):
+    """How columns stand in a text file."""
+
+    one_value: ClassVar[bool] = True
+    refused_as: ClassVar[type[FlexstageError]] = RecordError
+
+    skip: Whole = 0
+    """Lines to skip at the start."""
+    delimiter: (
+        Annotated[str, Written("SIGN", read=_read_delimiter, write=_write_delimiter)] | None
+    ) = None
+    """What separates columns: a sign such as ; or tab, comma, semicolon or space."""
+    decimal: Literal[".", ","] | None = None
+    """Decimal sign."""
+
+    def __post_init__(self) -> None:
+        super(TextLayout, self).__post_init__()
+        if self.delimiter is not None:
+            object.__setattr__(self, "delimiter", _read_delimiter(self.delimiter))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,12 +158,8 @@ class ReadOptions(Request):
     """Group, variable, array, function or feature of a file that contains several; several
     separated by commas.
     """
-    skip_lines: Whole = 0
-    """Lines to skip at the start of a text file."""
-    delimiter: Annotated[str, Written(read=_read_delimiter)] | None = None
-    """Column separator of a text file."""
-    decimal: Literal[".", ","] | None = None
-    """Decimal sign of a text file."""
+    text: TextLayout = TextLayout()
+    """Layout of a text file that is not recognised, such as "skip=3,delimiter=;,decimal=,"."""
 
     def __post_init__(self) -> None:
         for name in ("sample_rate", "resample"):
@@ -169,9 +196,9 @@ class DriveColumns(Request):
 
     refused_as: ClassVar[type[FlexstageError]] = RecordError
 
-    input: Annotated[ColumnList, _ONE] = ()
+    input: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the input column (default: the one in V, or called so)."""
-    output: Annotated[ColumnList, _ONE] = ()
+    output: Annotated[ColumnList, ONE_COLUMN] = ()
     """Number or name of the output column (default: the one in a unit of length or angle, or called
     so).
     """
@@ -186,10 +213,6 @@ class DriveColumns(Request):
     numbers or reversal points; "files" if each file is one curve, "columns" if --output lists one
     column for each.
     """
-    input_unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the input, such as "V" or "N"."""
-    output_unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the output, such as "um" or "m/s^2"."""
 
     @property
     def is_table(self) -> bool:

@@ -1,6 +1,7 @@
 """A record: labelled columns of measured or simulated data, with units and sampling."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -98,7 +99,8 @@ class Record:
         Parameters
         ----------
         name : str or int
-            Its name, or its number from 0, which may be a text.
+            Its name, or its number from 0, which may be a text; a unit by which it was read may
+            stand behind.
 
         Returns
         -------
@@ -110,7 +112,7 @@ class Record:
         RecordError
             There is no such column.
         """
-        return self.channels[column_number([c.name for c in self.channels], name)]
+        return self.channels[column_and_unit([c.name for c in self.channels], name)[0]]
 
     def to_frame(self) -> "pandas.DataFrame":
         """Return time and channels as a data frame, named with their units; needs pandas."""
@@ -152,3 +154,27 @@ def column_number(names: Sequence[str], selector: str | int) -> int:
     if 0 <= number < len(names):
         return number
     raise RecordError(f"there is no column {selector!r}: the record has {listed}")
+
+
+def column_and_unit(names: Sequence[str], selector: str | int) -> tuple[int, str]:
+    """Return the number of a column that is asked for, and the unit that stands behind it.
+
+    The unit is empty where there is none; what is a name as a whole has none behind it.
+
+    Examples
+    --------
+    >>> column_and_unit(["drive", "position 2"], "1 um")
+    (1, 'um')
+    >>> column_and_unit(["drive", "position 2"], "position 2")
+    (1, '')
+    """
+    try:
+        return column_number(names, selector), ""
+    except RecordError:
+        words = str(selector).split()
+        for end in range(len(words) - 1, 0, -1):
+            unit = " ".join(words[end:])
+            with suppress(RecordError):
+                if not unit.isdecimal():
+                    return column_number(names, " ".join(words[:end])), unit
+        raise

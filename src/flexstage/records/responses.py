@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.errors import RecordError, UnitError
 from flexstage.records.columns import gravity_unit, measured_unit
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.sampling import require_complete
@@ -48,13 +48,7 @@ class _Part:
     negative: bool = False
 
 
-def responses_in_columns(
-    record: Record,
-    columns: Sequence[str] | None = None,
-    *,
-    output_unit: str | None = None,
-    input_unit: str | None = None,
-) -> Record:
+def responses_in_columns(record: Record, columns: Sequence[str] | None = None) -> Record:
     """Return a table of frequency responses as a record over frequency.
 
     Columns are told by their headings and units: ``frequency (Hz)``, ``H real``, ``Im(H)``,
@@ -67,9 +61,8 @@ def responses_in_columns(
     columns : sequence of str, optional
         Names or numbers of the columns, each with its unit behind it where the heading does not
         say it: frequency, then two columns for each response or the name of a complex one;
-        ``["0", "1 dB", "2 deg"]``. Real and imaginary part, where they do not say otherwise.
-    output_unit, input_unit : str, optional
-        Units of outputs and inputs where the columns do not say them.
+        ``["0", "1 dB", "2 deg"]``, ``["0", "1 um/V", "2 um/V"]``. Real and imaginary part, where
+        they do not say otherwise.
 
     Returns
     -------
@@ -115,7 +108,7 @@ def responses_in_columns(
     channels, attributes = [], dict(record.attributes)
     for name, (first, second) in pairs.items():
         values = _values(record, first, second)
-        factor, unit, ends = _unit(name, first, output_unit, input_unit)
+        factor, unit, ends = _unit(name, first, second)
         for role, numbers in (("real", values.real), ("imaginary", values.imag)):
             scaled = np.ascontiguousarray(factor * numbers[order])
             channels.append(Channel(name=f"{name} {role}", values=scaled, unit=unit))
@@ -195,7 +188,12 @@ def _hertz(part: _Part) -> Array:
     require_complete(channel.values, channel.name)
     if part.unit:
         _require_unsaid(part)
-        return channel.values * _SCALES.get(part.unit, 1.0)
+        if part.unit not in _SCALES:
+            raise RecordError(
+                f"frequencies are in {', '.join(_SCALES)}, and '{part.unit}' stands behind column "
+                f"'{channel.name}'"
+            )
+        return channel.values * _SCALES[part.unit]
     if channel.unit == "rad/s" or channel.name.strip() == "omega":
         return channel.values * _SCALES["rad/s"]
     words = re.split(r"[^A-Za-z]+", channel.name)
@@ -238,7 +236,7 @@ def _asked(record: Record, columns: Sequence[str]) -> list[_Part]:
     parts = []
     for text in columns:
         name, _, unit = text.strip().rpartition(" ")
-        if text.strip() in names or unit not in _UNITS:
+        if not name or text.strip() in names or not (unit in _UNITS or _is_unit(unit)):
             name, unit = text.strip(), ""
         if f"{name} real" in names and f"{name} imaginary" in names:
             wanted = [f"{name} real", f"{name} imaginary"]
@@ -253,6 +251,14 @@ def _asked(record: Record, columns: Sequence[str]) -> list[_Part]:
             f"response: {_SAID} (columns: {_listed(record)})"
         )
     return parts
+
+
+def _is_unit(text: str) -> bool:
+    """Say whether a text is the unit of a response."""
+    try:
+        return bool(gravity_unit(text, "acceleration") or measured_unit(text))
+    except UnitError:
+        return False
 
 
 def _in_order(record: Record, parts: Sequence[_Part]) -> dict[str, tuple[_Part, _Part]]:
@@ -309,25 +315,20 @@ def _radians(record: Record, part: _Part) -> Array:
     )
 
 
-def _unit(
-    name: str, part: _Part, output_unit: str | None, input_unit: str | None
-) -> tuple[float, str, tuple[str, str]]:
+def _unit(name: str, *pair: _Part) -> tuple[float, str, tuple[str, str]]:
     """Return by what a response is multiplied, its SI unit, and those of output and input."""
-    own = part.channel.unit
-    if output_unit is None and input_unit is None:
+    own = pair[0].channel.unit
+    said = {part.unit for part in pair} - {"", *_UNITS}
+    if not said:
         return 1.0, own, _ends(own)
     if own:
-        raise RecordError(
-            f"the response {name} says its unit, {own}: leave --output-unit and --input-unit out"
-        )
-    factor, ends = 1.0, ["", ""]
-    for i, text in enumerate((output_unit, input_unit)):
-        if text is not None:
-            # no response is of a mass
-            size, ends[i] = gravity_unit(text.strip(), "acceleration") or measured_unit(text)
-            factor = factor / size if i else factor * size
-    unit = f"{ends[0]}/({ends[1]})" if "/" in ends[1] else f"{ends[0]}/{ends[1]}"
-    return factor, unit if all(ends) else "", (ends[0], ends[1])
+        raise RecordError(f"the response {name} says its unit, {own}: leave {said.pop()} out")
+    if len(said) > 1:
+        raise RecordError(f"the response {name} is given two units: give one")
+    text = said.pop()
+    # no response is of a mass
+    factor, unit = gravity_unit(text, "acceleration") or measured_unit(text)
+    return factor, unit, _ends(unit)
 
 
 def _ends(unit: str) -> tuple[str, str]:

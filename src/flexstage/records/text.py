@@ -11,6 +11,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns, complex_parts, labelled
+from flexstage.records.read_options import TextLayout
 from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
 from flexstage.records.text_rows import (
     COMPLEX,
@@ -25,7 +26,6 @@ from flexstage.records.text_rows import (
     text_lines,
 )
 
-_DELIMITER_NAMES = {"tab": "\t", "comma": ",", "semicolon": ";", "space": None, " ": None}
 _OPEN_DATES = (
     "; dates such as {} may begin with the month or the day, and none of them tells: write them as "
     "2026-05-31"
@@ -44,36 +44,28 @@ class _Table:
     remarks: list[tuple[int, str]] = field(default_factory=list)
 
 
-def read_text(
-    path: Path,
-    *,
-    skip_lines: int = 0,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-) -> FileColumns:
+def read_text(path: Path, how: TextLayout) -> FileColumns:
     """Read the columns of a text file.
 
-    Delimiter (also as tab, comma, semicolon, space) and decimal sign are found where not given. An
-    empty field is not a number (NaN), nor is text, which is kept beside.
+    Delimiter and decimal sign are found where not given. An empty field is not a number (NaN), nor
+    is text, which is kept beside.
     """
-    delimiters = _delimiters(delimiter)
+    delimiters = _delimiters(how.delimiter)
     lines = text_lines(path)
     if lines[-1].strip() == "END":  # of what a network analyser writes between BEGIN and END
         lines.pop()
-    row = first_row(lines, skip_lines, delimiters, decimal)
+    row = first_row(lines, how.skip, delimiters, how.decimal)
     if row is None:
         raise RecordError(f"'{path}' has no row of numbers: is it the file that was meant?")
     first, layout = row
-    heading = heading_of(lines[skip_lines:first], layout.width, layout.delimiter)
+    heading = heading_of(lines[how.skip : first], layout.width, layout.delimiter)
     if layout.trailing and not heading.names:
         # the name of a last column in which nothing stands
-        wider = heading_of(lines[skip_lines:first], layout.width + 1, layout.delimiter)
+        wider = heading_of(lines[how.skip : first], layout.width + 1, layout.delimiter)
         heading = replace(wider, names=wider.names[:-1], units=wider.units[:-1])
     one_name = len(heading.names) != 2 and lines[first - 1].strip().count(",") == 0
-    if layout.delimiter == "," and layout.width == 2 and delimiter is decimal is None:
-        layout, heading = _one_or_two(
-            lines, first, layout, heading, one_name and first > skip_lines
-        )
+    if layout.delimiter == "," and layout.width == 2 and how.delimiter is how.decimal is None:
+        layout, heading = _one_or_two(lines, first, layout, heading, one_name and first > how.skip)
     return _columns(_without_last(_numbers(lines, first, layout)), heading, layout)
 
 
@@ -81,12 +73,11 @@ def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
     """Return what may divide the columns; None is any white space."""
     if wanted is None:
         return ("\t", ";", ",", None)
-    found = _DELIMITER_NAMES.get(wanted, wanted)
-    if found is not None and (len(found) != 1 or found.isalnum() or found in '+-."\n\r'):
+    if len(wanted) != 1 or wanted.isalnum() or wanted in '+-."\n\r':
         raise RecordError(
-            f"columns are divided by one sign, or {', '.join(_DELIMITER_NAMES)}, got {wanted!r}"
+            f"columns are divided by one sign, or tab, comma, semicolon, space, got {wanted!r}"
         )
-    return (found,)
+    return (None if wanted == " " else wanted,)
 
 
 def _one_or_two(
@@ -195,7 +186,7 @@ def _fitted(fields: list[str], number: int, layout: RowLayout) -> tuple[list[str
     if any(NUMBER.fullmatch(f) for f in more) or not layout.words.issuperset(range(count, width)):
         raise RecordError(
             f"line {number} has {count} columns where the first row has {width}: correct the line, "
-            "or leave lines above it out by skip_lines"
+            "or leave lines above it out by --text skip=N"
         )
     return fields[:width] + [""] * (width - count), " ".join(more).strip()
 

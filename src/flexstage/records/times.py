@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumns
-from flexstage.records.record import Channel, column_number
+from flexstage.records.record import Channel, column_and_unit
 from flexstage.records.sampling import (
     require_rate,
     require_rising,
@@ -38,7 +38,7 @@ def timed(
     require_rate(rate)
     names = [c.name for c in channels]
     if wanted is not None:
-        number = column_number(names, wanted)
+        number = column_and_unit(names, wanted)[0]
         raw.require_numbers(number)
         channels[number], notes = _as_seconds(channels[number])
         times = channels[number].values

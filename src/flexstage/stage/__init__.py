@@ -7,7 +7,7 @@ from flexstage.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.stage.checks import Issue, check
     from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
-    from flexstage.stage.drawing.requests import DrawingOptions
+    from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions
     from flexstage.stage.drive import Drive, Force, PiezoStack, Screw
     from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
     from flexstage.stage.hinge_attachment import Root, root_widths
@@ -20,6 +20,7 @@ __all__ = [
     "Axis",
     "Body",
     "Circle",
+    "ContourOptions",
     "DrawingOptions",
     "DrawnStage",
     "Drive",

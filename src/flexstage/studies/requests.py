@@ -28,6 +28,10 @@ ModelNames = Annotated[
     tuple[Literal[_Model, "all"], ...], Written("NAMES", commas=True, help=_WHAT)
 ]
 
+#: What a study does beside the models of a stage.
+StudyPart = Literal["identification", "virtual", "traditional", "none"]
+ALL_PARTS: tuple[StudyPart, ...] = ("identification", "virtual", "traditional")
+
 
 def models_of(names: Sequence[str]) -> list[str]:
     """Return the models that are named, each once.
@@ -86,19 +90,19 @@ class StudyRequest(Request):
     """Models with commas between, or all."""
     plane: Plane = "auto"
     """Plane state of the notches."""
-    identification: bool = True
-    """Identify and compensate the hysteresis of piezo drives on a simulated stage."""
-    virtual: bool = True
-    """Simulate measurements of the stage, and centring an encoder scale with it."""
-    traditional: bool = True
-    """Set motion errors and drift of a stage of the study against those of traditional stages."""
+    parts: Annotated[tuple[StudyPart, ...], Written("NAMES", commas=True)] = ALL_PARTS
+    """What is done beside the models, with commas between: identification (identify and compensate
+    the hysteresis of piezo drives on a simulated stage), virtual (simulate measurements of the
+    stage, and centring an encoder scale with it), traditional (set motion errors and drift of a
+    stage of the study against those of traditional stages); or none.
+    """
     seed: Seed = 1
     """Random seed of the simulated stage, and of stages as they are made."""
 
     @classmethod
     def of_models(cls, *model: ModelName) -> "StudyRequest":
         """Return a study of some models, and nothing beside them."""
-        return cls(model=model, identification=False, virtual=False, traditional=False)
+        return cls(model=model, parts=("none",))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

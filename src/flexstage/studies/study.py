@@ -216,9 +216,9 @@ def run_study(
     variants: dict[str, Analysis] = {}
     left_out: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
-    beside = request.traditional and stage.name in MOTION_ERROR_CLAIMS
+    beside = "traditional" in request.parts and stage.name in MOTION_ERROR_CLAIMS
     whole = (sum(weights) + _TRADITIONAL * beside) / (
-        1.0 - _EXPERIMENT if request.identification or request.virtual else 1.0
+        1.0 - _EXPERIMENT if {"identification", "virtual"} & set(request.parts) else 1.0
     )
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
@@ -264,7 +264,8 @@ def run_study(
         measured=measured,
         traditional=compared,
     )
-    steps = virtual_steps(stage, measure=request.virtual, compensate=request.identification)
+    measure, compensate = ("virtual" in request.parts), ("identification" in request.parts)
+    steps = virtual_steps(stage, measure=measure, compensate=compensate)
     if not steps:
         return replace(made, read=memory.read)
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):

@@ -1,5 +1,6 @@
 """What units over columns of measured numbers are in SI."""
 
+import math
 import re
 from decimal import Decimal
 from functools import lru_cache
@@ -8,6 +9,9 @@ from flexstage.errors import UnitError
 from flexstage.units.dimension import DIMENSIONS, MEASURED
 from flexstage.units.text import UNIT, factor_of, shortened, units_library
 
+#: Words for a turn as a unit.
+TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
+
 # plain numbers, which a units library does not tell from an angle, and a scale with an offset
 _PLAIN: dict[str, tuple[float, str]] = {
     **dict.fromkeys(("1", "-", "none", "strain", "m/m"), (1.0, "1")),
@@ -15,6 +19,7 @@ _PLAIN: dict[str, tuple[float, str]] = {
     **dict.fromkeys(("ppm", "ustrain", "microstrain", "um/m", "ue"), (1e-6, "1")),
     **dict.fromkeys(("count", "counts", "cts", "lsb", "adu", "digits"), (1.0, "count")),
     **dict.fromkeys(("degc", "deg c", "celsius"), (1.0, "degC")),
+    **dict.fromkeys(TURN_WORDS, (2.0 * math.pi, "rad")),
 }
 
 _SYMBOLS = {"²": "^2", "³": "^3", "\N{GREEK SMALL LETTER MU}": "µ", "Ω": "ohm", "ε": "e"}
@@ -60,7 +65,8 @@ def si_unit(text: str) -> tuple[float, str]:
     """Return what a unit, written over a column of numbers, is in SI.
 
     Every unit of `DIMENSIONS` is known, and those of time, current, charge, speed, temperature,
-    strain, per cent and counts. A degree Celsius stays one, as no factor takes its offset away.
+    strain, per cent, counts and turns. A degree Celsius stays one, as no factor takes its offset
+    away.
 
     Parameters
     ----------

@@ -4,11 +4,12 @@ import ipaddress
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import Range, Written
+from flexstage.files.ranges import Written
 from flexstage.files.request import Request, request_fields
+from flexstage.instruments.requests import Address
 
 _SHORTEST_PASSWORD = 10
 _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -33,25 +34,43 @@ def _first_line(path: Path) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate(Request):
+    """What encrypts the network (TLS): a certificate with its key, or none."""
+
+    one_value: ClassVar[bool] = True
+
+    certificate: Path | None = None
+    """Certificate (PEM)."""
+    key: Path | None = None
+    """Private key of the certificate (PEM)."""
+
+    def __post_init__(self) -> None:
+        super(Certificate, self).__post_init__()
+        if (self.certificate is None) != (self.key is None):
+            raise ModelError("TLS needs a certificate and its key: give both or none")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ServeRequest(Request):
     """Where the front panel is served, and where its files lie."""
 
-    port: Annotated[int, Range(low=0, high=65535)] = 8321
-    """TCP port; 0 for any free port."""
-    host: Annotated[str, Written("ADDRESS")] = "127.0.0.1"
-    """Address to listen on; any address but 127.0.0.1 lets others on the network in, and needs a
-    password.
+    address: Address = ("127.0.0.1", 8321)
+    """Address and TCP port to listen on, 0 for any free port; any address but 127.0.0.1, which is
+    meant where none is given, lets others on the network in, and needs a password.
     """
     password_file: Path | None = None
     """File whose first line is the password that opens the panel."""
-    certificate: Path | None = None
-    """Certificate for TLS (PEM)."""
-    key: Path | None = None
-    """Private key of the certificate (PEM)."""
+    tls: Certificate = Certificate()
+    """Encryption, by "certificate=cert.pem,key=key.pem" (default: none)."""
     host_name: Annotated[tuple[str, ...], Written("NAME")] = ()
     """Name by which browsers reach it, beside that of this computer."""
     folder: Annotated[Path, Written("FOLDER")] = Path("front-panel")
     """Where files that are given to the panel, and those it makes, are kept."""
+
+    @property
+    def host(self) -> str:
+        """The address to listen on."""
+        return self.address[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +86,7 @@ class PanelOptions(ServeRequest):
     --------
     >>> PanelOptions(folder=Path("panel")).is_loopback
     True
-    >>> PanelOptions(folder=Path("panel"), host="0.0.0.0")
+    >>> PanelOptions(folder=Path("panel"), address=("0.0.0.0", 8321))
     Traceback (most recent call last):
     ...
     flexstage.errors.ModelError: others reach the front panel at 0.0.0.0: give it a password ...
@@ -85,20 +104,18 @@ class PanelOptions(ServeRequest):
         if self.password is None and not self.is_loopback:
             raise ModelError(
                 f"others reach the front panel at {self.host}: give it a password "
-                "(--password-file), or leave --host out"
+                "(--password-file), or leave the address out of --address"
             )
         if self.password is not None and len(self.password) < _SHORTEST_PASSWORD:
             raise ModelError(
                 f"the password must have {_SHORTEST_PASSWORD} letters or more, got "
                 f"{len(self.password)}"
             )
-        if (self.certificate is None) != (self.key is None):
-            raise ModelError("TLS needs a certificate and its key: give both or none")
 
     @classmethod
     def of(cls, request: ServeRequest) -> "PanelOptions":
         """Return the options that are asked for; the folder is that of the present directory."""
-        for file in filter(None, (request.certificate, request.key)):
+        for file in filter(None, (request.tls.certificate, request.tls.key)):
             if not file.is_file():
                 raise ModelError(f"there is no file '{file}': TLS needs its certificate and key")
         asked: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
@@ -112,9 +129,9 @@ class PanelOptions(ServeRequest):
     @property
     def scheme(self) -> str:
         """The scheme of its address."""
-        return "https" if self.certificate else "http"
+        return "https" if self.tls.certificate else "http"
 
-    def address(self, port: int) -> str:
+    def url(self, port: int) -> str:
         """Return the address that a browser on this computer opens."""
         everywhere = {"0.0.0.0": "127.0.0.1", "::": "::1"}
         host = everywhere.get(self.host, self.host)

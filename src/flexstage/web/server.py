@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from flexstage.errors import ModelError, NotConnectedError
+from flexstage.instruments.requests import write_address
 from flexstage.lazy import require_extra
 from flexstage.web.options import PanelOptions
 
@@ -77,7 +78,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
 def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str], object]) -> None:
     import uvicorn
 
-    address = options.address(listener.getsockname()[1])
+    address = options.url(listener.getsockname()[1])
 
     def say() -> None:
         announce(f"{address}?token={panel.access.new_token()}")
@@ -92,8 +93,8 @@ def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str
         server_header=False,
         # nobody stands before it, so nobody's word about who asks is taken
         proxy_headers=False,
-        ssl_certfile=options.certificate,
-        ssl_keyfile=options.key,
+        ssl_certfile=options.tls.certificate,
+        ssl_keyfile=options.tls.key,
         timeout_graceful_shutdown=3,
     )
     say()
@@ -106,27 +107,27 @@ def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str
 
 def _require_certificate(options: PanelOptions) -> None:
     """Refuse what is no certificate with its key, before an address is said."""
-    if options.certificate is None:
+    if options.tls.certificate is None:
         return
     try:
         # an empty password, as the library would ask for one at the terminal
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(
-            options.certificate, options.key, password=""
+            options.tls.certificate, options.tls.key, password=""
         )
     except (ssl.SSLError, ValueError) as error:
         raise ModelError(
-            f"'{options.certificate}' and '{options.key}' are no certificate and its private key "
-            f"in PEM, the key without a password ({error})"
+            f"'{options.tls.certificate}' and '{options.tls.key}' are no certificate and its "
+            f"private key in PEM, the key without a password ({error})"
         ) from None
 
 
 def _listener(options: PanelOptions) -> socket.socket:
     family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
-    where = f"{options.host}:{options.port}"
+    where = write_address(options.address)
     try:
-        return socket.create_server((options.host, options.port), family=family, backlog=128)
+        return socket.create_server(options.address, family=family, backlog=128)
     except OSError as error:
         raise NotConnectedError(
-            f"the front panel cannot listen at {where}: {error.strerror or error}; another --port "
-            "may be free (0 takes any)"
+            f"the front panel cannot listen at {where}: {error.strerror or error}; another "
+            "port of --address may be free (0 takes any)"
         ) from error

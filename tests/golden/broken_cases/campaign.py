@@ -21,7 +21,7 @@ tests:
     axis: x
     records: [hit1.csv, hit2.csv]
     columns: {input: force, output: [ax, ay]}
-    reading: {sample_rate: 2 kHz, delimiter: ;}
+    reading: {sample_rate: 2 kHz, text: {delimiter: ;}}
     excitation: hammer
     band: [80 Hz, 1.3 kHz]
     modes: 2
@@ -107,9 +107,9 @@ EDITS: Edits = {
     "a rate without a unit": ("sample_rate: 2 kHz", "sample_rate: 2000"),
     "a rate in mm": ("sample_rate: 2 kHz", "sample_rate: 2 mm"),
     "a negative rate": ("sample_rate: 2 kHz", "sample_rate: -2 kHz"),
-    "2.5 lines to skip": ("delimiter: ;", "skip_lines: 2.5"),
-    "lines to skip as a text": ("delimiter: ;", "skip_lines: two"),
-    "3 lines to skip": ("delimiter: ;", "skip_lines: 3"),
+    "2.5 lines to skip": ("delimiter: ;", "skip: 2.5"),
+    "lines to skip as a text": ("delimiter: ;", "skip: two"),
+    "3 lines to skip": ("delimiter: ;", "skip: 3"),
     "a text for true": ("excitation: hammer", "excitation: hammer\n    deviations: yes"),
     "an origin that is none": added("origin: guessed"),
     "a cycle that is none": ("excitation: hammer", "excitation: hammer\n    cycle: round"),

@@ -12,6 +12,7 @@ from flexstage.errors import RecordError
 from flexstage.experiments.campaign.plan import KINDS, Columns, Test
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
+from flexstage.units import DIMENSIONS
 
 #: Units that a role may have; a role that is not named here may have any.
 _UNITS: dict[str, tuple[str, ...]] = {
@@ -77,8 +78,13 @@ def sphere_columns(sphere: str) -> tuple[str, str, str]:
     --------
     >>> sphere_columns("SPH2")
     ('SPH2.X', 'SPH2.Y', 'SPH2.Z')
+    >>> sphere_columns("SPH2 mm")
+    ('SPH2.X mm', 'SPH2.Y mm', 'SPH2.Z mm')
     """
-    return (f"{sphere}.X", f"{sphere}.Y", f"{sphere}.Z")
+    name, space, unit = sphere.rpartition(" ")
+    if unit not in DIMENSIONS["length"].units:
+        name, space, unit = sphere, "", ""
+    return (f"{name}.X{space}{unit}", f"{name}.Y{space}{unit}", f"{name}.Z{space}{unit}")
 
 
 def _unit_of_each(role: str, at: Sequence[str], unit: Sequence[str], test: Test) -> dict[str, str]:

@@ -190,8 +190,9 @@ class Campaign:
     @classmethod
     def of_files(cls, files: Sequence[str], request: CharacteriseRequest) -> "Campaign":
         """Return the description of one test, which one sensor reads, from its files."""
+        given = request.sensor
         sensor = SensorSpecification(
-            name="sensor", calibration=request.calibration, alignment=request.alignment
+            name="sensor", calibration=given.calibration, alignment=given.alignment
         )
         shared = {f.name: getattr(request, f.name) for f in fields(TestOptions)}
         test = Test(
@@ -200,7 +201,6 @@ class Campaign:
             test=request.test,
             records=tuple(files),
             columns=request.columns,
-            units=request.units,
             along="sensor",
             transverse="sensor",
             angle="sensor",

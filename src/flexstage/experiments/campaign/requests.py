@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from flexstage.choose import did_you_mean
 from flexstage.errors import FlexstageError, ModelError
@@ -73,7 +73,7 @@ class Columns(Roles):
 
     @classmethod
     def of(cls, texts: Iterable[str], option: str) -> "Columns":
-        """Read columns, or their units, of texts such as along=2 or output=3,4."""
+        """Read columns of texts such as along=2 or output=3,4."""
         usual, found = cls(), {}
         roles = [f.name for f in fields(cls)]
         for text in texts:
@@ -153,6 +153,18 @@ class TestOptions(StepOptions):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensorUncertainty(Request):
+    """How far sensors can be trusted."""
+
+    one_value: ClassVar[bool] = True
+
+    calibration: Annotated[float, _BELOW_ONE, Written("SHARE")] = 0.0
+    """Relative standard uncertainty of the sensitivity."""
+    alignment: Annotated[float, DIMENSIONS["angle"], NOT_NEGATIVE] = 0.0
+    """Standard uncertainty of the direction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CharacteriseRequest(TestOptions):
     """The figures of a stage from the measured files of one test."""
 
@@ -163,26 +175,16 @@ class CharacteriseRequest(TestOptions):
     workspace.
     """
     column: Annotated[tuple[str, ...], Written("ROLE=COLUMN")] = ()
-    """Column of a role, by number or name, such as along=2; several with commas, output=3,4. Roles:
+    """Column of a role, by number or name, such as along=2, with its unit behind where the file
+    does not say it, "along=2 um"; several with commas, output=3,4. Roles:
     command, along, across, vertical, roll, pitch and yaw of motions; input and output of responses;
     corner, x and y of a workspace; spheres, by their names; direction of an approach, or upward and
     downward for a table with a row for each target.
     """
-    column_unit: Annotated[tuple[str, ...], Written("ROLE=UNIT")] = ()
-    """Unit of a column without one, such as "along=um"."""
-    calibration: Annotated[float, _BELOW_ONE, Written("SHARE")] = 0.0
-    """Relative standard uncertainty of the sensor sensitivity, such as "0.05%"."""
-    alignment: Annotated[float, DIMENSIONS["angle"], NOT_NEGATIVE] = 0.0
-    """Standard uncertainty of the direction of the sensors, such as "1 mrad"."""
+    sensor: SensorUncertainty = SensorUncertainty()
+    """Standard uncertainties of the sensors, such as "calibration=0.05 %,alignment=1 mrad"."""
 
     @property
     def columns(self) -> Columns:
         """The columns, by their roles."""
         return Columns.of(self.column, "--column must be a role and a column such as along=2")
-
-    @property
-    def units(self) -> Columns:
-        """The units of columns, by their roles."""
-        return Columns.of(
-            self.column_unit, "--column-unit must be a role and a unit such as along=um"
-        )

@@ -135,7 +135,9 @@ def of_stage(
     return name, replace(
         request,
         voltage=ends,
-        capacitance=request.capacitance or drive.capacitance,
+        amplifier=replace(
+            request.amplifier, capacitance=request.amplifier.capacitance or drive.capacitance
+        ),
         frequency=request.frequency or lowest_frequency(stage),
     )
 
@@ -173,8 +175,11 @@ class Designed(Excite, ExciteRequest):
         asked |= {
             "voltage": (low, high),
             "sample_rate": fs,
-            "slew": min((r for r in (self.slew, s.largest_rate) if r), default=None),
-            "capacitance": self.capacitance or s.capacitance,
+            "amplifier": replace(
+                self.amplifier,
+                slew=min((r for r in (self.amplifier.slew, s.largest_rate) if r), default=None),
+                capacitance=self.amplifier.capacitance or s.capacitance,
+            ),
             "frequency": frequency,
             "multisine": self.multisine and frequency is not None,
         }

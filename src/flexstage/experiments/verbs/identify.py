@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -58,10 +58,10 @@ class Identify(Verb, IdentifyRequest):
             raise PlanError("identify needs a step that measures at least")
         models_named(self.model)
         require_fields(self, IdentifyRequest, PlanError, " of identify")
-        if self.resonance is not None and self.characterised_by is not None:
+        if self.known.resonance is not None and self.characterised_by is not None:
             raise PlanError(
-                "identify has a resonance, and 'characterised_by' names a step that found one: "
-                "give one of them"
+                "identify has a known resonance, and 'characterised_by' names a step that found "
+                "one: give one of them"
             )
 
     @property
@@ -134,8 +134,11 @@ class Identify(Verb, IdentifyRequest):
         if self.characterised_by is not None:
             found = cast("CharacterisedStep", context.results[self.characterised_by]).found
             axis = self.axis_of(context.plan)
-            asked["resonance"] = found.figure("natural_frequency_hz", axis).value
-            asked["damping_ratio"] = found.figure("damping_ratio", axis).value
+            asked["known"] = replace(
+                self.known,
+                resonance=found.figure("natural_frequency_hz", axis).value,
+                damping=found.figure("damping_ratio", axis).value,
+            )
         return IdentifyRequest(**asked)
 
     def result(

@@ -100,7 +100,7 @@ def excitation(
     Examples
     --------
     >>> made = excitation(
-    ...     (0.0, 120.0), sample_rate=2000.0, rates=(0.5, 5.0), slew=1500.0
+    ...     (0.0, 120.0), sample_rate=2000.0, rates=(0.5, 5.0), amplifier="slew=1500 V/s"
     ... )
     >>> round(made.duration, 1), round(made.largest_slope), round(made.coverage, 2)
     (68.4, 1333, 1.0)
@@ -116,7 +116,8 @@ def excitation(
     rest = checked_rest(request.rest, low, high)
     duration, sample_rate_hz, sampled_for = request.duration, request.sample_rate, ""
     frequency, tones_at = request.frequency, request.frequency if request.multisine else None
-    slope_limit = partial(safe_slope, request.slew, request.current, request.capacitance)
+    request.amplifier.require_load()
+    slope_limit = partial(safe_slope, request.amplifier.largest_rate)
     decimals = _DIGITS - math.floor(math.log10(high - low))
     movement = Movement(
         shape=request.shape,
@@ -164,7 +165,7 @@ def excitation(
         warnings.append(f"the rates were raised from {before} Hz to {after} Hz to fit the time")
     values, parts = _run(design, movement, tones, decimals)
     slopes = np.abs(np.diff(values)) * sample_rate_hz
-    capacitance = request.capacitance
+    capacitance = request.amplifier.capacitance
     coverage = _coverage(design)
     warnings += _shortcomings(design, movement, coverage)
     return Excitation(

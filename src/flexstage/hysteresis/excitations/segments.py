@@ -274,19 +274,13 @@ def checked_rest(rest: float | None, low: float, high: float) -> float:
     return float(rest)
 
 
-def safe_slope(
-    slope: float | None, current: float | None, capacitance: float | None, rounding: float
-) -> float:
+def safe_slope(slope: float | None, rounding: float) -> float:
     """Return the slope that voltages before rounding may have.
 
-    Slope limit [V/s], current limit [A], capacitance [F], and what rounding of the voltages may add
-    to the slope [V/s]; infinite where there is no limit.
+    Slope limit [V/s], and what rounding of the voltages may add to the slope [V/s]; infinite where
+    there is no limit.
     """
-    if current is not None and capacitance is None:
-        raise ModelError("a limit of the current needs the capacitance of the stack: give both")
     limit = math.inf if slope is None else slope
-    if current is not None and capacitance is not None:
-        limit = min(limit, current / capacitance)
     if limit <= _RESOLVED * rounding:
         raise ModelError(
             f"a slope of at most {limit:g} V/s is too low to be resolved at this sample rate: "

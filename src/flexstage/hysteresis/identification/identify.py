@@ -173,9 +173,9 @@ def identify(
         There is no such model.
     """
     request = request_of(IdentifyRequest, request, asked)
-    resonance = request.known_mode
-    if chain is None and (request.delay is not None or request.creep is not None):
-        chain = ChainValues(delay=request.delay or 0.0, creep_per_decade=request.creep or 0.0)
+    known, resonance = request.known, request.known.mode
+    if chain is None and known.has_lag:
+        chain = ChainValues(delay=known.delay or 0.0, creep_per_decade=known.creep or 0.0)
     names = models_named(request.model)
     given = [records] if isinstance(records, Record) else list(records)
     train = train_range(request.train, given)

@@ -43,14 +43,14 @@ def find_necks(
             raise StageError(
                 f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, has no "
                 "profile that a hinge can have: both halves must be alike, and both sides, or one "
-                "straight; mend the drawing there, or give --neck-limit below its thickness to "
-                "leave it out"
+                "straight; mend the drawing there, or give --contours neck_limit=LENGTH below its "
+                "thickness to leave it out"
             )
         necks.append(neck)
     if not necks:
         raise StageError(
             "the drawing holds no neck: no place of the part is so much thinner than what lies on "
-            "both sides of it; give --neck-limit, the thickest neck that counts"
+            "both sides of it; give --contours neck_limit=LENGTH, the thickest neck that counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
     others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
@@ -148,7 +148,8 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
             if cut.outward == following.outward:
                 raise StageError(
                     f"two notches overlap about {part.place(following.point)}: the drawing cannot "
-                    "be taken apart there; give --neck-limit, the thickest neck that counts"
+                    "be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
+                    "that counts"
                 )
             if cut.outward:
                 chains[(*cut.root, cut.left)] = (_between(contour, cut, following), following)
@@ -282,7 +283,8 @@ def _gathered(
         if holder is None:
             raise StageError(
                 f"the opening about {part.place(inside.coords[0])} lies in no body: the drawing "
-                "cannot be taken apart there; give --neck-limit, the thickest neck that counts"
+                "cannot be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
+                "that counts"
             )
         owned[holder].append((shape, layer))
         roots_of[holder] += roots

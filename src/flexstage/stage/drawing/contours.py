@@ -220,7 +220,9 @@ def _chained(
             )
         if len(loose) > 2:
             text += f" ({len(loose)} ends are loose in all)"
-        raise StageError(f"{text}; close it in the drawing, name its layers, or give --gap")
+        raise StageError(
+            f"{text}; close it in the drawing, name its layers, or give --contours gap=LENGTH"
+        )
     crowded = [n for n, found in meeting.items() if len(found) > 2]
     if crowded:
         n = min(crowded, key=lambda n: (-points[n][1], points[n][0]))

@@ -89,7 +89,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     Notes
     -----
     Validity: necks are at least 1.5 times thinner than the bodies beside them, or as thin as
-    `DrawingOptions.neck_limit`; profiles are within 0.5 um of what was drawn, or twice the
+    `ContourOptions.neck_limit`; profiles are within 0.5 um of what was drawn, or twice the
     rounding of a file with few digits.
 
     Examples
@@ -108,7 +108,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     o = options or DrawingOptions()
     suffix = Path(path).suffix.lower()
     if suffix in DXF:
-        sheet = read_dxf(path, unit=o.drawing_unit, layers=o.layers or None)
+        sheet = read_dxf(path, unit=o.contours.unit, layers=o.contours.layers or None)
     elif suffix in STEP:
         sheet = read_step_plate(path)
         _agree(path, sheet, o)
@@ -118,12 +118,12 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         )
     part = part_of(
         sheet.curves,
-        gap=GAP if o.gap is None else o.gap,
+        gap=GAP if o.contours.gap is None else o.contours.gap,
         unit=sheet.unit,
         unit_name=sheet.unit_name,
         rounding=sheet.rounding,
     )
-    found, gap = find_necks(part, o.neck_limit)
+    found, gap = find_necks(part, o.contours.neck_limit)
     drawn = bodies_of(part, found)
     bodies, order = _named_bodies(part, drawn, o, sheet)
     hinges, necks = _hinges(part, found, drawn, bodies, order, gap)
@@ -168,9 +168,9 @@ def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> S
 
 
 def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> None:
-    for name, value in (("drawing-unit", o.drawing_unit), ("layers", o.layers)):
-        if value:
-            raise StageError(f"--{name} is for DXF files: '{path}' says its own")
+    for name in ("unit", "layers"):
+        if getattr(o.contours, name):
+            raise StageError(f"{name} of --contours is for DXF files: '{path}' says its own")
     has = sheet.thickness
     if o.thickness is not None and has is not None and abs(o.thickness - has) > 1e-6 * has:
         raise StageError(
@@ -324,7 +324,7 @@ def _hinges(
         if a == b:
             raise StageError(
                 f"the neck about {part.place(frame.at)} joins one body to itself: give "
-                "--neck-limit, the thickest neck that counts"
+                "--contours neck_limit=LENGTH, the thickest neck that counts"
             )
         direction = whole(frame.direction)
         # to the right, or else upward, where the notch has no side of its own

@@ -93,8 +93,8 @@ def read_dxf(
     name = unit or name
     if name is None:
         raise StageError(
-            f"the drawing '{path}' does not say its unit ($INSUNITS): give --drawing-unit, one of "
-            f"{', '.join(UNITS)}"
+            f"the drawing '{path}' does not say its unit ($INSUNITS): give --contours unit=UNIT, "
+            f"one of {', '.join(UNITS)}"
         )
     scale = UNITS[name]
     left: Counter[str] = Counter()
@@ -124,7 +124,7 @@ def read_dxf(
         have = ", ".join(sorted({str(e.dxf.layer) for e in found})) or "none"
         raise StageError(
             f"the drawing '{path}' holds no contour on the layers that were asked for (its layers "
-            f"are: {have}): name those of the contours by --layers"
+            f"are: {have}): name those of the contours by --contours layers=NAMES"
         )
     return Sheet(
         curves=tuple(curves),

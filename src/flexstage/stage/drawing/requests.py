@@ -9,6 +9,24 @@ from flexstage.files.request import Request
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ContourOptions(Request):
+    """How the contours of a drawing are read, and the necks between them found."""
+
+    one_value: ClassVar[bool] = True
+    refused_as: ClassVar[type[FlexstageError]] = StageError
+
+    unit: Annotated[str, Written("UNIT")] | None = None
+    """Unit of the drawing: um, mm, cm, m, inch or mil, where the file does not say it."""
+    layers: Annotated[tuple[str, ...], Written("NAMES", commas=True)] = ()
+    """Layers of the contours, separated by commas (default: by their names)."""
+    gap: Size | None = None
+    """Largest gap in a contour that is closed (default: 2 um)."""
+    neck_limit: Size | None = None
+    """Thickest neck that counts (default: below the widest gap in the thicknesses of thin places).
+    """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DrawingOptions(Request):
     """How a drawing is read."""
 
@@ -19,16 +37,8 @@ class DrawingOptions(Request):
     """Thickness of the plate in a drawing, such as "10 mm"; a STEP file says its own."""
     material: Annotated[str, Written("NAME")] | None = None
     """Material of the plate in a drawing, from the catalogue."""
-    drawing_unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the drawing, um, mm, cm, m, inch or mil, where the file does not say it."""
-    layers: Annotated[tuple[str, ...], Written("NAMES", commas=True)] = ()
-    """Layers of the contours of the drawing, separated by commas (default: by their names)."""
-    gap: Size | None = None
-    """Largest gap in a contour of the drawing that is closed (default: 2 um)."""
-    neck_limit: Size | None = None
-    """Thickest neck that counts in the drawing (default: below the widest gap in the thicknesses of
-    its thin places).
-    """
+    contours: ContourOptions = ContourOptions()
+    """How contours of a drawing are read, such as "unit=mm,layers=CUT,0"."""
     fixed: Annotated[tuple[str, ...], Written("X,Y")] = ()
     """A point on a body of the drawing that is held, in its unit (default: the body outside with
     the most mounting holes, or else the largest).

@@ -10,12 +10,12 @@ from nicegui import events, ui
 
 from flexstage.errors import FlexstageError
 from flexstage.files.request import request_fields
-from flexstage.files.schema import field_texts
+from flexstage.files.schema import field_texts, part_texts
 from flexstage.records import FORMATS
 from flexstage.records.contents import column_label, contents_table, length_in_words
-from flexstage.records.read_options import DriveColumns, ReadOptions
+from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
 from flexstage.web.figures import in_page, picture, show_table
-from flexstage.web.hysteresis.requests import Reading
+from flexstage.web.hysteresis.requests import UNITS, Reading
 from flexstage.web.hysteresis.state import MeasuredFiles
 from flexstage.web.hysteresis.work import Looked, is_light, looked_at
 from flexstage.web.jobs import BackgroundJob
@@ -30,9 +30,7 @@ _UNUSUAL = {
     "rows": "400:7200",
     "resample": "median, or 200 Hz",
     "dataset": "name of a group or variable",
-    "skip_lines": "0",
-    "delimiter": "tab, comma, semicolon, space",
-    "decimal": ". or ,",
+    "text": "skip=6, delimiter=;, decimal=,",
     "branches": "UP,DOWN: two columns of a table without times",
     "curve": "column that numbers reversal curves; or files, or columns",
 }
@@ -41,7 +39,9 @@ _TABLES = ("branches", "curve")
 
 _FIELDS = {**request_fields(DriveColumns), **request_fields(ReadOptions)}
 _LABELS = {name: field.label for name, field in _FIELDS.items()}
-_TEXTS = {**field_texts(DriveColumns), **field_texts(ReadOptions)}
+_LABELS |= {name: name.replace("_", " ").capitalize() for name in UNITS}
+_TEXTS = {**field_texts(DriveColumns), **field_texts(ReadOptions), **UNITS}
+_TEXTS["text"] += f" {part_texts(TextLayout)}"
 
 
 class FilesForm:

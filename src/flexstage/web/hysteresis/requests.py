@@ -7,6 +7,16 @@ from typing import Literal
 from flexstage.files.request import RequestField, request_fields
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
+#: Fields of units, and what they are.
+UNITS = {
+    "input_unit": 'Unit of the input, such as "V" or "N", where the file does not say it.',
+    "output_unit": 'Unit of the output, such as "um", where the file does not say it.',
+}
+
+
+def _in_unit(columns: tuple[str | int, ...], unit: str) -> tuple[str | int, ...]:
+    return tuple(f"{column} {unit}" for column in columns) if unit else columns
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
@@ -16,8 +26,23 @@ class Reading:
     """The files."""
     columns: DriveColumns = DriveColumns()
     """Which columns they are about."""
+    input_unit: str = ""
+    """Unit of the input, where they do not say it."""
+    output_unit: str = ""
+    """Unit of the output, where they do not say it."""
     how: ReadOptions = ReadOptions()
     """How they are read."""
+
+    @property
+    def asked(self) -> DriveColumns:
+        """The columns, with the units behind them."""
+        columns = self.columns
+        return replace(
+            columns,
+            input=_in_unit(columns.input, self.input_unit),
+            output=_in_unit(columns.output, self.output_unit),
+            branches=_in_unit(columns.branches, self.output_unit),
+        )
 
     @property
     def names(self) -> list[str]:
@@ -32,6 +57,8 @@ class Reading:
 
     def text(self, name: str) -> str:
         """Return the text of a field of the columns or options; empty where it is as usual."""
+        if name in UNITS:
+            return getattr(self, name)
         part, field = self._part(name)
         value = getattr(part, name)
         return "" if value == field.default else ",".join(field.texts(value))
@@ -44,6 +71,8 @@ class Reading:
         RecordError, UnitError
             The text is no value of the field.
         """
+        if name in UNITS:
+            return replace(self, **{name: text.strip()})
         part, field = self._part(name)
         part = replace(part, **{name: field.read(text) if text.strip() else field.default})
         return replace(self, **{"how" if isinstance(part, ReadOptions) else "columns": part})

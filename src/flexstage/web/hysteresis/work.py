@@ -74,7 +74,7 @@ def looked_at(reading: Reading, key: str) -> Looked:
 def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
     """Read all of files; return how, what is in them, and the first one."""
     columns = reading.columns
-    pairs = (columns.input, columns.input_unit), (columns.output, columns.output_unit)
+    pairs = (columns.input, reading.input_unit), (columns.output, reading.output_unit)
     # several columns have their units when they are read
     units = {str(c[0]): unit for c, unit in pairs if unit and len(c) == 1}
     each = reading.how.of_each(len(reading.files))
@@ -124,7 +124,7 @@ def is_light(reading: Reading) -> bool:
 
 def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
     """Read what a drive was told and what followed, as `flexstage identify` does."""
-    return read_drive([Path(file) for file in reading.files], reading.columns, reading.how)
+    return read_drive([Path(file) for file in reading.files], reading.asked, reading.how)
 
 
 # the model
@@ -272,11 +272,8 @@ def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, t
     reading = motion.file
     if len(reading.columns.output) != 1:
         raise RecordError("a reference has one column: choose one as Column")
-    (wanted,) = reading.columns.output
-    units = [reading.columns.output_unit]
-    (record,) = read_files(
-        [Path(reading.files[0])], [wanted], options=reading.how, units=units, even=True
-    )
+    (wanted,) = reading.asked.output
+    (record,) = read_files([Path(reading.files[0])], [wanted], options=reading.how, even=True)
     channel = record.channel(wanted)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"

@@ -40,9 +40,8 @@ _PURPOSES = (
 _ENTRY = "outlined dense stack-label debounce=300"
 #: What may be known of a drive, and how it is written.
 _KNOWN = {
-    "train": "400:5000",
     "resonance": "808 Hz",
-    "damping_ratio": "1 %",
+    "damping": "1 %",
     "delay": "5 ms",
     "creep": "1.2 %",
 }
@@ -133,6 +132,7 @@ class HysteresisView:
         known = replace(search, model=("auto",)) != IdentifyRequest()
         with ui.expansion("What is known of the drive", value=known).classes("folded"):
             with div("entries"):
+                self._field("train", "400:5000")
                 for name, example in _KNOWN.items():
                     self._field(name, example)
             ui.checkbox(
@@ -140,8 +140,8 @@ class HysteresisView:
             ).on_value_change(lambda event: self._set("drift", bool(event.value)))
 
     def _field(self, name: str, example: str) -> None:
-        field = request_fields(IdentifyRequest)[name]
-        value = getattr(self._state.search, name)
+        part = self._state.search.known if name in _KNOWN else self._state.search
+        field, value = request_fields(type(part))[name], getattr(part, name)
         shown = "" if value in (None, field.default) else ",".join(field.texts(value))
         entry = ui.input(field.label, value=shown, placeholder=example).props(_ENTRY)
 
@@ -160,7 +160,10 @@ class HysteresisView:
         entry.on_value_change(take)
 
     def _set(self, name: str, value: Any) -> None:
-        self._state.search = replace(self._state.search, **{name: value})
+        search = self._state.search
+        if name in _KNOWN:
+            name, value = "known", replace(search.known, **{name: value})
+        self._state.search = replace(search, **{name: value})
 
     def _looked(self) -> None:
         """Follow a change of the record: what was read, and what is missing."""

@@ -8,7 +8,7 @@ from nicegui import ui
 from flexstage.comparison import title_of
 from flexstage.report.study import CHAPTERS
 from flexstage.studies.models import MODELS
-from flexstage.studies.requests import StudyRequest
+from flexstage.studies.requests import ALL_PARTS, StudyPart, StudyRequest
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
 from flexstage.web.jobs import BackgroundJob
@@ -106,8 +106,13 @@ class ReportView:
         models.props("use-chips")
         with div("parts"):
             for name, label in _PARTS.items():
-                box = ui.checkbox(label, value=getattr(asked, name)).props("dense")
-                box.on_value_change(lambda e, name=name: self._choose(name, bool(e.value)))
+                box = ui.checkbox(label, value=name in asked.parts).props("dense")
+                box.on_value_change(lambda e, name=name: self._tick(name, chosen=bool(e.value)))
+
+    def _tick(self, part: StudyPart, *, chosen: bool) -> None:
+        now = self._state.asked.parts
+        parts = [name for name in ALL_PARTS if (chosen if name == part else name in now)]
+        self._choose("parts", tuple(parts) or ("none",))
 
     def _choose(self, name: str, value: Any) -> None:
         self._state.asked = replace(self._state.asked, **{name: value})

@@ -123,7 +123,7 @@ def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> 
     """Return what a stage does under the voltage of a record; refuse what exceeds its limits."""
     name = stage.axis(axis).name if axis else stage.axes[0].name
     ((driven,), _, _) = taken_drive(file, ((), ("none",)), ReadOptions())
-    (record,) = read_files([file], [driven], units=[None], even=True)
+    (record,) = read_files([file], [driven], even=True)
     rate, values = record.sample_rate_hz, record.channel(driven).values
     made = virtual_stage(
         stage,
