@@ -12,7 +12,6 @@ from flexstage.arrays import Array
 from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setting import (
-    TURN_WORDS,
     Setting,
     change,
     fit_setting,
@@ -23,8 +22,8 @@ from flexstage.centring.trial_moves import trial
 from flexstage.centring.turns import unwrap_error
 from flexstage.errors import RecordError
 from flexstage.records import Channel, Record
-from flexstage.records.likely_columns import taken_turn
 from flexstage.records.files import read_files
+from flexstage.records.likely_columns import taken_turn
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
 from flexstage.units import si_unit
