@@ -99,8 +99,8 @@ def test_a_conversation_with_a_process(start):
 
     client = threading.Thread(target=knock)
     client.start()
-    twin = start("vgtu-piezo", "--address", str(port), "--fast", "--seed", "4", "--serial-number",
-                 "A-17", "--identity", "flexstage", "--json")  # fmt: skip
+    twin = start("vgtu-piezo", "--model", "lumped", "--address", str(port), "--fast", "--seed", "4",
+                 "--serial-number", "A-17", "--identity", "flexstage", "--json")  # fmt: skip
     client.join()
     # the port opens when it can answer
     with link:
