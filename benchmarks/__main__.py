@@ -1,14 +1,17 @@
-"""Run the benchmarks: `python -m benchmarks [--json] [CASE ...]`.
+"""Run the benchmarks: `python -m benchmarks [--json] [--page FILE] [CASE ...]`.
 
 Results come on standard output at the end; standard error says what runs meanwhile.
 """
 
 import argparse
 import json
+import os
 import platform
+import subprocess
 import sys
 import time
 from itertools import groupby
+from pathlib import Path
 
 from benchmarks import (
     batch,
@@ -87,18 +90,39 @@ def _say(line: str) -> None:
     sys.stderr.flush()
 
 
+def _page(rows: list[cases.Row], machine: str) -> str:
+    """Return the rows as a page of the manual, with the machine and the commit."""
+    command = ["git", "describe", "--always", "--dirty"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    lines = [
+        "# Benchmarks",
+        "",
+        f"Written by `make bench` at commit {commit or 'unknown'}, {machine}. Ratios are to the first line of a table;",
+        "times depend on the machine, and on what else runs on it. [What limits them](../explanation/speed.md).",
+    ]
+    for case, group in groupby(rows, key=lambda row: row.case):
+        lines += ["", f"## {case}", "", "| route | time | ratio | limited by |", "|---|---|---|---|"]
+        for row in group:
+            more = "" if row.time.finished else "> "
+            lines.append(f"| {row.route} | {more}{row.time} | {row.ratio:.3g} | {row.limit} |")
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description="Time flexstage against named alternatives."
     )
     parser.add_argument("names", nargs="*", metavar="CASE", help=", ".join(CASES))
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write a page of the manual")
     options = parser.parse_args()
     unknown = set(options.names) - set(CASES)
     if unknown:
         parser.error(f"unknown case '{min(unknown)}': expected {', '.join(CASES)}")
     rows = _timed(options.names or list(CASES))
-    machine = f"{platform.machine()}, Python {platform.python_version()}"
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    if options.page is not None:
+        options.page.write_text(_page(rows, machine), encoding="utf-8")
     if options.json:
         print(
             json.dumps(

@@ -2,9 +2,11 @@
 
 import io
 import json
+import platform
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import flexstage
@@ -427,6 +429,13 @@ def test_a_character_of_code_0_is_refused(capsys: pytest.CaptureFixture[str]) ->
 def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--version") == 0
     assert capsys.readouterr().out == f"flexstage {flexstage.__version__}\n"
+    assert run("--version", "--verbose") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert f"Python {platform.python_version()}, {platform.platform()}" in lines
+    assert f"numpy {np.__version__}" in lines
+    assert not any(line.startswith("pytest") for line in lines)
+    assert run("--verbose") == 2
+    assert "--verbose goes with --version" in capsys.readouterr().err
     for words in ([], ["--help"]):
         assert run(*words) == 0
         out = capsys.readouterr().out

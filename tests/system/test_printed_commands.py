@@ -42,13 +42,6 @@ _ELSEWHERE = {
     "runs show 71d7": "no run of the catalogue",
     "runs add runs/2031": "there is no folder",
 }
-#: What another page runs in the same words and with a folder: `test_what_is_run_once_is_run`.
-_ONCE = {
-    "README.md": (
-        "flexstage run vgtu-piezo --instrument gcs://127.0.0.1:50000",
-        "run-the-piezo-stage.md",
-    ),
-}
 #: What two pages print of: the first one that comes to it keeps what is said for the other.
 _TWICE = ("flexstage analyse vgtu-piezo --model plane --accuracy 0.1%",)
 #: What writes many figures, which other tests draw.
@@ -243,9 +236,6 @@ def public(file: Path) -> None:
 
 #: Files that the reader of a page has. They are not those of the page: its figures are others.
 GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
-    "README.md": {
-        "parallelogram.yaml": stage("parallelogram"),
-    },
     "compensate.md": {"stack.yaml": model, "reference.csv": wanted},
     "identify.md": {"logged.csv": logged, "loop.csv": branches},
     "identification.md": {"Test_Vi_Do_Di.dat": public, "Model_Vi_Do.dat": public},
@@ -342,8 +332,6 @@ class Page:
             return
         if any(word in line for word in _LONG) != self.long and line.startswith("flexstage"):
             return
-        if line == _ONCE.get(self.name, ("", ""))[0]:
-            return
         made = [name for name in self.given if name in line]
         for name in made:
             if not (self.folder / name).exists():
@@ -424,13 +412,6 @@ def test_commands_run_as_printed(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked(path, tmp_path, monkeypatch, long=False)
-
-
-def test_what_is_run_once_is_run() -> None:
-    texts = {page.name: page.read_text("utf-8") for page in pages()}
-    for page, (line, other) in _ONCE.items():
-        assert line in texts[page]
-        assert f"$ {line} --folder" in texts[other]
 
 
 LONG = [p for p in pages() if any(word in p.read_text("utf-8") for word in _LONG)]

@@ -4,6 +4,7 @@ Status 0: done. 1: the work failed. 2: bad input, with one sentence on stderr an
 """
 
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
@@ -46,6 +47,8 @@ from flexstage.errors import NO_FINITE_ELEMENTS, FlexstageError
 __all__ = ["app", "main"]
 
 _INTERRUPTED = 130
+#: Extras that no user installs.
+_TOOLS = ("dev", "docs", "verify")
 _WAYS = """
   flexstage serve    the front panel, in a browser
   flexstage new      designs to start from
@@ -85,13 +88,39 @@ app.add_typer(runs, rich_help_panel="Bench")
 def _root(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", help="With --version: those of Python, system and libraries."),
+    ] = False,
 ) -> None:
     """Design, verify, identify and drive flexure-based micropositioning stages."""
     if version:
         typer.echo(f"flexstage {flexstage.__version__}")
+        if verbose:
+            _print_environment()
         raise typer.Exit
+    if verbose:
+        raise typer.BadParameter("--verbose goes with --version")
     if context.invoked_subcommand is None:
         _without_command(context)
+
+
+def _print_environment() -> None:
+    """Print what a report of a fault should say: Python, system, and version of each library."""
+    import platform
+    from importlib import metadata
+
+    typer.echo(f"Python {platform.python_version()}, {platform.platform()}")
+    for requirement in sorted(metadata.requires("flexstage") or (), key=str.lower):
+        name, _, condition = requirement.partition(";")
+        name = re.split(r"[\s<>=!~\[(]", name.strip(), maxsplit=1)[0]
+        try:
+            number = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            number = "not installed"
+        extra = re.search(r"extra == ['\"]([\w-]+)", condition)
+        if extra is None or (extra[1] not in _TOOLS and number != "not installed"):
+            typer.echo(f"{name} {number}")
 
 
 def _without_command(context: typer.Context) -> None:

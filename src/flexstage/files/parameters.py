@@ -6,7 +6,7 @@ They may refer to one another; what is set from outside has names with dots.
 import collections.abc
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NoReturn, Protocol
 
 from flexstage.choose import nearest
 from flexstage.errors import FlexstageError, UnitError
@@ -19,9 +19,6 @@ from flexstage.files.expression import (
     require_names,
 )
 from flexstage.files.nodes import Mapping, Node, Scalar, Sequence, node_of, parse_yaml
-
-if TYPE_CHECKING:
-    from flexstage.files.decoder import Decoder
 
 #: The key under which they stand.
 KEY = "parameters"
@@ -43,7 +40,40 @@ class FileParameter:
     """Line of the file on which it stands; None where it is set from outside."""
 
 
-def read_parameters(decoder: "Decoder", node: Node) -> None:
+class ParameterDecoder(Protocol):
+    """What the reader of a file does for its parameters."""
+
+    settings: Mapping
+    parameters: dict[str, FileParameter]
+
+    def mapping(self, node: Node, path: str) -> Mapping:
+        """Refuse what is no mapping."""
+        ...
+
+    def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
+        """Refuse keys that mean nothing."""
+        ...
+
+    def text(self, node: Node, path: str) -> str:
+        """Read a text."""
+        ...
+
+    def amount(self, node: Scalar, path: str) -> Amount:
+        """Evaluate an expression."""
+        ...
+
+    def shown(self, node: Node) -> str:
+        """Say what stands at a place."""
+        ...
+
+    def refuse(
+        self, node: Node, path: str, message: str, error: type[FlexstageError] | None = None
+    ) -> NoReturn:
+        """Raise an error that names the place."""
+        ...
+
+
+def read_parameters(decoder: ParameterDecoder, node: Node) -> None:
     """Read the parameters of a file into its decoder, whose settings stand in place of them."""
     entries = decoder.mapping(node, KEY)
     if len(entries.items) > MOST:
@@ -69,7 +99,7 @@ def read_parameters(decoder: "Decoder", node: Node) -> None:
     decoder.parameters = {name: decoder.parameters[name] for name in values}
 
 
-def _described(decoder: "Decoder", node: Node, path: str) -> tuple[Node, str]:
+def _described(decoder: ParameterDecoder, node: Node, path: str) -> tuple[Node, str]:
     """Return the value of an entry, and what it says of it."""
     if not isinstance(node, Mapping):
         return node, ""
@@ -81,7 +111,7 @@ def _described(decoder: "Decoder", node: Node, path: str) -> tuple[Node, str]:
     return node.items["value"], " ".join(text.split())
 
 
-def _scalar(decoder: "Decoder", node: Node, path: str) -> Scalar:
+def _scalar(decoder: ParameterDecoder, node: Node, path: str) -> Scalar:
     if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
         decoder.refuse(
             node,
@@ -92,7 +122,7 @@ def _scalar(decoder: "Decoder", node: Node, path: str) -> Scalar:
     return node
 
 
-def _in_order(decoder: "Decoder", values: dict[str, Scalar]) -> list[str]:
+def _in_order(decoder: ParameterDecoder, values: dict[str, Scalar]) -> list[str]:
     """Return the names so that each stands behind those that it needs; refuse circles."""
     needs: dict[str, set[str]] = {}
     for name, node in values.items():
@@ -127,7 +157,7 @@ def _in_order(decoder: "Decoder", values: dict[str, Scalar]) -> list[str]:
     return ordered
 
 
-def _amount(decoder: "Decoder", node: Scalar, path: str) -> Amount:
+def _amount(decoder: ParameterDecoder, node: Scalar, path: str) -> Amount:
     if is_expression(node.value):
         return decoder.amount(node, path)
     try:

@@ -19,7 +19,7 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered_whole,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
+from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.misfit import jackknife
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
@@ -38,6 +38,7 @@ from flexstage.hysteresis.identification.projection import (
     solve,
     square_left,
 )
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 
 #: Plays and intervals of the dictionary that stands for any hysteresis.

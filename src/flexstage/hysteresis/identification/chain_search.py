@@ -15,9 +15,9 @@ from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.jump_response import jump_response
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
-    RecordSection,
     without_history,
 )
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.resonance_search import Resonance, find_resonance
 
 #: What a drive did before a record is told by a misfit that is smaller by this factor: without, it

@@ -10,7 +10,7 @@ from flexstage.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_misfit import dictionary, short_data
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows, filtered
-from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
+from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_fit import equations, folds_of
 from flexstage.hysteresis.identification.projection import (
     Normal,
@@ -19,6 +19,7 @@ from flexstage.hysteresis.identification.projection import (
     solve,
     square_left,
 )
+from flexstage.hysteresis.identification.record_section import RecordSection
 
 #: Samples of a record that are filtered.
 _SAMPLES = 50_000

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +9,10 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.identification.cycles import Cycles
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.records import saturation
 from flexstage.records.quality import difference_noise, quantisation_step
 from flexstage.units import readable
-
-if TYPE_CHECKING:
-    from flexstage.hysteresis.identification.measurement import RecordSection
-
 
 #: A spike is this many samples long at most, ...
 _LONGEST_SPIKE = 3
@@ -206,7 +202,7 @@ def butterfly_text(turned: tuple[float, float, float], unit: str) -> str:
 
 def findings_of_record(
     number: int,
-    section: "RecordSection",
+    section: RecordSection,
     spikes: NDArray[np.intp],
     sign: float,
     units: tuple[str, str],

@@ -13,10 +13,10 @@ from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.drive_model import creep_start
 from flexstage.hysteresis.identification.measurement import (
-    RecordSection,
     with_history,
     without_history,
 )
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import checked
 from flexstage.records.quality import difference_noise
 

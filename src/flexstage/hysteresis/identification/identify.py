@@ -22,7 +22,6 @@ from flexstage.hysteresis.identification.fit_rows import (
 )
 from flexstage.hysteresis.identification.measurement import (
     IdentificationData,
-    RecordSection,
     measurement,
     without_history,
 )
@@ -48,6 +47,7 @@ from flexstage.hysteresis.identification.model_fit import (
     fits,
     models_named,
 )
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.models.registry import MODELS

@@ -19,8 +19,9 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import IdentificationData, RecordSection
+from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.projection import Normal, Solution, normal_equations, solve
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS, part
 

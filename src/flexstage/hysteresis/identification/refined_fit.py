@@ -8,7 +8,6 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -18,6 +17,7 @@ from flexstage.hysteresis.identification.model_fit import (
     equations,
 )
 from flexstage.hysteresis.identification.projection import Solution, solve
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import HysteresisModel
 
 _ITERATIONS = 25

@@ -9,7 +9,8 @@ from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.identification.measurement import RecordSection, without_history
+from flexstage.hysteresis.identification.measurement import without_history
+from flexstage.hysteresis.identification.record_section import RecordSection
 
 #: Content of the input counts as excitation of a resonance above this many times the fastest cycle.
 _ABOVE = 5.0

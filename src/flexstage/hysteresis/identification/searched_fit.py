@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -22,6 +21,7 @@ from flexstage.hysteresis.identification.model_fit import (
     residual,
 )
 from flexstage.hysteresis.identification.projection import Normal, Solution, solve, square_left
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.model import HysteresisModel
 
 #: Points of the coarse search that are followed to their minimum.

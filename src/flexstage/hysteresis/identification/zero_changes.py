@@ -19,9 +19,9 @@ from flexstage.hysteresis.identification.fit_rows import (
     filtered,
     rows_of,
 )
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.projection import Normal, orthonormal, solve
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.units import readable, readable_unit
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.searched_fit import SearchedFit
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 

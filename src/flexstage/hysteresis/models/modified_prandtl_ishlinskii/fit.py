@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.law import ModifiedPrandtlIshlinskii
 from flexstage.hysteresis.models.play import play_columns

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.measurement import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -15,6 +14,7 @@ from flexstage.hysteresis.identification.model_fit import (
     folds_of,
 )
 from flexstage.hysteresis.identification.projection import Normal, square_left
+from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 #: Weights of the penalty on second differences of the density that are tried: for records with
