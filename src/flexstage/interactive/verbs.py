@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from flexstage.centring.from_records import CentredRecords
     from flexstage.designs import StageTemplate
     from flexstage.experiments import Campaign, Characterisation
-    from flexstage.explore import Front, Optimum, Sensitivities, Sweep
-    from flexstage.explore.prepare import Found
+    from flexstage.explore import Front, Optimum, Sensitivities, Sweep, ToleranceStudy
     from flexstage.measure import ModalFit
     from flexstage.records import Record
 
@@ -84,8 +83,8 @@ def optimise(
 
 def tolerance(
     stage: Stage | _Path, *, workers: int = 1, folder: Path | None = None, **asked: Any
-) -> "Found":
-    """Return the spread of a lot, and what was chosen for a yield, by a `ToleranceRequest`."""
+) -> "ToleranceStudy":
+    """Return the spread of a lot, and its `choice` for a yield, by a `ToleranceRequest`."""
     run = _ready("tolerance", stage_of(stage), asked)
     with open_workers(workers) as shared:
         return run(shared, folder)

@@ -154,7 +154,11 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
+    ("Front", ""): ("optimum.draw_front", "found"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
+    ("Optimum", ""): ("optimum.draw_before_after", "found"),
+    ("Optimum", "figures"): ("optimum.draw_figures", "found"),
+    ("Optimum", "history"): ("optimum.draw_history", "found"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
     ("Record", ""): ("record.draw_record", "record"),
@@ -162,8 +166,10 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
+    ("Sweep", ""): ("sweep.draw_sweep", "sweep"),
+    ("Sweep", "indices"): ("sweep.draw_indices", "sweep"),
+    ("ToleranceStudy", ""): ("tolerance.draw_spreads", "study"),
     ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),
-    ("ToleranceStudy", "spreads"): ("tolerance.draw_spreads", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),
 }
@@ -173,12 +179,17 @@ def drawn(picture: Picture) -> "Figure":
     """Draw the result of a picture; a function that draws one is called."""
     if isinstance(picture.result, partial):
         return picture.result(**picture.options)
-    kind = type(picture.result).__name__
-    if (kind, picture.view) not in DRAWINGS:
-        view = f" as '{picture.view}'" if picture.view else ""
+    return plotted(picture.result, picture.view, **picture.options)
+
+
+def plotted(result: Any, view: str = "", **options: Any) -> "Figure":
+    """Draw a result, in one of its views."""
+    kind = type(result).__name__
+    if (kind, view) not in DRAWINGS:
+        shown = f" as '{view}'" if view else ""
         known = ", ".join(sorted({name for name, _ in DRAWINGS}))
-        raise ModelError(f"no drawing shows a {kind}{view}: there are drawings of {known}")
-    function, parameter = DRAWINGS[kind, picture.view]
+        raise ModelError(f"no drawing shows a {kind}{shown}: there are drawings of {known}")
+    function, parameter = DRAWINGS[kind, view]
     module, _, name = function.partition(".")
     draw = getattr(import_module(f"flexstage.report.figures.{module}"), name)
-    return draw(**{parameter: picture.result}, **picture.options)
+    return draw(**{parameter: result}, **options)
