@@ -448,7 +448,9 @@ def _recorded(field: RequestField, value: Any) -> Any:
         return recorded(value)
     if isinstance(value, Path):
         return value.as_posix()
-    finite = isinstance(value, (str, int)) or (isinstance(value, float) and math.isfinite(value))
+    if value is None or isinstance(value, (str, int)):
+        return value
+    finite = isinstance(value, float) and math.isfinite(value)
     return value if finite else field._text(value)
 
 

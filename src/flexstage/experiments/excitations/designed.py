@@ -9,6 +9,8 @@ from flexstage.experiments.axis_limits import AxisSetting, lowest_frequency
 from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.verbs.excite import NONE_OR_SOME, SOME, Excite, command_of, require_stack
 from flexstage.files.ranges import Seed
+from flexstage.hysteresis.excitations.design import excitation
+from flexstage.hysteresis.excitations.excitation import Excitation
 from flexstage.hysteresis.requests import ExciteRequest
 from flexstage.stage import PiezoStack, Stage
 from flexstage.units import Frequency, Time
@@ -41,6 +43,18 @@ def of_stage(
     )
 
 
+def excitation_of(stage: Stage, request: ExciteRequest, axis: str | None = None) -> Excitation:
+    """Design the record that identifies an axis of a stage, the first where none is named."""
+    name, asked = of_stage(request, stage, axis)
+    return replace(
+        excitation(request=asked),
+        request=request,
+        stage=stage.name,
+        axis=name,
+        natural_frequency_hz=None if request.frequency else asked.frequency,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Designed(Excite):
     """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`."""
@@ -67,8 +81,6 @@ class Designed(Excite):
             raise PlanError("designed needs one rate at least, got none")
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
-        from flexstage.hysteresis import excitation
-
         del base
         s = settings[0]
         require_stack(s, "a designed record is")

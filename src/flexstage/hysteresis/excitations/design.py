@@ -168,6 +168,7 @@ def excitation(
     coverage = _coverage(design)
     warnings += _shortcomings(design, movement, coverage)
     return Excitation(
+        request=request,
         time=np.arange(values.size) / sample_rate_hz,
         voltage=values,
         parts=parts,
