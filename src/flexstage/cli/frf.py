@@ -71,17 +71,18 @@ def _written(out: Path | None, figure: Path | None, found: "FrfResult | DecayRes
     from flexstage.measure.frf_result import FrfResult
     from flexstage.records.write import record_bytes
 
-    fitted = isinstance(found, FrfResult) and found.fit is not None
-    views = ("", "stabilisation") if fitted and found.fit.stabilisation is not None else ("",)
-    content = None
+    content, drawn = None, {}
     if out is not None and isinstance(found, FrfResult):
         content = record_bytes(found.record(), record_format(out))
-    # a picture that cannot be made leaves no response beside an error
-    drawn = {} if figure is None else {view: found.plot(view) for view in views}
+    if figure is not None:
+        # a picture that cannot be made leaves no response beside an error
+        drawn[figure] = found.plot()
+        if isinstance(found, FrfResult) and found.fit is not None and found.fit.stabilisation:
+            other = figure.with_stem(f"{figure.stem}-stabilisation")
+            drawn[other] = found.plot("stabilisation")
     files: list[Path] = []
-    for view, picture in drawn.items():
-        stem = f"{figure.stem}-{view}" if view else figure.stem
-        files += write_picture(figure.with_stem(stem), lambda picture=picture: picture)
+    for path, picture in drawn.items():
+        files += write_picture(path, lambda picture=picture: picture)
     if out is not None and content is not None:
         write_file(out, content)
         files.insert(0, out)

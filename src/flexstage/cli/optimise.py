@@ -1,5 +1,7 @@
 """`flexstage optimise`: the best stage of a family, or the one that has stated figures."""
 
+from functools import partial
+
 import typer
 
 from flexstage.cli.options import (
@@ -59,15 +61,20 @@ def optimise(
     run = ready_optimise(request, taken.template(stage))
     with progress_bar("optimise", quiet=quiet), sharing.open() as workers:
         found = run(workers)
-    front = isinstance(found, Front)
-    files = write_folder(folder, lambda: front_files(found) if front else optimum_files(found))
+    if isinstance(found, Front):
+        make, tables, notes = partial(front_files, found), front_tables(found), front_notes(found)
+        best = found.optimum
+    else:
+        make, best = partial(optimum_files, found), found
+        tables, notes = optimum_tables(found), optimum_notes(found)
+    files = write_folder(folder, make)
     files += write_picture(figure, found.plot)
     if json:
         print_result(found.to_dict(), files)
     else:
         screen = console()
-        for shown in front_tables(found) if front else optimum_tables(found):
+        for shown in tables:
             print_shown(screen, shown)
-        print_notes(screen, front_notes(found) if front else optimum_notes(found), files)
-    if not (found.optimum if front else found).met:  # a requirement is missed
+        print_notes(screen, notes, files)
+    if not best.met:  # a requirement is missed
         raise typer.Exit(1)

@@ -117,7 +117,7 @@ SHARE = 0.01
 class Sensitivities(Result):
     """What each parameter of a stage does to each of its figures."""
 
-    rows: ClassVar[str] = "parameters"
+    table_key: ClassVar[str] = "parameters"
 
     request: SensitivityRequest | None = None
     """What was asked for."""

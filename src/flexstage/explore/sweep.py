@@ -138,7 +138,7 @@ def usual_cost(model: str) -> float:
 class Sweep(Result):
     """Figures of the stages that a sweep looked at."""
 
-    rows: ClassVar[str] = "columns"
+    table_key: ClassVar[str] = "columns"
 
     stage: str
     """Name of the stage as it is described."""

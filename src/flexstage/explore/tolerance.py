@@ -130,7 +130,7 @@ def _batch(
 class ToleranceStudy(Result):
     """What the workshop makes of a stage."""
 
-    rows: ClassVar[str] = "figures"
+    table_key: ClassVar[str] = "figures"
 
     lot: Lot
     """The stages that were drawn."""

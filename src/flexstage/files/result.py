@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Result:
     """Base of the results of jobs."""
 
-    rows: ClassVar[str] = ""
+    table_key: ClassVar[str] = ""
     """Key of `to_dict` whose rows, or columns, make the data frame."""
 
     request: Request | None = None
@@ -40,7 +40,7 @@ class Result:
 
         What is within a value of `to_dict` has a column of its own, such as ``frequency_hz.value``.
         """
-        found = self.data()[self.rows]
+        found = self.data()[self.table_key]
         return data_frame(found if isinstance(found, Mapping) else [*map(_flat, found)])
 
     def plot(self, view: str = "", **options: Any) -> "Figure":

@@ -129,7 +129,7 @@ class Prediction:
 class Predictions(Result):
     """A model of a file on several records."""
 
-    rows: ClassVar[str] = "records"
+    table_key: ClassVar[str] = "records"
 
     file: ModelFile
     """The model, with what was found where it was identified."""

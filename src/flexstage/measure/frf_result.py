@@ -23,7 +23,7 @@ _NO_FIT = 0.5
 class FrfResult(Result):
     """Responses that records give, or hold, and the modes in them."""
 
-    rows: ClassVar[str] = "modes"
+    table_key: ClassVar[str] = "modes"
 
     records: Sequence[Record]
     """The records."""
@@ -109,7 +109,7 @@ class FrfResult(Result):
 class DecayResult(Result):
     """A free decay, and the modes in it."""
 
-    rows: ClassVar[str] = "modes"
+    table_key: ClassVar[str] = "modes"
 
     record: Record
     """The record."""

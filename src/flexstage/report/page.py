@@ -147,6 +147,7 @@ def _typeset(text: str) -> "Markup":
 #: By type and view: the function that draws it, of `flexstage.report.figures`, and what that calls
 #: the result.
 DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("HingeResult", ""): ("hinges.draw_hinge", "found"),
     ("HoldNoise", ""): ("noise.draw_hold", "noise"),
     ("Identification", ""): ("identification.draw_identification", "found"),
     ("IdentifiedStep", ""): ("tracking.draw_drive_fit", "step"),
@@ -154,6 +155,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
+    ("CentredRecords", ""): ("centring.draw_centred", "found"),
     ("Compensation", ""): ("tracking.draw_command", "found"),
     ("DecayResult", ""): ("modal_fit.draw_decay", "found"),
     ("EvaluatedBudget", ""): ("budget.draw_evaluated", "found"),
@@ -161,9 +163,11 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("FrfResult", "stabilisation"): ("modal_fit.draw_frf_stabilisation", "found"),
     ("Front", ""): ("optimum.draw_front", "found"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
+    ("Notch", ""): ("hinges.draw_hinge", "found"),
     ("Optimum", ""): ("optimum.draw_before_after", "found"),
     ("Optimum", "figures"): ("optimum.draw_figures", "found"),
     ("Optimum", "history"): ("optimum.draw_history", "found"),
+    ("PartResult", ""): ("part.draw_part_result", "found"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
     ("Predictions", ""): ("identification.draw_predictions", "found"),

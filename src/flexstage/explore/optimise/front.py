@@ -50,7 +50,7 @@ class Generation:
 class Front(Result):
     """Stages of which none is better in every goal than another."""
 
-    rows: ClassVar[str] = "front"
+    table_key: ClassVar[str] = "front"
 
     problem: Problem
     """What was sought."""

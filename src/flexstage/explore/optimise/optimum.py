@@ -120,7 +120,7 @@ class SearchStep:
 class Optimum(Result):
     """The best stage that was found."""
 
-    rows: ClassVar[str] = "variables"
+    table_key: ClassVar[str] = "variables"
 
     problem: Problem
     """What was sought."""

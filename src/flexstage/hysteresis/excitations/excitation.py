@@ -172,7 +172,7 @@ class ExcitationPart:
 class Excitation(Result):
     """A drive record for identification, and what it asks of the amplifier."""
 
-    rows: ClassVar[str] = "parts"
+    table_key: ClassVar[str] = "parts"
 
     time: Array
     """Time of each sample [s], shape (n,)."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Identification(Result):
     """A model of a drive, and how far it can be trusted."""
 
-    rows: ClassVar[str] = "candidates"
+    table_key: ClassVar[str] = "candidates"
 
     model: DriveModel
     """The model."""

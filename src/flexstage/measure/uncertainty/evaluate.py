@@ -16,7 +16,7 @@ from flexstage.measure.uncertainty.propagate import Propagated
 class EvaluatedBudget(Result):
     """An uncertainty budget, propagated in both ways."""
 
-    rows: ClassVar[str] = "influences"
+    table_key: ClassVar[str] = "influences"
 
     budget: Budget
     """The budget."""
