@@ -41,7 +41,11 @@ class Result:
         What is within a value of `to_dict` has a column of its own, such as ``frequency_hz.value``.
         """
         found = self.data()[self.table_key]
-        return data_frame(found if isinstance(found, Mapping) else [*map(_flat, found)])
+        if not isinstance(found, Mapping):
+            rows = [_flat(row) for row in found]
+            names = dict.fromkeys(name for row in rows for name in row)
+            found = {name: [row.get(name) for row in rows] for name in names}
+        return data_frame(found)
 
     def plot(self, view: str = "", **options: Any) -> "Figure":
         """Draw the result, as the command does with ``--figure``; some have other views by name."""

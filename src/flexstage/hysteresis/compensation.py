@@ -1,15 +1,18 @@
 """The command by which the drive of a model file follows a reference."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
-from flexstage.hysteresis.inversion import Feedforward, feedforward
+from flexstage.hysteresis.inversion import Feedforward, command_record, feedforward
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Record
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,6 +42,9 @@ class Compensation(Result):
             **picked(self.made, "smoothing", "limited_samples=limited"),
             "notes": list(self.notes),
         }
+
+    def to_frame(self) -> "pandas.DataFrame":
+        return command_record(self.made, self.drive).to_frame()
 
 
 def compensate(

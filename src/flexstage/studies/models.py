@@ -6,9 +6,11 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from flexstage import progress
+from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.files.result import Result
 from flexstage.hinges.compliance import require_sizes
+from flexstage.lazy import data_frame
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
@@ -18,6 +20,8 @@ from flexstage.studies.requests import AnalyseRequest, ModelOptions, models_of
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
+    import pandas
+
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -62,6 +66,10 @@ class ModelRuns(Result):
         if len(of_each) == 1 and not self.left_out:
             return next(iter(of_each.values()))
         return {"models": of_each, "left_out": dict(self.left_out)}
+
+    def to_frame(self) -> "pandas.DataFrame":
+        every = (row for run in self.runs.values() for row in run.analysis.characteristics)
+        return data_frame(Characteristics(every).columns())
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
