@@ -22,7 +22,7 @@ from scipy.ndimage import maximum_filter1d
 
 from flexstage.errors import FlexstageError
 from flexstage.hysteresis import identify
-from flexstage.hysteresis.identification.identify import Identification
+from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.prediction import Prediction, predict
 from flexstage.records import Record, read_record
 

@@ -25,7 +25,6 @@ from flexstage.explore import (
 from flexstage.explore.family import evaluate
 from flexstage.explore.optimise.front import non_dominated
 from flexstage.explore.optimise.optimum import TOLERANCE
-from flexstage.explore.results import optimum_results
 from flexstage.report.optimise import optimum_notes, optimum_tables
 
 OPTIONS = SearchOptions(model="lumped", evaluations=500, seed=3)
@@ -105,7 +104,7 @@ def test_what_goals_exchange_is_nothing_that_is_required(front: Front) -> None:
     stress = 1e6 * float(row[3].text.removeprefix("+"))
     assert float(row[4].text) == pytest.approx(optimum.exchange[0].rate * stress, rel=0.05)  # type: ignore[union-attr]
     assert not [note for note in optimum_notes(optimum) if "max_stress" in note]
-    (told,) = optimum_results(optimum)["rates_of_exchange"]
+    (told,) = optimum.to_dict()["rates_of_exchange"]
     assert told["goal"] == "minimise max_stress.x"
     assert told["of"] == "natural_frequency.x"
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from flexstage.arrays import Array
-from flexstage.hysteresis.identification.identify import Identification, identify
+from flexstage.hysteresis.identification.identify import identify
+from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import loop_width
 from flexstage.records import Record, read_record

@@ -27,7 +27,7 @@ from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted, RightCircular
 from flexstage.records import Record
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Stage, check
-from flexstage.studies import run_study, study_results
+from flexstage.studies import run_study
 from flexstage.studies.results import results_json
 from tests.computed_once import computed_once
 from tests.result_schema import require_valid
@@ -349,7 +349,7 @@ def renamed(stage: Stage) -> Stage:
 def studied(stage: Stage) -> dict[str, Any]:
     """Return all that a study of rigid bodies gives, by the names that the parts had at first."""
     study = run_study(stage, parts="identification,virtual")
-    text = results_json(study_results(study)).decode()
+    text = results_json(study.to_dict()).decode()
     require_valid(json.loads(text), "study")
     results = json.loads(re.sub("(body|hinge|drive|probe|axis)_of_", "", text))
     for made in (*results["models"].values(), *results["variants"].values()):

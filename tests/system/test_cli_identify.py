@@ -213,6 +213,8 @@ def test_a_part_is_held_out(capsys, text_file):
     first = json.loads(run(capsys, text_file, *words, "--train", ":1500")[1])
     also = json.loads(run(capsys, text_file, *words, "--train", f"0:{1500}")[1])
     last = json.loads(run(capsys, text_file, *words, "--train", "900:")[1])
+    assert first.pop("request")["train"] == [None, 1500]
+    assert also.pop("request")["train"] == [0, 1500]
     assert first == also
     assert len({r["heldout_rms_percent"] for r in (whole, first, last)}) == 3
     assert len({r["rms_percent"] for r in (whole, first, last)}) == 3
@@ -234,7 +236,7 @@ def test_a_known_chain_is_not_searched_for(capsys, text_file):
 
 
 def test_a_picture_that_fails_leaves_no_model(capsys, tmp_path, text_file, monkeypatch):
-    def fails(*_):
+    def fails(**_):
         raise ModelError("the picture cannot be made")
 
     monkeypatch.setattr("flexstage.report.figures.identification.draw_identification", fails)

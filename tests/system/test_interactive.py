@@ -252,9 +252,9 @@ def test_requests_are_asked_by_their_fields() -> None:
     best = fs.optimise("parallelogram", maximise="natural_frequency.x", over=f"{neck}=0.4..0.6 mm",
                        model="lumped", without="check")  # fmt: skip
     assert best.point[0] > 0.5e-3  # type: ignore[union-attr]
-    study, choice = fs.tolerance("parallelogram", samples=64, model="lumped", scatter={"*": "0"},
-                                 of="natural_frequency.x")  # fmt: skip
-    assert choice is None
+    study = fs.tolerance("parallelogram", samples=64, model="lumped", scatter={"*": "0"},
+                         of="natural_frequency.x")  # fmt: skip
+    assert study.choice is None
     assert study.values[:, 0] == pytest.approx(found.values[1, 0], rel=1e-9)
     with pytest.raises(ModelError, match=r"unknown option 'sample'.*did you mean 'samples'"):
         fs.sweep("parallelogram", over=f"{neck}=0.4..0.6 mm", sample=3)

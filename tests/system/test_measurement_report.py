@@ -20,8 +20,8 @@ from flexstage.quantities import display
 from flexstage.report import report_html
 from flexstage.report.measurement import measurement_text
 from flexstage.report.study_sections import bench_section
-from flexstage.studies import compare_measurement, results_json, run_study, study_results
-from flexstage.studies.measurement import compare_with_references, measurement_results
+from flexstage.studies import compare_measurement, results_json, run_study
+from flexstage.studies.measurement import compare_with_references
 from flexstage.table import Table
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import Laboratory
@@ -133,7 +133,7 @@ def numeral(text):
 
 def test_numbers_of_the_table_are_those_of_the_results(result, page):
     rows = Tables(page).sections["figures"][2:]
-    results = measurement_results(result)["characteristics"]
+    results = result.to_dict()["characteristics"]
     assert len(rows) == len(results)
     for cells, one in zip(rows, results, strict=True):
         shown = display(one["quantity"])
@@ -171,7 +171,7 @@ def test_budgets_add_up(result, page):
     rows = Tables(page).sections["budgets"]
     names = rows[0][4:]
     assert {"calibration", "alignment"} <= set(names)
-    for cells, one in zip(rows[1:], measurement_results(result)["characteristics"], strict=True):
+    for cells, one in zip(rows[1:], result.to_dict()["characteristics"], strict=True):
         shares = {n: numeral(c) for n, c in zip(names, cells[4:], strict=True) if c}
         total = sum(c["uncertainty"] ** 2 for c in one["budget"])
         assert one["uncertainty"] == pytest.approx(np.sqrt(total), rel=1e-9)
@@ -180,7 +180,7 @@ def test_budgets_add_up(result, page):
 
 
 def test_results_are_plain_data(result):
-    results = measurement_results(result)
+    results = result.to_dict()
     assert set(results) == {"stage", "origin", "characteristics", "tests", "sources", "notes"}
     assert json.loads(json.dumps(results, allow_nan=False)) == results
     kinds = {t["kind"] for t in results["tests"]}
@@ -299,7 +299,7 @@ def test_sections_that_were_not_asked_for_are_empty(study):
 
 
 def test_results_of_a_study(study):
-    results = json.loads(results_json(study_results(study)))
+    results = json.loads(results_json(study.to_dict()))
     virtual = results["virtual_measurement"]
     assert virtual["origin"] == "virtual"
     assert {c["quantity"] for c in virtual["characteristics"]} > {"straightness", "workspace_area"}
@@ -320,7 +320,7 @@ def test_a_stage_of_one_axis_says_why_no_scale_is_centred():
     made = run_study(design("parallelogram"), model=("lumped",), parts="virtual", seed=3)
     assert isinstance(made.centring, str)
     assert "No scale could be centred: " in sections_of(made, "centring")
-    results = study_results(made)
+    results = made.to_dict()
     assert results["centring"] == {"reason": made.centring}
     require_valid(results, "study")
     assert results["virtual_measurement"]["stage"] == "parallelogram"
@@ -436,7 +436,7 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     found = compare_with_references(simulated, own, Characteristics())
     labelled = {row.figure.quantity for row in found.rows if row.assumed}
     assert labelled == {"straightness", "straightness_out_of_plane", "roll", "pitch"}
-    rows = {r["quantity"]: r["note"] for r in measurement_results(found)["characteristics"]}
+    rows = {r["quantity"]: r["note"] for r in found.to_dict()["characteristics"]}
     assert rows["straightness"] == "assumed: 0.2 % of the stroke, no figure of this stage"
     assert any("straightness of x and the rotations" in note for note in found.notes)
     (table,) = (part for part in bench_section(found, "page") if isinstance(part, Table))

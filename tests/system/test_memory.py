@@ -24,7 +24,7 @@ from flexstage.report.figures.style import svg_text
 from flexstage.report.study import report_html, study_section
 from flexstage.section import Definitions
 from flexstage.stage import Stage
-from flexstage.studies import results_json, run_model, run_study, study_results
+from flexstage.studies import results_json, run_model, run_study
 from flexstage.studies import study as study_module
 from flexstage.studies.requests import ModelOptions
 from flexstage.studies.results import analysis_results, run_results
@@ -295,7 +295,7 @@ def test_a_study_is_read_and_is_the_same_study(
     # a stage of one axis centres no scale: why is found out each time
     assert again.read == ("superelement", "characterise x")
     assert done == ["lumped", "lumped"]
-    results = [json.loads(results_json(study_results(found))) for found in (first, again)]
+    results = [json.loads(results_json(found.to_dict())) for found in (first, again)]
     for found in results:
         # the lumped model, which is not kept, says when it was run
         for run_anew in (found["models"]["lumped"], *found["variants"].values()):

@@ -23,13 +23,6 @@ from flexstage.explore.requests import (
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.explore.results import (
-    front_results,
-    optimum_results,
-    sensitivity_results,
-    sweep_results,
-    tolerance_results,
-)
 from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
@@ -97,7 +90,7 @@ def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
     request = form.whole(facts)
     found: Any = explored(tmp_path, facts.template, request, "found")
     assert f"--set '{NECK}=0.47 mm'" in same_command(facts.template, request)
-    same(sweep_results(found.result, columns=True), by_the_command(facts, request))
+    same(found.result.to_dict(), by_the_command(facts, request))
     assert {"sweep.csv", "sweep.json", "sweep.svg"} <= {path.name for path in found.files}
     assert (tmp_path / "sweep.csv").read_bytes().count(b"\r\n") == 7
     assert not (tmp_path / "unfinished").exists()
@@ -113,7 +106,7 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
     request = forms["sensitivity"].whole(facts)
     assert isinstance(request, SensitivityRequest)
     found = found_by_the_page(tmp_path, facts, request)
-    same(sensitivity_results(found, request.length), by_the_command(facts, request))
+    same(found.to_dict(), by_the_command(facts, request))
     lot = forms["tolerance"]
     lot.take("samples", 60)
     lot.take("scatter", ("neck_own=3 um",))
@@ -124,7 +117,7 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
         "output_displacement.x >= 180 µm",
     )
     found = found_by_the_page(tmp_path, facts, request)
-    same(tolerance_results(*found), by_the_command(facts, request))
+    same(found.to_dict(), by_the_command(facts, request))
 
 
 @pytest.mark.slow
@@ -139,7 +132,7 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
     steps: list[Any] = []
     with listen(lambda what, done: None, steps.append):
         found = found_by_the_page(tmp_path, facts, request)
-    same(optimum_results(found), by_the_command(facts, request))
+    same(found.to_dict(), by_the_command(facts, request))
     # the way that was shown while it ran is that of the result
     way = points.of_steps(found.problem, steps, UNITS)
     assert way is not None
@@ -161,7 +154,7 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
     stages: list[Any] = []
     with listen(lambda what, done: None, stages.append):
         found = found_by_the_page(tmp_path, facts, request)
-    same(front_results(found), by_the_command(facts, request))
+    same(found.to_dict(), by_the_command(facts, request))
     shown = points.of_front(found, UNITS)
     search = points.SearchedFront(found.problem)
     for number in range(len(stages)):
@@ -255,7 +248,7 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         await come(lambda: run.job.is_over)
         assert run.job.state == "done", run.job.error
         same(
-            sweep_results(run.job.result.result, columns=True),
+            run.job.result.result.to_dict(),
             by_the_command(run.facts, run.request),
         )
         # a reload finds the result

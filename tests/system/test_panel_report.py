@@ -12,7 +12,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.designs import StageTemplate
-from flexstage.studies import results_json, run_study, study_results
+from flexstage.studies import results_json, run_study
 from flexstage.studies.requests import StudyRequest
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.reports import (
@@ -34,7 +34,7 @@ def test_a_report_holds_what_the_study_found(tmp_path: Path) -> None:
     report = write_report(tmp_path, GUIDE, LITTLE, cache=False)
     assert report.files == ["report.html", "results.json"]
     own = json.loads((report.folder / "results.json").read_text())
-    found = study_results(run_study(GUIDE.stage(), model=["lumped"]))
+    found = run_study(GUIDE.stage(), model=["lumped"]).to_dict()
     assert own["characteristics"] == json.loads(results_json(found))["characteristics"]
     assert "<h1>parallelogram" in (report.folder / "report.html").read_text()
 

@@ -29,7 +29,7 @@ from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.findings import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
-from flexstage.studies import Study, results_json, run_study, study_results
+from flexstage.studies import Study, results_json, run_study
 from flexstage.system import Analysis, modes
 from flexstage.system.characteristics import pulsating_limit
 from tests.result_schema import require_valid
@@ -141,7 +141,7 @@ def test_the_page_says_that_the_stage_is_a_reconstruction(study: Study, page: st
 
 
 def test_numbers_of_the_table_are_those_of_the_results(study: Study, page: str) -> None:
-    results = json.loads(results_json(study_results(study)))
+    results = json.loads(results_json(study.to_dict()))
     require_valid(results, "study")
     wanted = [(r["origin"], r) for r in results["characteristics"]]
     for name, variant in results["variants"].items():
@@ -294,7 +294,7 @@ def test_a_stage_of_which_nothing_is_published_says_what_is_known() -> None:
 
 
 def test_results_hold_the_tidy_table(study: Study) -> None:
-    results = json.loads(results_json(study_results(study)))
+    results = json.loads(results_json(study.to_dict()))
     ours = [r for r in results["characteristics"] if r["origin"] == "lumped"]
     assert {(r["quantity"], r["axis"]) for r in ours} >= {(q, a) for q in QUANTITIES for a in "xy"}
     named = ["quantity", "axis", "origin", "value", "unit", "uncertainty", "note", "failing"]

@@ -24,7 +24,7 @@ from flexstage.explore import (
     variables_of,
 )
 from flexstage.explore import workers as workers_module
-from flexstage.explore.results import sweep_csv, sweep_parquet, sweep_results
+from flexstage.explore.results import sweep_csv, sweep_parquet
 from flexstage.lumped import lumped_system
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
@@ -225,7 +225,7 @@ def test_no_indices_where_much_is_impossible():
     assert found.notes[0].startswith("no Sobol' indices: ")
     assert "bounds between which nearly every stage is possible" in found.notes[0]
     assert any(note.startswith("leg_spacing from") for note in sweep_notes(found))
-    assert sweep_results(found)["indices"] is None
+    assert found.to_dict()["indices"] is None
 
 
 def test_indices_need_their_own_points():
@@ -321,7 +321,9 @@ def test_parquet_gives_back_the_same_bits_units_and_origin(over_legs):
     assert units == ["m", "m", "Hz", "Pa"]
     about = json.loads(found.schema.metadata[b"flexstage"])
     assert about["provenance"]["input_hash"] == over_legs.provenance.input_hash
-    assert about["provenance"]["settings"]["leg_spacing"] == "6 mm to 46 mm"
+    first = about["variables"][0]
+    assert (first["low"], first["high"]) == (0.006, 0.046)
+    assert "columns" not in about
     assert about["points"] == {"all": 36, "possible": 32}
 
 
@@ -332,7 +334,7 @@ def test_without_pyarrow_a_sentence_says_what_to_install(over_neck, monkeypatch)
 
 
 def test_results_are_plain_data(over_legs):
-    told = json.loads(json.dumps(sweep_results(over_legs, columns=True), allow_nan=False))
+    told = json.loads(json.dumps(over_legs.to_dict(), allow_nan=False))
     assert told["plan"]["counts"] == [9, 4]
     assert told["variables"][1]["unit"] == "m"
     first = told["figures"][0]

@@ -11,7 +11,7 @@ from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
 from flexstage.lumped import lumped_system
 from flexstage.report import report_html
-from flexstage.studies import run_study, study_results
+from flexstage.studies import run_study
 from flexstage.studies.compensation import AxisExperiment, virtual_experiment
 from flexstage.virtual.stack import virtual_stack
 
@@ -112,7 +112,7 @@ def test_the_report_shows_it_beside_what_was_published() -> None:
     assert "virtual" in page
     assert "x, published, inverse of Bouc-Wen" in page
     assert "within" in page
-    results = study_results(study)["hysteresis"]
+    results = study.to_dict()["hysteresis"]
     assert set(results) == {"x", "y"}
     assert results["x"]["runs"][1]["reduction_percent"] > 99.0
     assert results["x"]["open_loop"]["tracking_rms"] > results["x"]["runs"][1]["tracking_rms"]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from flexstage.centring.setting import (
 from flexstage.centring.trial_moves import trial
 from flexstage.centring.turns import unwrap_error
 from flexstage.errors import RecordError
+from flexstage.files.result import Result
 from flexstage.records import Channel, Record
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_turn
@@ -166,8 +167,10 @@ def kind_notes(setting: Setting, kind: str | None, sized: bool) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CentredRecords:
+class CentredRecords(Result):
     """What records say of a scale."""
+
+    table_key: ClassVar[str] = "harmonics"
 
     settings: list[Setting]
     """The scale in each place."""
@@ -178,9 +181,7 @@ class CentredRecords:
     trial: dict[str, Any] | None
     """How the harmonics follow the positions of the stage, where those were given."""
 
-    @property
-    def result(self) -> dict[str, Any]:
-        """All of it as plain data, as `flexstage centre --json` prints it."""
+    def data(self) -> dict[str, Any]:
         result = joined(self.reports, self.notes)
         return result if self.trial is None else result | {"trial": self.trial}
 
@@ -229,6 +230,7 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
             f"{len(moves)} positions and {len(settings)} settings"
         )
     return CentredRecords(
+        request=options,
         settings=settings,
         reports=reports,
         notes=(*(note for r in records for note in r.notes), *doubts([head for head, _ in found])),

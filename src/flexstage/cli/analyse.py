@@ -1,15 +1,15 @@
 """`flexstage analyse`: models of a stage: characteristics, modes, stress, Bode data."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     print_table,
     progress_bar,
@@ -62,31 +62,16 @@ def analyse(
     if vtu and (folder is None or not {"plane", "solid"} & set(models_of(request.model))):
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
     with progress_bar("analyse", quiet=quiet):
-        runs, left_out = run_models(described, request)
-    files = _written(runs, folder, figure, vtu=vtu)
+        found = run_models(described, request)
+    files = _written(found.runs, folder, figure, vtu=vtu)
     if json:
-        print_json(_printed(runs, left_out, files))
+        print_result(found.to_dict(), files)
         return
     screen = console()
-    for run in runs.values():
+    for run in found.runs.values():
         _print(screen, run)
-    left = (f"the {name} model was left out: {why}" for name, why in left_out.items())
+    left = (f"the {name} model was left out: {why}" for name, why in found.left_out.items())
     print_notes(screen, left, files)
-
-
-def _printed(
-    runs: "Mapping[str, ModelRun]", left_out: dict[str, str], files: list[Path]
-) -> dict[str, Any]:
-    """What is printed as JSON: of one model its results, of several those of each by its name."""
-    from flexstage.studies.results import model_results
-
-    beside = {"files": [str(file) for file in files]}
-    if len(runs) == 1 and not left_out:
-        return model_results(next(iter(runs.values()))) | beside
-    return {
-        "models": {name: model_results(run) for name, run in runs.items()},
-        "left_out": left_out,
-    } | beside
 
 
 def _written(
@@ -95,13 +80,12 @@ def _written(
     """Write what was asked for: of several models each into a folder of its name."""
     from flexstage.files.write import write_files
     from flexstage.report.analysis_files import analysis_files, bode_files
-    from flexstage.studies.results import model_results
 
     files: list[Path] = []
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            files += write_files(within, analysis_files(run.analysis, model_results(run)))
+            files += write_files(within, analysis_files(run.analysis, run.data()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 

@@ -11,8 +11,8 @@ from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     console,
-    print_json,
     print_notes,
+    print_result,
     write_picture,
 )
 from flexstage.records.read_options import ReadOptions
@@ -40,15 +40,11 @@ def centre(
         Draw the error over the turn and its harmonics. (.svg, .png or .pdf)
     """
     from flexstage.centring.from_records import centre_files
-    from flexstage.report.figures.centring import draw_polar
 
     found = centre_files(records, request, how)
-    result = found.result
-    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.settings), strict=True)
-    if files := write_picture(figure, lambda: draw_polar(fits, angles)):
-        result["files"] = [str(figure)]
+    files = write_picture(figure, found.plot)
     if json:
-        print_json(result)
+        print_result(found.to_dict(), files)
         return
     for one in found.reports:
         print_setting(one)

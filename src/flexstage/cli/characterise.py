@@ -8,7 +8,7 @@ import typer
 
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
-from flexstage.cli.output import OutputFolder, console, print_json, progress_bar
+from flexstage.cli.output import OutputFolder, console, print_result, progress_bar
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import ModelError
 from flexstage.experiments.campaign.requests import CharacteriseRequest
@@ -52,12 +52,12 @@ def characterise(
     out
         Write report.html and results.json, and the records of a virtual stage.
     """
-    from flexstage.experiments.campaign.plan import Campaign, read_campaign
+    from flexstage.experiments.campaign.plan import read_campaign
     from flexstage.experiments.campaign.results import characterise as run
+    from flexstage.experiments.campaign.results import characterise_files
     from flexstage.files.write import write_files
     from flexstage.report.measurement import measurement_text
     from flexstage.studies import compare_measurement
-    from flexstage.studies.measurement import measurement_results
 
     files = records or []
     written: dict[str, bytes] = {}
@@ -86,7 +86,7 @@ def characterise(
                 "no file is given: give measured files or a test description (.yaml), or "
                 "--virtual-seed with --stage",
             )
-            found = run(Campaign.of_files([str(file) for file in files], request), Path())
+            found = characterise_files(files, request)
         described = stage or _beside(found.stage, folder)
         taken.require_stage(described or None, "--stage")
         result = compare_measurement(
@@ -94,15 +94,12 @@ def characterise(
             taken.stage(described) if described else None,
             models_of(beside.model) if described else (),
         )
-    results = measurement_results(result)
     if out is not None:
         written["report.html"] = measurement_text(result).encode()
-        written["results.json"] = json_text(results).encode()
-        saved = [str(path) for path in write_files(out, written)]
-    else:
-        saved = []
+        written["results.json"] = json_text(result.to_dict()).encode()
+    saved = [] if out is None else write_files(out, written)
     if json:
-        print_json({**results, "files": saved})
+        print_result(result.to_dict(), saved)
         return
     print_measurement(console(), result, saved)
 

@@ -1,5 +1,6 @@
 """What `flexstage characterise` prints for people."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cli.output import print_notes, print_shown, print_table
@@ -11,7 +12,9 @@ if TYPE_CHECKING:
     from flexstage.studies import MeasurementComparison
 
 
-def print_measurement(screen: "Console", result: "MeasurementComparison", saved: list[str]) -> None:
+def print_measurement(
+    screen: "Console", result: "MeasurementComparison", saved: list[Path]
+) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.characteristic import shown_units
     from flexstage.quantities import beside

@@ -1,7 +1,7 @@
 """`flexstage compensate`: the command that makes a drive follow a reference."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -21,10 +21,6 @@ from flexstage.cli.output import (
 from flexstage.cli.reading import record_format
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records.read_options import ReadOptions, read_column
-
-if TYPE_CHECKING:
-    from flexstage.hysteresis.drive_model import DriveModel
-    from flexstage.hysteresis.inversion import Feedforward
 
 
 @from_docstring
@@ -58,71 +54,29 @@ def compensate(
     figure
         Draw command, loop and what is left. (.svg, .png or .pdf)
     """
-    from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
-    from flexstage.hysteresis.inversion import command_record, feedforward
+    from flexstage.hysteresis.compensation import compensate as run
+    from flexstage.hysteresis.inversion import command_record
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
     from flexstage.records.write import record_bytes
-    from flexstage.report.figures.tracking import draw_feedforward
+    from flexstage.report.identification import command_in_words
 
     kind = record_format(out)
     file = read_model_file(model)
-    drive = file.model
     if column_ is None:
         _, (wanted,), _ = taken_drive(reference, (("none",), ()), how, options=("input", "column"))
     else:
         wanted = read_column(column_)
     (record,) = read_files([reference], [wanted], options=how, even=True)
-    channel = record.channel(wanted)
-    values, converted = in_unit_of_model(
-        channel.values, channel.unit, drive.output_unit, "reference"
-    )
-    made = feedforward(
-        drive,
-        values + (lowest_reading(drive) if request.relative else 0.0),
-        1.0 / record.sample_rate_hz,
-        limits=request.voltage,
-        largest_rate=request.amplifier.largest_rate,
-        state=drive.hysteresis.initial_state() if request.start == "rest" else None,
-        start=None if isinstance(request.start, str) else request.start,
-        band_hz=request.reference_bandwidth,
-    )
+    found = run(file, record, wanted, request)
     if out is not None:
-        write_file(out, record_bytes(command_record(made, drive), kind))
-    band = file.errors.get("heldout_95")
-    drawn = write_picture(figure, lambda: draw_feedforward(made, drive, band))
-    notes = (
-        *file.notes,
-        *((converted,) if converted else ()),
-        *made.notes,
-        *record.notes,
-    )
-    result = _result(made, drive, notes, out)
+        write_file(out, record_bytes(command_record(found.made, found.drive), kind))
+    drawn = write_picture(figure, found.plot)
     if json:
-        print_json(result)
+        print_json(found.to_dict() | {"file": None if out is None else str(out)})
         return
-    from flexstage.report.identification import command_in_words
-
-    for line in command_in_words(made, drive):
+    for line in command_in_words(found.made, found.drive):
         console().print(line)
     written = ([] if out is None else [out]) + drawn
-    print_notes(console(), result["notes"], written, style="yellow")
-
-
-def _result(
-    made: "Feedforward", drive: "DriveModel", notes: tuple[str, ...], out: Path | None
-) -> dict[str, Any]:
-    return {
-        "model": drive.hysteresis.kind,
-        "samples": int(made.time.size),
-        "command_range": [float(made.command.min()), float(made.command.max())],
-        "input_unit": drive.input_unit,
-        "output_unit": drive.output_unit,
-        "predicted_rms_error": made.rms_error,
-        "predicted_max_error": made.largest_error,
-        "smoothing": made.smoothing,
-        "limited_samples": made.limited,
-        "notes": list(notes),
-        "file": None if out is None else str(out),
-    }
+    print_notes(console(), found.notes, written, style="yellow")

@@ -1,7 +1,6 @@
 """`flexstage excite`: the drive record that a piezo stage is identified from."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,11 +16,7 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions, designs_like
-from flexstage.files.plain import picked
 from flexstage.hysteresis.requests import ExciteRequest
-
-if TYPE_CHECKING:
-    from flexstage.hysteresis.excitations.design import Excitation
 
 
 @from_docstring
@@ -55,48 +50,21 @@ def excite(
     format = record_format(out)
     taken.require_stage(stage, "a STAGE")
     refuse(stage is None and axis is not None, "--axis needs a STAGE: name it before the options")
-    plant: dict[str, Any] = {"stage": None, "axis": None, "natural_frequency_hz": None}
-    if stage is not None:
-        from flexstage.experiments.excitations.cycles import of_stage
+    if stage is None:
+        made = excitation(request=request)
+    else:
+        from flexstage.experiments.excitations.cycles import excitation_of
 
-        described, given = taken.stage(stage), request.frequency
-        axis, request = of_stage(request, described, axis)
-        frequency = None if given else request.frequency
-        plant = {"stage": described.name, "axis": axis, "natural_frequency_hz": frequency}
-    made = excitation(request=request)
+        made = excitation_of(taken.stage(stage), request, axis)
     if out is not None:
         from flexstage.records.write import record_bytes
 
         write_file(out, record_bytes(made.record(), format))
-    result = _result(made, plant, out)
+    result = made.to_dict() | {"file": None if out is None else str(out)}
     if json:
         print_json(result)
     else:
         _print(result)
-
-
-def _result(made: "Excitation", plant: dict[str, Any], out: Path | None) -> dict[str, Any]:
-    """Return everything that is shown, as plain data in SI units."""
-    return {
-        **plant,
-        **picked(made, "shape", "sample_rate_hz"),
-        "sampled_for": made.sampled_for or None,
-        "samples": made.time.size,
-        **picked(made, "duration", "rates_hz"),
-        "voltage_range": [float(made.voltage.min()), float(made.voltage.max())],
-        **picked(
-            made,
-            "rest_voltage",
-            "largest_slope",
-            "largest_current",
-            "rms_current",
-            "coverage",
-            "parts",
-            "left_out",
-            "warnings",
-        ),
-        "file": None if out is None else str(out),
-    }
 
 
 def _print(result: dict[str, Any]) -> None:

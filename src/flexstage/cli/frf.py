@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexstage.cli.frf_result import decay_result, print_modes, response_record, response_result
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
-    print_json,
+    print_notes,
+    print_result,
+    print_table,
     progress_bar,
     write_file,
     write_picture,
@@ -21,7 +22,9 @@ from flexstage.measure.requests import RING_DOWN, FrfRequest
 from flexstage.records.read_options import ReadOptions
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from flexstage.measure.frf_result import DecayResult, FrfResult
 
 
 @from_docstring
@@ -47,7 +50,7 @@ def frf(
         Draw response and fit, and the stabilisation diagram in a second file, NAME-stabilisation.
         (.svg, .png or .pdf)
     """
-    from flexstage.measure.frf import FrfResult, frf_of_files
+    from flexstage.measure.frf import frf_of_files
 
     record_format(out)
     refuse(
@@ -57,53 +60,58 @@ def frf(
     )
     with progress_bar("frf", quiet=quiet):
         found = frf_of_files(records, request, how)
-    responded = isinstance(found, FrfResult)
-    result = response_result(found) if responded else decay_result(*found)
-    read = found.records if responded else found[0]
-    # which columns were taken comes first, then what was found, then what the files said
-    said = [note for record in read for note in record.notes]
-    first = [note for note in said[:1] if note.endswith("taken by units and names")]
-    result["notes"] = list(dict.fromkeys((*first, *result["notes"], *said)))
-    result["files"] = _written(out, figure, found)
+    files = _written(out, figure, found)
     if json:
-        print_json(result)
+        print_result(found.to_dict(), files)
         return
-    print_modes(console(), result)
+    print_modes(console(), found.to_dict(), files)
 
 
-def _written(out: Path | None, figure: Path | None, found: Any) -> list[str]:
+def _written(out: Path | None, figure: Path | None, found: "FrfResult | DecayResult") -> list[Path]:
     """Write what was asked for, when all of it is computed and drawn."""
+    from flexstage.measure.frf_result import FrfResult
     from flexstage.records.write import record_bytes
 
+    content, drawn = None, {}
+    if out is not None and isinstance(found, FrfResult):
+        content = record_bytes(found.record(), record_format(out))
+    if figure is not None:
+        # a picture that cannot be made leaves no response beside an error
+        drawn[figure] = found.plot()
+        if isinstance(found, FrfResult) and found.fit is not None and found.fit.stabilisation:
+            other = figure.with_stem(f"{figure.stem}-stabilisation")
+            drawn[other] = found.plot("stabilisation")
     files: list[Path] = []
-    content = None
-    if out is not None:
-        content = record_bytes(response_record(found.response, found.records), record_format(out))
-    # a picture that cannot be made leaves no response beside an error
-    for name, each in ({} if figure is None else _drawn(found)).items():
-        path = figure and figure.with_name(f"{figure.stem}{name}{figure.suffix}")
-        files += write_picture(path, lambda each=each: each)
+    for path, picture in drawn.items():
+        files += write_picture(path, lambda picture=picture: picture)
     if out is not None and content is not None:
         write_file(out, content)
         files.insert(0, out)
-    return [str(path) for path in files]
+    return files
 
 
-def _drawn(found: Any) -> dict[str, "Figure"]:
-    """Return the pictures, by what the name of their file ends with."""
-    from flexstage.report.figures.modal_fit import (
-        draw_modal_fit,
-        draw_ring_down,
-        draw_stabilisation,
-    )
-    from flexstage.report.figures.responses import draw_response
-
-    if isinstance(found, tuple):
-        (record,), decay = found
-        return {"": draw_ring_down(decay, record)}
-    if found.fit is None:
-        return {"": draw_response(found.response)}
-    drawn = {"": draw_modal_fit(found.fit)}
-    if found.fit.stabilisation is not None:
-        drawn["-stabilisation"] = draw_stabilisation(found.fit)
-    return drawn
+def print_modes(screen: "Console", result: dict[str, Any], files: list[Path]) -> None:
+    """Print the modes, how the response was estimated, notes and files."""
+    for warning in result.get("warnings", ()):
+        screen.print(f"warning: {warning}", style="bold", markup=False)
+    rows = []
+    for i, mode in enumerate(result["modes"], start=1):
+        f, zeta = mode["frequency_hz"], mode["damping_ratio"]
+        shape = ", ".join(
+            f"{s['output']} {s['real']:+.3f}" for s in mode["shape"] if s["real"] is not None
+        )
+        (low, high), (least, most) = f["interval"], zeta["interval"]
+        frequency = (f"{f['value']:.4f}", f"{0.5 * (high - low):.2g}")
+        damping = (f"{100.0 * zeta['value']:.4f}", f"{50.0 * (most - least):.2g}")
+        rows.append((i, *frequency, *damping, shape.replace("-", "−")))
+    heads = "mode", "frequency [Hz]", "± (95 %)", "damping ratio [%]", "± (95 %)", "<shape"
+    print_table(screen, f"modes: {', '.join(result['records'])}", heads, rows)
+    if "averages" in result:
+        averages = f"{result['averages']:g} averages, " if result["averages"] else ""
+        kind = f"{result['excitation']}, " if result["excitation"] else ""
+        screen.print(f"{kind}{result['estimator']} {averages}{result['lines']} lines".strip())
+    for name in ("delay", "lag"):
+        if name in result:
+            value, u = result[name]["value"], result[name]["uncertainty"]
+            screen.print(f"{name} {value:.4g} s, standard uncertainty {u:.2g} s")
+    print_notes(screen, result["notes"], files)

@@ -20,9 +20,9 @@ def hinges(
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
     power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
     """
-    from flexstage.hinges.hinge_figures import asked_figures
+    from flexstage.hinges.hinge_figures import notch_of
 
-    result = asked_figures(request)
+    result = notch_of(request).to_dict()
     if as_json:
         print_json(result)
     else:

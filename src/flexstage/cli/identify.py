@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -11,21 +11,16 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     progress_bar,
     write_file,
     write_picture,
 )
-from flexstage.cli.predict import (
-    prediction_result,
-    print_predictions,
-    start_value,
-)
+from flexstage.cli.predict import print_predictions
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.errors import RecordError
-from flexstage.files.plain import picked
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
@@ -34,8 +29,7 @@ from flexstage.records.read_options import DriveColumns, ReadOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.hysteresis.identification.identify import Identification
-    from flexstage.records import Record
+    from flexstage.hysteresis.identification.result import Identification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +82,9 @@ def identify(
     figure
         Draw measured and modelled loops, of four records at most. (.svg, .png or .pdf)
     """
+    from flexstage.hysteresis.identification.identify import identified_file
     from flexstage.hysteresis.identification.identify import identify as run
+    from flexstage.hysteresis.model_file import model_text
     from flexstage.hysteresis.prediction import predict_each
     from flexstage.records.drives import read_drive
 
@@ -100,83 +96,26 @@ def identify(
         request = rowwise(request)
     with progress_bar("identify", quiet=quiet):
         found = run(read, driven, follows, request)
-    tested = predict_each(found.model, others, driven, follows)
     if beside.stage is not None:
         from flexstage.studies.measurement import against_description
 
         said = against_description(found, beside.taken.stage(beside.stage), beside.axis)
         found = replace(found, warnings=(*said, *found.warnings))
-    files = _write(found, read, out, figure)
-    result = identification_result(found, read, files)
-    if tested:
-        result["test"] = [prediction_result(p) for p in tested]
-    if json:
-        print_json(result)
-        return
-    print_identification(console(), found, result)
-    if tested:
-        print_predictions(console(), tested, found.model, "on other records")
-
-
-def _write(
-    found: "Identification", read: "list[Record]", out: Path | None, figure: Path | None
-) -> list[Path]:
-    from flexstage.hysteresis.identification.identify import identified_file
-    from flexstage.hysteresis.model_file import model_text
-    from flexstage.report.figures.identification import draw_identification
-
-    names = [r.source for r in read]
+    found = replace(found, tested=tuple(predict_each(found.model, others, driven, follows)))
     # a picture that cannot be made leaves no model beside an error
-    drawn = write_picture(figure, lambda: draw_identification(found, names))
-    if out is None:
-        return drawn
-    write_file(out, model_text(identified_file(found, read)).encode())
-    return [out, *drawn]
+    files = write_picture(figure, found.plot)
+    if out is not None:
+        write_file(out, model_text(identified_file(found, read)).encode())
+        files.insert(0, out)
+    if json:
+        print_result(found.to_dict(), files)
+        return
+    print_identification(console(), found, files)
+    if found.tested:
+        print_predictions(console(), found.tested, found.model, "on other records")
 
 
-def identification_result(
-    found: "Identification", read: "list[Record]", files: list[Path]
-) -> dict[str, Any]:
-    """Return an identification as plain data."""
-    from flexstage.report.identification import chain_found, parameters_found
-
-    return {
-        "records": [r.source for r in read],
-        **picked(
-            found,
-            "model=kind",
-            "rms_percent",
-            "max_percent",
-            "heldout_rms_percent",
-            "heldout_free_constant_rms_percent=heldout_free_rms_percent",
-            "heldout_standard_error_percent=heldout_standard_error",
-            "heldout_max_percent",
-            "heldout_band_percent",
-        ),
-        "start": start_value(found.model.start),
-        "settling": {"value": found.settling, "unit": found.model.output_unit},
-        "noise_percent": found.noise_percent,
-        "fitted": found.settings["fitted"],
-        "stroke": {"value": found.stroke, "unit": found.model.output_unit},
-        "parameters": parameters_found(found),
-        "chain": chain_found(found),
-        "candidates": [
-            {
-                **picked(c, "model=kind", "parameters=size", "rms_percent", "heldout_rms_percent"),
-                "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
-                "failed": c.failed or None,
-            }
-            for c in found.candidates
-        ],
-        **picked(found, "verdict", "warnings"),
-        "notes": sorted({note for r in read for note in r.notes}),
-        "files": [str(file) for file in files],
-    }
-
-
-def print_identification(
-    screen: "Console", found: "Identification", result: dict[str, Any]
-) -> None:
+def print_identification(screen: "Console", found: "Identification", files: list[Path]) -> None:
     """Print candidates, how well the best one fits, parameters, warnings and files."""
     from flexstage.report.identification import (
         candidates_table,
@@ -185,7 +124,7 @@ def print_identification(
         parameters_table,
     )
 
-    caption = f"{found.kind}: {', '.join(result['records'])}"
+    caption = f"{found.kind}: {', '.join(found.records)}"
     print_shown(screen, candidates_table(found, caption))
     for failed in failures(found):
         screen.print(failed, style="yellow", markup=False)
@@ -194,4 +133,4 @@ def print_identification(
     print_shown(screen, parameters_table(found))
     for warning in found.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    print_notes(screen, result["notes"], result["files"])
+    print_notes(screen, found.notes, files)

@@ -68,6 +68,11 @@ def print_json(value: Any) -> None:
     typer.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
+def print_result(result: "dict[str, Any]", files: "Iterable[object]") -> None:
+    """Print a result as one JSON object, with the files that were written of it."""
+    print_json(result | {"files": [str(file) for file in files]})
+
+
 def print_text(screen: "Console", text: str, style: str = "") -> None:
     """Print a text, broken where a line may end."""
     from flexstage.cli.tables import wrapped

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,10 +18,8 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.elasticity.requests import PartRequest
-from flexstage.files.plain import picked
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.console import Console
 
     from flexstage.fem.part import Part
@@ -49,38 +47,23 @@ def part(
     figure
         Draw the part from both sides, with the names of its faces. (.svg, .png or .pdf)
     """
-    from flexstage.fem.part import read_step
-    from flexstage.fem.part_analysis import analyse_part, materials_of, named_faces
+    from flexstage.fem.part_analysis import part_result
 
-    read = read_step(file, solid="all" if "all" in request.solids else request.solids)
-    of = materials_of(read, request.material)
-    held, moved = named_faces(read, request.hold), named_faces(read, request.move)
-    found = None
-    if request.order:
-        with progress_bar("part", quiet=quiet):
-            found = analyse_part(
-                read,
-                of,
-                request,
-                expect=lambda e: typer.echo(f"expected: {e.words()}", err=True),
-            )
-    write_picture(figure, lambda: _drawn(read, held, moved))
+    with progress_bar("part", quiet=quiet or not request.order):
+        found = part_result(
+            file, request, expect=lambda e: typer.echo(f"expected: {e.words()}", err=True)
+        )
+    write_picture(figure, found.plot)
     if json:
-        print_json(_plain(read, of, found))
+        print_json(found.to_dict())
         return
     screen = console()
-    _faces(screen, read)
-    _bodies(screen, read, of)
-    if found is not None:
-        _found(screen, found)
+    _faces(screen, found.part)
+    _bodies(screen, found.part, found.materials)
+    if found.analysis is not None:
+        _found(screen, found.analysis)
     if figure is not None:
         screen.print(f"picture: {figure}", markup=False)
-
-
-def _drawn(read: "Part", held: Any, moved: Any) -> "Figure":
-    from flexstage.report.figures.part import draw_part  # it loads what draws
-
-    return draw_part(read, held=held, moved=moved)
 
 
 def _millimetres(read: "Part", point: Sequence[float]) -> str:
@@ -181,43 +164,3 @@ def _ratio(screen: "Console", found: "PartAnalysis") -> None:
         ("interfaces", *motions, "ratio", "stiffness at the ends, N/m"),
         shown,
     )
-
-
-def _plain(
-    read: "Part",
-    of: Mapping[str, "Material"],
-    found: "PartAnalysis | None",
-) -> dict[str, Any]:
-    out: dict[str, Any] = {
-        "source": read.source,
-        "volume": read.volume,
-        "mass": read.mass(of),
-        "solids": [
-            {
-                "name": name,
-                "volume": solid.mass * 1e-9,
-                "material": of[name].name,
-                **picked(of[name], "youngs_modulus", "poissons_ratio", "density"),
-            }
-            for name, solid in zip(read.bodies, read.shape.solids, strict=True)
-        ],
-        "faces": [
-            picked(face, "name", "kind", "area", "centre", "solids=bodies") for face in read.faces
-        ],
-    }
-    if found is None:
-        return out
-    return out | {
-        **picked(found, "order", "elements", "unknowns"),
-        "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
-        **picked(found, "held", "moved", "at"),
-        "interfaces": {
-            kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
-            | {
-                "ratio": None
-                if r.ratio is None
-                else picked(r.ratio, "direction", "motion", "ratio", "stiffness")
-            }
-            for kind, r in found.results.items()
-        },
-    }

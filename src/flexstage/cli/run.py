@@ -66,7 +66,7 @@ def run(
 
         found = tried(wanted, own, only=request.only)
         if json:
-            print_json(_plain_dry(found))
+            print_json(found.to_dict())
         else:
             _print_dry(found, wanted.title or file.stem)
         if found.problems:
@@ -97,7 +97,7 @@ def run(
 
     write_file(result.folder / "report.html", run_text(result).encode("utf-8"))
     if json:
-        print_json(result.plain())
+        print_json(result.to_dict())
         return
     _print(result)
 
@@ -156,17 +156,6 @@ def _ask(identity: Any, stage: str) -> None:
         )
     if not typer.confirm(f"{name} will move the stage {stage}. Is its way clear?", err=True):
         raise typer.Abort
-
-
-def _plain_dry(found: "DryRun") -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return {
-        "stage": found.stage,
-        "duration": found.duration,
-        "steps": [asdict(step) for step in found.steps],
-        "problems": list(found.problems),
-    }
 
 
 def _print_dry(found: "DryRun", title: str) -> None:

@@ -11,8 +11,8 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     progress_bar,
     write_folder,
@@ -48,14 +48,14 @@ def sensitivity(
     """
     from flexstage.explore.prepare import ready_sensitivity
     from flexstage.report.explored_files import sensitivity_files
-    from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
+    from flexstage.report.figures.sensitivity import draw_moving_necks
 
-    template, length = taken.template(stage), request.length
+    template = taken.template(stage)
     run = ready_sensitivity(request, template)
     with progress_bar("sensitivity", quiet=quiet):
         found = run()
-    files = write_folder(folder, lambda: sensitivity_files(found, length))
-    files += write_picture(figure, lambda: draw_sensitivities(found, length))
+    files = write_folder(folder, lambda: sensitivity_files(found))
+    files += write_picture(figure, found.plot)
     if folder is not None and request.hinges:
         drawn = None
         with suppress(ModelError):  # the places of necks alone were asked for
@@ -63,14 +63,12 @@ def sensitivity(
         if drawn is not None:
             files += write_picture(folder / "necks.svg", lambda: drawn)
     if json:
-        from flexstage.explore.results import sensitivity_results
-
-        print_json(sensitivity_results(found, length) | {"files": [str(file) for file in files]})
+        print_result(found.to_dict(), files)
         return
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
-    screen, shown = console(), sensitivity_table(found, length, in_units=units)
+    screen, shown = console(), sensitivity_table(found, in_units=units)
     if len(shown.rows) > 1:
         print_shown(screen, shown)
     own = shown.notes if len(shown.rows) < 2 else ()
-    print_notes(screen, (*own, *left_out_notes(found, hinges=request.hinges)), files)
+    print_notes(screen, (*own, *left_out_notes(found)), files)

@@ -7,8 +7,8 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     OutputFolder,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     progress_bar,
 )
@@ -48,7 +48,6 @@ def study(
     from flexstage.report.study import study_files
     from flexstage.report.tables import characteristics_table, differences_table
     from flexstage.studies import run_study
-    from flexstage.studies.results import characteristic_row
 
     described = taken.stage(stage)
     directory = out
@@ -66,13 +65,7 @@ def study(
         written = study_files(result, Memory(open_cache(cache)))
     files = write_files(directory, written)
     if json:
-        print_json(
-            {
-                "stage": described.name,
-                "characteristics": [characteristic_row(row) for row in result.characteristics],
-                "files": [str(file) for file in files],
-            }
-        )
+        print_result(result.to_dict(), files)
         return
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name

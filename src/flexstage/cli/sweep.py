@@ -12,8 +12,8 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     progress_bar,
     write_picture,
@@ -56,11 +56,9 @@ def sweep(
             found = run(workers=workers, keep=keep)
         files, notes = _written(found, folder, figure)
     if json:
-        from flexstage.explore.results import sweep_results
-
-        result = sweep_results(found, columns=True)
+        result = found.to_dict()
         result["notes"] += notes
-        print_json(result | {"files": [str(file) for file in files]})
+        print_result(result, files)
         return
     from flexstage.report.sweep import sweep_notes, sweep_tables
 
@@ -76,13 +74,12 @@ def _written(
     """Write what was asked for; return the files, and what could not be made."""
     from flexstage.files.write import write_files
     from flexstage.report.explored_files import sweep_files
-    from flexstage.report.figures.sweep import draw_sweep
 
     files: list[Path] = []
     notes: list[str] = []
     if figure is not None:
         try:
-            files += write_picture(figure, lambda: draw_sweep(found))
+            files += write_picture(figure, found.plot)
         except ModelError as error:
             notes.append(f"{figure.name} was not written: {error}")
     if folder is not None:

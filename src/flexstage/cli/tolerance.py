@@ -13,8 +13,8 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_shown,
     progress_bar,
     write_folder,
@@ -25,7 +25,6 @@ from flexstage.explore.requests import USUAL_WORKERS, ToleranceRequest, WorkerRe
 
 if TYPE_CHECKING:
     from flexstage.explore.tolerance import ToleranceStudy
-    from flexstage.explore.tolerance_choice import ToleranceChoice
 
 
 @from_docstring
@@ -55,27 +54,24 @@ def tolerance(
     from flexstage.explore.batches import finished_batches
     from flexstage.explore.prepare import ready_tolerance
     from flexstage.report.explored_files import tolerance_files
-    from flexstage.report.figures.distributions import draw_spreads
 
     refuse(every_sample and folder is None, "--every-sample writes a file: give a --folder for it")
     run = ready_tolerance(request, taken.stage(stage))
     with finished_batches(folder) as keep:
         with progress_bar("tolerance", quiet=quiet), sharing.open() as workers:
-            study, choice = run(workers, keep)
-        files = write_folder(folder, lambda: tolerance_files(study, choice, every=every_sample))
-    files += write_picture(figure, lambda: draw_spreads(study))
+            study = run(workers, keep)
+        files = write_folder(folder, lambda: tolerance_files(study, every=every_sample))
+    files += write_picture(figure, study.plot)
     if json:
-        from flexstage.explore.results import tolerance_results
-
-        print_json(tolerance_results(study, choice) | {"files": [str(file) for file in files]})
+        print_result(study.to_dict(), files)
         return
-    _print(study, choice, files)
+    _print(study, files)
 
 
-def _print(study: "ToleranceStudy", choice: "ToleranceChoice | None", files: list[Path]) -> None:
+def _print(study: "ToleranceStudy", files: list[Path]) -> None:
     from flexstage.report.tolerance import choice_table, share_table, spread_table, yield_table
 
-    screen = console()
+    screen, choice = console(), study.choice
     print_shown(screen, spread_table(study))
     if study.yields:
         print_shown(screen, yield_table(study.yields))

@@ -10,21 +10,16 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
     console,
-    print_json,
     print_notes,
+    print_result,
     print_table,
     progress_bar,
     write_picture,
 )
-from flexstage.files.plain import picked, plain
 from flexstage.measure.requests import UncertaintyRequest
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from flexstage.measure.uncertainty.budget_file import Budget
-    from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, Validation
-    from flexstage.measure.uncertainty.propagate import Propagated
 
 
 @from_docstring
@@ -45,93 +40,19 @@ def uncertainty(
         Draw the distribution and the budget. (.svg, .png or .pdf)
     """
     from flexstage.measure.uncertainty.budget_file import read_budget
-    from flexstage.measure.uncertainty.monte_carlo import validate
-    from flexstage.report.figures.distributions import draw_budget
+    from flexstage.measure.uncertainty.evaluate import evaluate
 
     budget = read_budget(file)
-    propagated = budget.propagate()
     with progress_bar("uncertainty", quiet=quiet):
-        drawn = budget.monte_carlo(request)
-    verdict = validate(propagated, drawn)
-    named = {"quantity": budget.quantity, "unit": budget.unit, "factor": budget.factor}
-    files = write_picture(figure, lambda: draw_budget(propagated, drawn, **named))
-    result = _result(budget, propagated, drawn, verdict, files)
+        found = evaluate(budget, request)
+    files = write_picture(figure, found.plot)
     if json:
-        print_json(result)
+        print_result(found.to_dict(), files)
     else:
-        _print(console(), result)
+        _print(console(), found.to_dict(), files)
 
 
-def _result(
-    budget: "Budget",
-    propagated: "Propagated",
-    drawn: "MonteCarlo",
-    verdict: "Validation",
-    files: list[Path],
-) -> dict[str, Any]:
-    scale = 1.0 / budget.factor
-
-    def scaled(ends: tuple[float, float]) -> list[float]:
-        return [scale * end for end in ends]
-
-    ends = propagated.interval(drawn.confidence)
-    u = propagated.uncertainty
-    return {
-        "quantity": budget.quantity,
-        "unit": budget.unit,
-        "equation": budget.equation.text,
-        "confidence": drawn.confidence,
-        "influences": [
-            {
-                **picked(line, "name", "value", "standard_uncertainty=uncertainty"),
-                **picked(line, "unit", "degrees_of_freedom", "distribution", "kind"),
-                "sensitivity": scale * line.sensitivity,
-                "contribution": scale * line.contribution,
-                **picked(line, "share", "source"),
-            }
-            for line in propagated.lines
-        ],
-        "correlations": [
-            {"between": [first, second], "coefficient": r}
-            for first, second, r in budget.correlations
-        ],
-        "gum": {
-            "value": scale * propagated.value,
-            "standard_uncertainty": scale * u,
-            "degrees_of_freedom": plain(propagated.degrees_of_freedom),
-            "coverage_factor": 0.5 * (ends[1] - ends[0]) / u if u > 0.0 else None,
-            "expanded_uncertainty": scale * 0.5 * (ends[1] - ends[0]),
-            "interval": scaled(ends),
-        },
-        "monte_carlo": {
-            "value": scale * drawn.value,
-            "standard_uncertainty": scale * drawn.uncertainty,
-            "interval": scaled(drawn.symmetric),
-            "shortest_interval": scaled(drawn.shortest),
-            "trials": drawn.trials,
-            "seed": drawn.seed,
-            "tolerance": None if drawn.tolerance is None else scale * drawn.tolerance,
-        },
-        "agreement": {
-            "valid": verdict.valid,
-            "tolerance": scale * verdict.tolerance,
-            "low": scale * verdict.low,
-            "high": scale * verdict.high,
-        },
-        "notes": [*_constants(budget), *propagated.notes, *filter(None, [budget.notes])],
-        "files": [str(file) for file in files],
-    }
-
-
-def _constants(budget: "Budget") -> list[str]:
-    exact = [i.name for i in budget.influences if i.standard_uncertainty == 0.0]
-    if not exact:
-        return []
-    are = "is taken as a constant" if len(exact) == 1 else "are taken as constants"
-    return [f"{', '.join(exact)} {are}, known exactly"]
-
-
-def _print(screen: "Console", result: dict[str, Any]) -> None:
+def _print(screen: "Console", result: dict[str, Any], files: list[Path]) -> None:
     unit = "" if result["unit"] == "1" else f" {result['unit']}"
     heads = "influence", "value", "std. uncertainty", "<unit", "~<distribution", "~<kind", "~dof"
     shares = "sensitivity", f"contribution,{unit or ' 1'}", "share, %"
@@ -170,7 +91,7 @@ def _print(screen: "Console", result: dict[str, Any]) -> None:
     if freedom is not None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
     screen.print(_verdict(result), markup=False)
-    print_notes(screen, result["notes"], result["files"])
+    print_notes(screen, result["notes"], files)
 
 
 def _verdict(result: dict[str, Any]) -> str:

@@ -1,23 +1,31 @@
 """What a plan would send, without an instrument."""
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from flexstage.errors import FlexstageError
 from flexstage.experiments.axis_limits import lowest_frequency
 from flexstage.experiments.command import BASE_RATE_HZ
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import PlanContext, PlannedStep
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.stage import Stage
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DryRun:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DryRun(Result):
     """What a plan would do."""
+
+    table_key: ClassVar[str] = "steps"
 
     stage: str
     """Name of the stage."""
     steps: tuple[PlannedStep, ...]
     """Its steps."""
+
+    def data(self) -> dict[str, Any]:
+        return picked(self, "stage", "duration", "steps", "problems")
 
     @property
     def duration(self) -> float:

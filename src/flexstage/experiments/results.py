@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 from flexstage.characteristic import (
     Characteristic,
@@ -16,6 +16,7 @@ from flexstage.experiments.campaign.results import Characterisation, TestResult
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import StepResult
 from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import provenance
 from flexstage.stage import Stage
@@ -29,8 +30,10 @@ _OF_MODES = ("natural_frequency_hz", "damping_ratio")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlanResult:
+class PlanResult(Result):
     """What a plan gave."""
+
+    table_key: ClassVar[str] = "figures"
 
     plan: Plan
     """The plan."""
@@ -167,8 +170,7 @@ class PlanResult:
             "published": [picked(row, "origin", "value") for row in published],
         }
 
-    def plain(self) -> dict[str, Any]:
-        """Return all figures as plain data."""
+    def data(self) -> dict[str, Any]:
         made = provenance(self.plan, dict(self.run.settings))
         steps = (
             {"name": s.name, "verb": self.plan.step(s.name).verb, **s.plain(self)}

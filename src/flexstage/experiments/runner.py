@@ -168,7 +168,7 @@ def _carry_out(
         steps=tuple(context.results[s.name] for s in plan.steps if s.name in context.results),
         notes=(*_notes(context), *told),
     )
-    write_whole(where / "results.json", json_text(result.plain()))
+    write_whole(where / "results.json", json_text(result.to_dict()))
     return result
 
 

@@ -47,7 +47,7 @@ from flexstage.explore.sensitivity import (
 )
 from flexstage.explore.sweep import Sweep, sweep
 from flexstage.explore.tolerance import ToleranceStudy, tolerance
-from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances
+from flexstage.explore.tolerance_choice import choose_tolerances
 from flexstage.explore.variables import every_variable, listed, variables_of
 from flexstage.explore.workers import Workers
 from flexstage.files.request import read_number
@@ -55,14 +55,13 @@ from flexstage.stage import Stage
 from flexstage.units import parse
 from flexstage.virtual.imperfections import Scatter
 
-Found = tuple[ToleranceStudy, ToleranceChoice | None]
-
 _PUBLISHED = "published"
 
 
 def ready_sweep(request: SweepRequest, template: StageTemplate) -> Callable[..., Sweep]:
     """Return `flexstage.explore.sweep` of a request, which then needs workers and folder."""
-    return partial(sweep, *swept(request, template), model=request.model)
+    run = partial(sweep, *swept(request, template), model=request.model)
+    return lambda **how: replace(run(**how), request=request)
 
 
 def swept(
@@ -112,9 +111,9 @@ def ready_optimise(
         seed=request.seed,
     )
     if len(problem.goals) > 1:
-        return partial(find_front, problem, options)
+        return lambda workers: replace(find_front(problem, options, workers), request=request)
     # one search is one process's work
-    return lambda _: find_optimum(problem, options)
+    return lambda _: replace(find_optimum(problem, options), request=request)
 
 
 def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
@@ -195,12 +194,13 @@ def ready_sensitivity(
                 f"{template.source} has no parameter that changes continuously: give its "
                 "dimensions names under 'parameters' in the stage file, or look at its --hinges"
             )
-    return partial(sensitivities, family, figures, request.model, left_out)
+    run = partial(sensitivities, family, figures, request.model, left_out)
+    return lambda: replace(run(), request=request)
 
 
 def ready_tolerance(
     request: ToleranceRequest, stage: Stage
-) -> Callable[[Workers, Path | None], Found]:
+) -> Callable[[Workers, Path | None], ToleranceStudy]:
     """Return what draws the lot, and chooses tolerances where asked to."""
     if request.follow_necks and request.model == "lumped":
         raise ModelError("--follow-necks needs another --model than lumped, which says it then")
@@ -215,7 +215,7 @@ def ready_tolerance(
     figures = chosen_figures(request.of, known)
     requirements = requirements_of(request.require, known)
 
-    def run(workers: Workers, keep: Path | None) -> Found:
+    def run(workers: Workers, keep: Path | None) -> ToleranceStudy:
         study = tolerance(
             stage,
             process,
@@ -228,9 +228,10 @@ def ready_tolerance(
             workers=workers,
             keep=keep,
         )
-        if target is None:
-            return study, None
-        return study, choose_tolerances(study, target, weights=weights, workers=workers)
+        choice = None
+        if target is not None:
+            choice = choose_tolerances(study, target, weights=weights, workers=workers)
+        return replace(study, choice=choice, request=request)
 
     return run
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure
-from flexstage.explore.requests import LENGTH
+from flexstage.explore.requests import LENGTH, SensitivityRequest
 from flexstage.explore.variables import USUAL_SHARE, Variable, every_variable, matching_names
 from flexstage.files.expression import is_expression
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
 from flexstage.stage import Hinge, Stage
@@ -111,9 +114,13 @@ SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sensitivities:
+class Sensitivities(Result):
     """What each parameter of a stage does to each of its figures."""
 
+    table_key: ClassVar[str] = "parameters"
+
+    request: SensitivityRequest | None = None
+    """What was asked for."""
     stage: str
     """Name of the stage."""
     model: str
@@ -134,6 +141,34 @@ class Sensitivities:
     """Where it comes from."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        slopes, parts, changes = self.slopes.T, self.elasticities.T, self.changes().T
+        return {
+            **picked(self, "stage", "model"),
+            "figures": [
+                {**picked(f, "name", "quantity", "axis"), "value": plain(v), "unit": f.shown.unit}
+                for f, v in zip(self.figures, self.values, strict=True)
+            ],
+            "parameters": [
+                {
+                    "name": variable.name,
+                    "alike": list(self.alike[k]),
+                    **picked(variable, "value=usual", "unit=si_unit"),
+                    "slopes": plain(slopes[k]),
+                    "elasticities": plain(parts[k]),
+                    "step": plain(self.steps()[k]),
+                    "changes": plain(changes[k]),
+                }
+                for k, variable in enumerate(self.variables)
+            ],
+            **picked(self, "left_out", "provenance"),
+        }
+
+    @property
+    def length(self) -> float | None:
+        """What lengths are asked to change by [m]; None for 1 % of each."""
+        return None if self.request is None else self.request.length
 
     @property
     def point(self) -> Array:
@@ -159,8 +194,10 @@ class Sensitivities:
     def steps(self, length: float | None = None) -> Array:
         """Return what each parameter changes by: 1 % of it, or lengths by a length [m].
 
-        A length that is zero changes by 10 um; shape (d,).
+        By that of the request where none is given. A length that is zero changes by 10 um; shape
+        (d,).
         """
+        length = self.length if length is None else length
         steps = SHARE * self.point
         for k, variable in enumerate(self.variables):
             if variable.dimension == "length" and (length is not None or steps[k] == 0.0):
@@ -251,9 +288,7 @@ def sensitivities(
         values=values,
         slopes=slopes[:, kept],
         left_out=reasons,
-        provenance=provenance(
-            family.stage(point), {"model": model, "slopes": _ways(family, model)}
-        ),
+        provenance=provenance(family.stage(point), {"slopes": _ways(family, model)}),
     )
     return _grouped(found, family) if isinstance(family, HingeFamily) else found
 

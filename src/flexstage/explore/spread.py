@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import ROUNDING, Figure, Requirement
+from flexstage.files.plain import picked, plain
 
 #: Percentiles that are given of every figure [%].
 PERCENTILES: tuple[float, ...] = (0.5, 2.5, 50.0, 97.5, 99.5)
@@ -55,6 +57,15 @@ class Spread:
     """Number of samples that have the figure."""
     apart: int
     """Number of samples that lie more than 8 robust standard deviations from the median."""
+
+    def data(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **picked(self, "name=figure.name", "quantity=figure.quantity", "axis=figure.axis"),
+            **picked(self, "unit=figure.shown.unit", "nominal", "mean", "standard_deviation"),
+            **picked(self, "count", "apart", "percentiles"),
+            "histogram": picked(self, "edges", "counts"),
+        }
 
     @property
     def still(self) -> bool:
@@ -150,6 +161,11 @@ class Yield:
     high: float
     """Upper end of the interval of the share [1]."""
 
+    def data(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        required = "all" if self.requirement is None else self.requirement.text
+        return {"required": required} | picked(self, "met", "count", "share", "low", "high")
+
     @property
     def share(self) -> float:
         """Share of the samples that meet it [1]."""
@@ -208,6 +224,16 @@ class Shares:
     """Kinds of deviations, the largest share first."""
     rest: float
     """Share that no straight line in the deviations explains: bent, or joint effects [1]."""
+
+    def data(self) -> dict[str, Any]:
+        """Return them as plain data."""
+        return {
+            **picked(self, "figure=figure.name", "explained"),
+            "contributions": [
+                {**picked(c, "kind", "share", "slope"), "largest": plain(dict(c.largest))}
+                for c in self.contributions
+            ],
+        }
 
     @property
     def explained(self) -> float:

@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from flexstage.explore.sampling import (
 )
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import Workers
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
 from flexstage.provenance import Provenance, provenance
 from flexstage.quantities import Quantity
 from flexstage.short_repr import short_repr
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 # what differs between two sentences that say the same of two stages
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
+#: What the column is called that says why a point is no stage.
+FAULT = "fault"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,8 +136,10 @@ def usual_cost(model: str) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sweep:
+class Sweep(Result):
     """Figures of the stages that a sweep looked at."""
+
+    table_key: ClassVar[str] = "columns"
 
     stage: str
     """Name of the stage as it is described."""
@@ -161,6 +167,74 @@ class Sweep:
     """Where it comes from."""
 
     __repr__ = short_repr
+
+    def summary(self) -> dict[str, Any]:
+        """Return what `to_dict` does without the points."""
+        made = self.to_dict()
+        del made["columns"]
+        return made
+
+    def data(self) -> dict[str, Any]:
+        names = [variable.name for variable in self.variables]
+        correlations = self.correlations
+        numbers = zip(self.column_units, np.hstack((self.points, self.values)).T, strict=True)
+        return {
+            **picked(self, "stage", "model"),
+            "plan": picked(self.plan, "sampling", "samples", "seed", "indices")
+            | picked(self, "counts"),
+            "variables": [
+                picked(v, "name", "low", "high", "described=usual", "unit=si_unit", "description")
+                for v in self.variables
+            ],
+            "points": {"all": len(self.points), "possible": int(self.possible.sum())},
+            "impossible": [picked(reason, "count", "text") for reason in self.reasons],
+            "figures": [
+                {
+                    **picked(figure, "name", "quantity", "axis", "unit=shown.unit"),
+                    "described": plain(float(self.described[k])),
+                    "varies": not bool(self.still[k]),
+                    "least": self._at(k, self.least[k]),
+                    "greatest": self._at(k, self.greatest[k]),
+                    "rank_correlation": dict(zip(names, plain(correlations[k]), strict=True)),
+                }
+                for k, figure in enumerate(self.figures)
+            ],
+            "indices": None if self.indices is None else self._shares(self.indices),
+            **picked(self, "notes", "provenance"),
+            "columns": {name: plain(column) for (name, _), column in numbers}
+            | {FAULT: list(self.faults)},
+        }
+
+    @property
+    def column_units(self) -> list[tuple[str, str]]:
+        """Name and SI unit of each column of numbers: variables, then figures."""
+        return [
+            *((variable.name, variable.si_unit) for variable in self.variables),
+            *((figure.name, figure.shown.unit) for figure in self.figures),
+        ]
+
+    def _at(self, figure: int, row: int) -> dict[str, Any]:
+        """Value of a figure, and at which point it is found."""
+        point = zip((v.name for v in self.variables), plain(self.points[row]), strict=True)
+        return {"value": plain(float(self.values[row, figure])), "row": row, "at": dict(point)}
+
+    def _shares(self, found: SobolIndices) -> dict[str, Any]:
+        """Sobol' indices by figure and variable."""
+        orders = (
+            ("first", found.first, found.first_low, found.first_high),
+            ("total", found.total, found.total_low, found.total_high),
+        )
+        shares = {
+            figure.name: {
+                variable.name: {
+                    order: plain({"value": value[k, i], "low": low[k, i], "high": high[k, i]})
+                    for order, value, low, high in orders
+                }
+                for i, variable in enumerate(self.variables)
+            }
+            for k, figure in enumerate(self.figures)
+        }
+        return picked(found, "samples", "left_out", "confidence") | {"shares": shares}
 
     @property
     def possible(self) -> np.ndarray:
@@ -363,17 +437,7 @@ def sweep(
         described=usual.values[0],
         indices=indices,
         notes=notes,
-        provenance=provenance(
-            family.template,
-            {
-                "model": model,
-                "plan": plan.sampling,
-                "samples": str(plan.samples),
-                "seed": str(plan.seed),
-                "figures": ", ".join(figure.name for figure in figures),
-                **{v.name: f"{v.text(v.low)} to {v.text(v.high)}" for v in family.variables},
-            },
-        ),
+        provenance=provenance(family.template),
     )
 
 

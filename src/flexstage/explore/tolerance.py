@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.batches import Job
-from flexstage.explore.deviations import draw, drawn_kinds, flat, parts
+from flexstage.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
 from flexstage.explore.family import batched_figures
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.made_stages import THINNEST, TOLERANCE, Process, lot_figures, process_of
@@ -24,6 +24,8 @@ from flexstage.explore.spread import (
     yield_of,
 )
 from flexstage.explore.workers import Workers
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.progress import hand_over, subtask
 from flexstage.provenance import Provenance, provenance
@@ -31,6 +33,9 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
+
+if TYPE_CHECKING:
+    from flexstage.explore.tolerance_choice import ToleranceChoice
 
 #: Samples of a batch: some tenths of a second of work.
 BATCH = 2500
@@ -121,8 +126,10 @@ def _batch(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToleranceStudy:
+class ToleranceStudy(Result):
     """What the workshop makes of a stage."""
+
+    table_key: ClassVar[str] = "figures"
 
     lot: Lot
     """The stages that were drawn."""
@@ -142,8 +149,21 @@ class ToleranceStudy:
     """What to know of the result."""
     provenance: Provenance
     """Where it comes from."""
+    choice: "ToleranceChoice | None" = None
+    """The tolerances that reach a yield, where they were asked for."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        found = {
+            **picked(self, "stage=stage.name", "samples", "seed=lot.seed", "model"),
+            "scatter": picked(self.scatter, *(kind.name for kind in KINDS)),
+            "figures": [spread.data() for spread in self.spreads],
+            "variance": [of.data() for of in self.shares],
+            "yields": [one.data() for one in self.yields],
+            **picked(self, "notes", "provenance"),
+        }
+        return found if self.choice is None else found | {"tighten": self.choice.data()}
 
     @property
     def stage(self) -> Stage:
@@ -331,7 +351,7 @@ def tolerance(
         yields=yields_of(every, requirements, values),
         model=how,
         notes=(*_notes(lot, spreads, values, gone), *lacking),
-        provenance=provenance(stage, {"samples": str(samples), "seed": str(seed), "model": model}),
+        provenance=provenance(stage),
     )
 
 

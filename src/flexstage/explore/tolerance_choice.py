@@ -13,6 +13,7 @@ from flexstage.explore.made_stages import process_of
 from flexstage.explore.spread import Yield, yield_of
 from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
 from flexstage.explore.workers import Workers
+from flexstage.files.plain import picked
 from flexstage.progress import listen, update
 from flexstage.virtual.imperfections import Scatter
 
@@ -43,6 +44,14 @@ class ToleranceChoice:
     """Yields with the chosen scatter."""
     verdict: str
     """What came out, in a sentence."""
+
+    def data(self) -> dict[str, Any]:
+        """Return what was chosen as plain data."""
+        return {
+            **picked(self, "target", "reached", "verdict", "cost"),
+            "scatter": picked(self.chosen, *self.kinds),
+            "yields": [one.data() for one in self.after],
+        }
 
     @property
     def found(self) -> bool:

@@ -66,6 +66,11 @@ class Variable(Stated):
         return self.text(max(abs(self.low), abs(self.high))).partition(" ")[2]
 
     @property
+    def si_unit(self) -> str:
+        """The SI unit of its values."""
+        return DIMENSIONS[self.dimension].si if self.dimension else "1"
+
+    @property
     def factor(self) -> float:
         """What a value is multiplied by, to be shown in `unit`."""
         return 1.0 / parse(f"1 {self.unit}", self.dimension) if self.dimension else 1.0

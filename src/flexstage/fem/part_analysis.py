@@ -6,7 +6,8 @@ What it is made of is said in words: a name, or figures; for all solids, or for 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any, ClassVar
 
 import ngsolve as ng
 import numpy as np
@@ -23,20 +24,18 @@ from flexstage.fem.interface import (
     interface_ratio,
     interface_stiffness,
 )
-from flexstage.fem.part import Part
+from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
 from flexstage.fem.part_mesh import PartMesh
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.material import Material, material
 from flexstage.units import parse
-
-if TYPE_CHECKING:
-    from flexstage.fem.part import Part
-
 
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 
 
-def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, Material]:
+def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
     """Return what each solid of a part is made of, by its name.
 
     Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
@@ -69,7 +68,7 @@ def materials_of(part: "Part", given: Sequence[str]) -> Mapping[str, Material]:
     return {name: of.get(name, every) for name in part.bodies}  # type: ignore[misc]
 
 
-def _solid(part: "Part", word: str) -> str:
+def _solid(part: Part, word: str) -> str:
     if word in part.bodies:
         return word
     if word.isdigit() and 0 < int(word) <= len(part.bodies):
@@ -408,3 +407,75 @@ def _with_interfaces(
                 body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=rigid
             )
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PartResult(Result):
+    """Faces and mass of a part, and its modes and stiffness where a mesh was asked for."""
+
+    table_key: ClassVar[str] = "faces"
+
+    part: Part
+    """The part."""
+    materials: Mapping[str, Material]
+    """What each of its bodies is made of."""
+    held: tuple[str, ...]
+    """Names of the faces that are to be held."""
+    moved: tuple[str, ...]
+    """Names of those that are to be moved."""
+    analysis: PartAnalysis | None
+    """Its analysis; None where none was asked for."""
+
+    def data(self) -> dict[str, Any]:
+        out: dict[str, Any] = {
+            "source": self.part.source,
+            "volume": self.part.volume,
+            "mass": self.part.mass(self.materials),
+            "solids": [
+                {
+                    "name": name,
+                    "volume": solid.mass * 1e-9,
+                    "material": self.materials[name].name,
+                    **picked(self.materials[name], "youngs_modulus", "poissons_ratio", "density"),
+                }
+                for name, solid in zip(self.part.bodies, self.part.shape.solids, strict=True)
+            ],
+            "faces": [
+                picked(face, "name", "kind", "area", "centre", "solids=bodies")
+                for face in self.part.faces
+            ],
+        }
+        if self.analysis is None:
+            return out
+        found = self.analysis
+        return out | {
+            **picked(found, "order", "elements", "unknowns"),
+            "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
+            **picked(found, "held", "moved", "at"),
+            "interfaces": {
+                kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
+                | {
+                    "ratio": None
+                    if r.ratio is None
+                    else picked(r.ratio, "direction", "motion", "ratio", "stiffness")
+                }
+                for kind, r in found.results.items()
+            },
+        }
+
+
+def part_result(
+    path: Path, request: PartRequest, *, expect: Callable[[PartEstimate], None] | None = None
+) -> PartResult:
+    """Read a STEP file, and analyse it where the order of its mesh is not 0."""
+    part = read_step(path, solid="all" if "all" in request.solids else request.solids)
+    materials = materials_of(part, request.material)
+    held, moved = named_faces(part, request.hold), named_faces(part, request.move)
+    return PartResult(
+        request=request,
+        part=part,
+        materials=materials,
+        held=held,
+        moved=moved,
+        analysis=analyse_part(part, materials, request, expect=expect) if request.order else None,
+    )

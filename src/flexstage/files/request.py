@@ -427,11 +427,43 @@ def command_line(request: Request, *subject: str) -> str:
     return shlex.join(["flexstage", request.job(), *subject, *option_words(request)])
 
 
-def _option_words(request: Request) -> Iterator[str]:
+def recorded(request: Request) -> dict[str, Any]:
+    """Return what is asked beyond the usual as plain data: values in SI by the names of fields.
+
+    Examples
+    --------
+    >>> from flexstage.explore.requests import SweepRequest
+    >>> recorded(SweepRequest(over=("neck=0.3..0.8 mm",), samples=40))
+    {'over': ['neck=0.3..0.8 mm'], 'samples': 40}
+    """
+    said = {field.name: _recorded(field, value) for field, value in _unusual(request)}
+    groups = {name: recorded(getattr(request, name)) for name, _ in request_groups(type(request))}
+    return said | {name: group for name, group in groups.items() if group}
+
+
+def _recorded(field: RequestField, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_recorded(field, one) for one in value]
+    if isinstance(value, Request):
+        return recorded(value)
+    if isinstance(value, Path):
+        return value.as_posix()
+    if value is None or isinstance(value, (str, int)):
+        return value
+    finite = isinstance(value, float) and math.isfinite(value)
+    return value if finite else field._text(value)
+
+
+def _unusual(request: Request) -> Iterator[tuple[RequestField, Any]]:
+    """Give the fields that ask for something, and what."""
     for field in request_fields(type(request)).values():
         value = getattr(request, field.name)
-        if value == field.default or value is None:
-            continue
+        if value != field.default and value is not None:
+            yield field, value
+
+
+def _option_words(request: Request) -> Iterator[str]:
+    for field, value in _unusual(request):
         if field.value is bool:
             yield field.option if value else f"--no-{field.option[2:]}"
             continue

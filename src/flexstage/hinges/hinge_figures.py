@@ -2,9 +2,13 @@
 
 import contextlib
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
+from flexstage.choose import nearest
 from flexstage.errors import HingeError
+from flexstage.files.result import Result
 from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
 from flexstage.hinges.compliance import compliance
 from flexstage.hinges.hinge_spring import plane_state
@@ -14,6 +18,7 @@ from flexstage.hinges.requests import HingesRequest
 from flexstage.hinges.stress import concentration, largest_rotation
 from flexstage.material import Material
 from flexstage.material import material as find_material
+from flexstage.quantities import number
 
 #: Quantity, place on the diagonal of the compliance, unit of its stiffness.
 _QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
@@ -111,6 +116,55 @@ def hinge_figures(
     }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Notch(Result):
+    """A notch of a plate, and what is known of it by every method."""
+
+    table_key: ClassVar[str] = "stiffness"
+
+    profile: Profile
+    """Its contour."""
+    material: Material
+    """What it is cut from."""
+    width: float
+    """Width of the hinge [m]."""
+    plane: str = "auto"
+    """Plane state: ``stress``, ``strain``, or ``auto`` to choose by width against neck."""
+    figures: Mapping[str, Any] = field(init=False)
+    """What `hinge_figures` gives: plain data in SI units."""
+
+    def __post_init__(self) -> None:
+        figures = hinge_figures(self.profile, self.material, self.width, self.plane)
+        object.__setattr__(self, "figures", figures)
+
+    def data(self) -> dict[str, Any]:
+        return dict(self.figures)
+
+    def stiffness(self, quantity: str = "rotation", method: str = "wedge") -> float:
+        """Return a stiffness about the neck: ``rotation`` [N m/rad], ``axial`` or ``shear`` [N/m].
+
+        The method is ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a
+        closed form by its name.
+        """
+        known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
+        methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
+        if method not in methods:
+            near = nearest(method, methods)
+            hint = f"did you mean '{near}'?" if near else f"choose from {', '.join(methods)}"
+            if not methods:
+                hint = "the quantities are axial, shear and rotation"
+            raise HingeError(f"there is no {quantity} stiffness by '{method}': {hint}")
+        return methods[method]
+
+    def __repr__(self) -> str:
+        size = f"neck {1e3 * self.profile.neck_thickness:g} mm, width {1e3 * self.width:g} mm"
+        return (
+            f"{self.profile.kind} notch, {size}, {self.material.name}\n"
+            f"  rotation {number(self.stiffness())} N m/rad, axial "
+            f"{number(1e-6 * self.stiffness('axial'))} N/µm"
+        )
+
+
 #: What each field of a profile is taken from; lengths along the hinge are asked for whole.
 _SIZES = {
     "radius": "radius",
@@ -124,19 +178,26 @@ _SIZES = {
 }
 
 
-def asked_figures(request: HingesRequest) -> dict[str, Any]:
-    """Return what is known of the notch that is asked about, as `hinge_figures` gives it.
+def notch_of(request: HingesRequest) -> Notch:
+    """Return the notch that is asked about.
 
     Examples
     --------
-    >>> asked_figures(HingesRequest(profile="leaf", length=6e-3, depth=1e-3))["leaf_length"]
-    0.006
+    >>> notch = notch_of(HingesRequest(profile="leaf", length=6e-3, depth=1e-3))
+    >>> notch.to_dict()["leaf_length"], round(notch.stiffness(), 2)
+    (0.006, 1.34)
     """
     names = dict.fromkeys(_SIZES.values())
+    asked = request
     if request.profile == "circular" and all(getattr(request, name) is None for name in names):
-        request = dataclasses.replace(request, radius=1e-3)
-    what = find_material(request.material)
-    return hinge_figures(_notch(request), what, request.width, request.plane)
+        asked = dataclasses.replace(request, radius=1e-3)
+    return Notch(
+        request=request,
+        profile=_notch(asked),
+        material=find_material(request.material),
+        width=request.width,
+        plane=request.plane,
+    )
 
 
 def _notch(request: HingesRequest) -> Profile:

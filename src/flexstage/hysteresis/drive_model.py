@@ -83,6 +83,11 @@ def start_in_words(*starts: Start) -> str:
     return " or ".join(said)
 
 
+def start_data(start: Start) -> str | float:
+    """Return what a drive did before as JSON can hold it: a time [s], or a word."""
+    return "long" if start == math.inf else start
+
+
 def _for_how_long(least: float, most: float) -> str:
     if least == math.inf:
         return "long"

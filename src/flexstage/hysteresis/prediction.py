@@ -3,11 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from flexstage.errors import ModelError, RecordError
-from flexstage.hysteresis.drive_model import DriveModel, Start, unsuited
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
+from flexstage.hysteresis.drive_model import DriveModel, Start, start_data, unsuited
 from flexstage.hysteresis.identification.cycles import (
     Cycles,
     by_rate,
@@ -20,6 +24,8 @@ from flexstage.hysteresis.identification.input_noise import denoised, smoothed_t
 from flexstage.hysteresis.identification.measurement import require_usable
 from flexstage.hysteresis.identification.misfit import root_mean_square
 from flexstage.hysteresis.model import Array
+from flexstage.hysteresis.model_file import ModelFile, read_model_file
+from flexstage.hysteresis.requests import PredictRequest
 from flexstage.records import Record
 
 #: What a drive can have done before a record: to have moved for long, for some seconds since it
@@ -29,6 +35,8 @@ _STARTS: tuple[Start, ...] = (math.inf, *np.geomspace(1000.0, 1.0, 19).tolist(),
 _ALIKE = 1.01
 #: Samples of a warm-up that can tell what a drive did before.
 _ENOUGH = 20
+#: The errors that are given over all records.
+_ERRORS = "as_predicted_rms_percent", "free_constant_rms_percent"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +90,19 @@ class Prediction:
     notes: tuple[str, ...]
     """What a reader should know of the record and the model."""
 
+    def data(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        rate = "rate_hz", "cycles", "as_predicted_rms_percent", "free_constant_rms_percent"
+        return {
+            **picked(self, "record=source", "as_predicted_rms_percent"),
+            **picked(self, "free_constant_rms_percent", "constant_percent", "largest_percent"),
+            "stroke": self.stroke,
+            "start": start_data(self.start),
+            "samples_not_counted": self.warm_up,
+            "rates": [dict(zip(rate, row, strict=True)) for row in self.rates],
+            **picked(self, "cycles", "notes"),
+        }
+
     @property
     def start(self) -> Start:
         """What the drive is taken to have done before the record."""
@@ -102,6 +123,62 @@ class Prediction:
             both = np.sqrt(np.mean(squares, axis=0))
             made.append((rate, len(every), float(both[0]), float(both[1])))
         return tuple(made)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Predictions(Result):
+    """A model of a file on several records."""
+
+    table_key: ClassVar[str] = "records"
+
+    file: ModelFile
+    """The model, with what was found where it was identified."""
+    path: str
+    """Name of its file."""
+    found: tuple[Prediction, ...]
+    """The model on each record."""
+    notes: tuple[str, ...]
+    """What was understood of the records."""
+
+    def data(self) -> dict[str, Any]:
+        return {
+            **picked(self, "model=file.model.hysteresis.kind", "file=path"),
+            **picked(self, "output_unit=file.model.output_unit"),
+            **picked(self, "errors_percent_of_stroke=file.errors"),
+            **{name: self._total(name) for name in _ERRORS},
+            "records": [one.data() for one in self.found],
+            **picked(self, "warnings=file.warnings", "notes"),
+        }
+
+    @property
+    def band(self) -> float | None:
+        """Half the width of the band of 95 % of the held-out errors, over the stroke [%]."""
+        return self.file.errors.get("heldout_95")
+
+    def _total(self, name: str) -> float:
+        """An error over all records, each sample with the same weight."""
+        sizes = np.array([p.time.size - p.warm_up for p in self.found], dtype=np.float64)
+        squares = np.array([getattr(p, name) ** 2 for p in self.found])
+        return float(np.sqrt(np.sum(sizes * squares) / np.sum(sizes)))
+
+
+def predict_by_file(
+    path: Path,
+    records: Sequence[Record],
+    input_column: str | int,
+    output_column: str | int,
+    request: PredictRequest,
+) -> Predictions:
+    """Return how the model of a file predicts records."""
+    file = read_model_file(path)
+    found = predict_each(file.model, records, input_column, output_column, request.known_start)
+    return Predictions(
+        request=request,
+        file=file,
+        path=str(path),
+        found=tuple(found),
+        notes=tuple(sorted({note for record in records for note in record.notes})),
+    )
 
 
 def predict(

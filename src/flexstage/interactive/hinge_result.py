@@ -1,16 +1,12 @@
 """A notch, by every method."""
 
 import typing
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import MISSING, fields
+from typing import Any
 
-from flexstage.choose import nearest
 from flexstage.errors import HingeError
-from flexstage.hinges import Profile
-from flexstage.hinges.hinge_figures import hinge_figures
+from flexstage.hinges.hinge_figures import Notch
 from flexstage.hinges.registry import profile_class
-from flexstage.lazy import data_frame
 from flexstage.material import Material
 from flexstage.material import material as find_material
 from flexstage.quantities import number
@@ -18,61 +14,11 @@ from flexstage.report.page import table_html
 from flexstage.table import table
 from flexstage.units import Dimension, parse
 
-if TYPE_CHECKING:
-    import pandas
-    from matplotlib.figure import Figure
 
+class HingeResult(Notch):
+    """What is known of a notch, by every method, to look at."""
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class HingeResult:
-    """What is known of a notch, by every method."""
-
-    profile: "Profile"
-    """The notch."""
-    material: Material
-    """What it is cut from."""
-    width: float
-    """Width of the hinge [m]."""
-    figures: Mapping[str, Any]
-    """What `flexstage.hinges.hinge_figures` gives: plain data in SI units."""
-
-    def stiffness(self, quantity: str = "rotation", method: str = "wedge") -> float:
-        """Return a stiffness about the neck: ``rotation`` [N m/rad], ``axial`` or ``shear`` [N/m].
-
-        The method is ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a
-        closed form by its name.
-        """
-        known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
-        methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
-        if method not in methods:
-            near = nearest(method, methods)
-            hint = f"did you mean '{near}'?" if near else f"choose from {', '.join(methods)}"
-            if not methods:
-                hint = "the quantities are axial, shear and rotation"
-            raise HingeError(f"there is no {quantity} stiffness by '{method}': {hint}")
-        return methods[method]
-
-    def plot(self) -> "Figure":
-        """Draw the contour of the notch, in millimetres."""
-        from flexstage.report.figures.hinges import draw_notch
-
-        return draw_notch(self.profile)
-
-    def to_frame(self) -> "pandas.DataFrame":
-        """Return the stiffness by every method as a data frame; needs pandas.
-
-        Columns quantity, method, stiffness, unit, difference_percent, validity.
-        """
-        rows = self.figures["stiffness"]
-        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
-
-    def __repr__(self) -> str:
-        size = f"neck {1e3 * self.profile.neck_thickness:g} mm, width {1e3 * self.width:g} mm"
-        return (
-            f"{self.profile.kind} notch, {size}, {self.material.name}\n"
-            f"  rotation {number(self.stiffness())} N m/rad, axial "
-            f"{number(1e-6 * self.stiffness('axial'))} N/µm"
-        )
+    __slots__ = ()
 
     def _repr_html_(self) -> str:
         rows = [
@@ -139,8 +85,7 @@ def hinge(
     profile = cls(**{name: _si(value, hints[name]) for name, value in sizes.items()})
     what = find_material(material) if isinstance(material, str) else material
     wide = parse(width, "length", bare_unit="m")
-    figures = hinge_figures(profile, what, wide, plane)
-    return HingeResult(profile=profile, material=what, width=wide, figures=figures)
+    return HingeResult(profile=profile, material=what, width=wide, plane=plane)
 
 
 def _si(value: float | str | bool, hint: Any) -> Any:

@@ -10,13 +10,14 @@ from flexstage.characteristic import Characteristics
 from flexstage.choose import did_you_mean
 from flexstage.errors import ModelError
 from flexstage.files.request import request_of
+from flexstage.files.result import Result
 from flexstage.interactive.show import headline, stage_of
 from flexstage.lazy import data_frame
 from flexstage.quantities import display
 from flexstage.report.page import table_html
 from flexstage.stage import Stage
 from flexstage.studies.models import ModelRun, run_model
-from flexstage.studies.requests import ModelOptions
+from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.system import Analysis, MechanicalSystem
 from flexstage.table import table
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class StageAnalysis:
+class StageAnalysis(Result):
     """A stage analysed by one model, to look at."""
 
     run: ModelRun
@@ -49,11 +50,14 @@ class StageAnalysis:
         """The figures that an engineer quotes, in SI units."""
         return self.analysis.characteristics
 
+    def data(self) -> dict[str, Any]:
+        return self.run.data()
+
     def value(self, quantity: str, axis: str) -> float:
         """Return one figure, such as ``max_stress`` of an axis [SI]."""
         return self.characteristics.value(quantity, axis)
 
-    def plot(
+    def plot(  # type: ignore[override]
         self,
         kind: Literal["response", "shape", "stress", "modes"] = "response",
         axis: str | None = None,
@@ -138,7 +142,9 @@ def analyse(
     321.1 Hz
     """
     options = request_of(ModelOptions, None, asked)
-    return StageAnalysis(run=run_model(stage_of(stage), model, options))
+    run = run_model(stage_of(stage), model, options)
+    request = request_of(AnalyseRequest, None, {"model": model, "options": options})
+    return StageAnalysis(request=request, run=run)
 
 
 def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
@@ -165,11 +171,14 @@ def _figure(run: ModelRun, kind: str, axis: str | None) -> "Figure":
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class StageStudy:
+class StageStudy(Result):
     """Several models of a stage beside what was published of it, to look at."""
 
     study: "Study"
     """The study: what other functions take."""
+
+    def data(self) -> dict[str, Any]:
+        return self.study.data()
 
     @property
     def characteristics(self) -> Characteristics:
@@ -186,7 +195,7 @@ class StageStudy:
         analysis = self.study.analyses[model]
         return StageAnalysis(run=replace(self.study.runs[model], analysis=analysis))
 
-    def plot(
+    def plot(  # type: ignore[override]
         self,
         kind: Literal["response", "shape", "stress", "modes"] = "response",
         axis: str | None = None,
@@ -253,4 +262,5 @@ def study(
     """
     from flexstage.studies import run_study
 
-    return StageStudy(study=run_study(stage_of(stage), model=model, **asked))
+    found = run_study(stage_of(stage), model=model, **asked)
+    return StageStudy(request=found.request, study=found)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexstage.comparison import Comparison
 from flexstage.comparison import compare as side_by_side
-from flexstage.errors import ModelError, StageError
+from flexstage.errors import StageError
 from flexstage.explore.workers import open_workers
 from flexstage.files.request import request_of
 from flexstage.interactive.show import stage_of
@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from flexstage.centring.from_records import CentredRecords
     from flexstage.designs import StageTemplate
     from flexstage.experiments import Campaign, Characterisation
-    from flexstage.explore import Front, Optimum, Sensitivities, Sweep
-    from flexstage.explore.prepare import Found
-    from flexstage.measure import ModalFit
+    from flexstage.explore import Front, Optimum, Sensitivities, Sweep, ToleranceStudy
+    from flexstage.measure.frf_result import DecayResult, FrfResult
     from flexstage.records import Record
 
 _Path = str | os.PathLike[str]
@@ -84,8 +83,8 @@ def optimise(
 
 def tolerance(
     stage: Stage | _Path, *, workers: int = 1, folder: Path | None = None, **asked: Any
-) -> "Found":
-    """Return the spread of a lot, and what was chosen for a yield, by a `ToleranceRequest`."""
+) -> "ToleranceStudy":
+    """Return the spread of a lot, and its `choice` for a yield, by a `ToleranceRequest`."""
     run = _ready("tolerance", stage_of(stage), asked)
     with open_workers(workers) as shared:
         return run(shared, folder)
@@ -96,24 +95,18 @@ def frf(
     input: str | int | None = None,
     output: str | int | Sequence[str | int] | None = None,
     **asked: Any,
-) -> "ModalFit":
-    """Return the modes in records over time, or in responses that were measured.
+) -> "FrfResult | DecayResult":
+    """Return responses and `modes` of records over time, or of responses that were measured.
 
     By the fields of a `FrfRequest`, such as ``resolution=0.5`` or ``band=(100, 300)``.
     """
-    from flexstage.measure.frf import FrfResult
     from flexstage.measure.frf import frf as evaluated
     from flexstage.measure.requests import FrfRequest
 
     given = list(records) if isinstance(records, Sequence) else [records]
     columns = {"input": input, "output": output}
     named = {name: _columns(column) for name, column in columns.items() if column is not None}
-    found = evaluated(given, request_of(FrfRequest, None, {**named, **asked}))
-    if not isinstance(found, FrfResult) or found.fit is None:
-        raise ModelError(
-            'no modes were asked for: leave excitation="ring-down" and fit_modes=0 out'
-        )
-    return found.fit
+    return evaluated(given, request_of(FrfRequest, None, {**named, **asked}))
 
 
 def _columns(given: str | int | Sequence[str | int]) -> tuple[str | int, ...]:

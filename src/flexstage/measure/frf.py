@@ -1,17 +1,17 @@
 """From records of vibration to responses and modes: one way for all who ask."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from flexstage.errors import ModelError
+from flexstage.measure.frf_result import DecayResult, FrfResult
 from flexstage.measure.modal.fit import fit_modes
-from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown, ring_down
 from flexstage.measure.requests import RING_DOWN, FrfRequest
 from flexstage.measure.spectra.checks import HitOptions
-from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
-from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
+from flexstage.measure.spectra.estimate import estimate_response
+from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Record, responses_in_columns
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
@@ -20,23 +20,9 @@ from flexstage.records.read_options import ReadOptions
 _NEEDED = "records over time need an input and an output: name the columns (--input, --output)"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrfResult:
-    """Responses that records give, or hold, and the modes in them."""
-
-    records: Sequence[Record]
-    """The records."""
-    response: MeasuredResponse
-    """The response; the first of several."""
-    estimate: ResponseEstimate | None
-    """How it was estimated; None of a response that was measured."""
-    fit: ModalFit | None
-    """The modes; None where none were asked for."""
-
-
 def frf_of_files(
     files: Sequence[Path], request: FrfRequest, how: ReadOptions = ReadOptions()
-) -> FrfResult | tuple[Sequence[Record], RingDown]:
+) -> FrfResult | DecayResult:
     """Return what `frf` finds in files; columns that units and names tell are taken of them."""
     taken = ""
     decays = request.excitation == RING_DOWN
@@ -59,16 +45,14 @@ def frf_of_files(
     return frf(read, request)
 
 
-def frf(
-    records: Sequence[Record], request: FrfRequest
-) -> FrfResult | tuple[Sequence[Record], RingDown]:
-    """Return responses and modes of records; of a free decay the record and its modes.
+def frf(records: Sequence[Record], request: FrfRequest) -> FrfResult | DecayResult:
+    """Return responses and modes of records, or those of a free decay.
 
     With a delay or a lag modes are in phase unless complex ones are asked for: a delay turns the
     phase as complex modes do.
     """
     if request.excitation == "ring-down":
-        return records, _decayed(records, request)
+        return DecayResult(request=request, record=records[0], fit=_decayed(records, request))
     estimate, added, at_end = None, 0.0, request.exponential
     if records[0].over == "frequency":
         responses = [response_from_record(record) for record in records]
@@ -99,7 +83,9 @@ def frf(
             real_modes=bool(request.fit) and "complex" not in request.fit,
             added_damping_rate=added,
         )
-    return FrfResult(records=records, response=responses[0], estimate=estimate, fit=found)
+    return FrfResult(
+        request=request, records=records, response=responses[0], estimate=estimate, fit=found
+    )
 
 
 def _tabled(record: Record, request: FrfRequest) -> Record:

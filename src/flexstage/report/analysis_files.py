@@ -12,7 +12,7 @@ from flexstage.system import Analysis
 
 
 def analysis_files(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the files of what one model found, by name; `results` are its `model_results`."""
+    """Return the files of what one model found, by name; `results` are those of its `ModelRun`."""
     files = {"analysis.json": results_json(dict(results))} | bode_files(analysis)
     reached = None if analysis.coupling is None else analysis.coupling.workspace
     if reached is not None:

@@ -6,21 +6,10 @@ from functools import partial
 from flexstage.errors import ModelError
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.results import (
-    front_results,
-    optimum_results,
-    samples_csv,
-    sensitivity_csv,
-    sensitivity_results,
-    sweep_csv,
-    sweep_parquet,
-    sweep_results,
-    tolerance_results,
-)
+from flexstage.explore.results import samples_csv, sensitivity_csv, sweep_csv, sweep_parquet
 from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
-from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.files.plain import json_text
 from flexstage.report.figures.distributions import draw_shares, draw_spreads
 from flexstage.report.figures.optimum import (
@@ -44,7 +33,7 @@ def sweep_files(found: Sweep) -> tuple[Files, list[str]]:
     makes: dict[str, Callable[[], bytes]] = {
         "sweep.csv": partial(sweep_csv, found),
         "sweep.parquet": partial(sweep_parquet, found),
-        "sweep.json": lambda: json_text(sweep_results(found)).encode(),
+        "sweep.json": lambda: json_text(found.summary()).encode(),
         "sweep.svg": lambda: encode(draw_sweep(found), "svg"),
         "indices.svg": lambda: encode(draw_indices(found), "svg"),
         "sweep.html": lambda: sweep_html(found).encode(),
@@ -65,7 +54,7 @@ def optimum_files(found: Optimum) -> Files:
     """Return the files of a best stage: its stage file, and how it was found."""
     return {
         "best.yaml": found.text.encode(),
-        "optimise.json": json_text(optimum_results(found)).encode(),
+        "optimise.json": json_text(found.to_dict()).encode(),
     } | _optimum_pictures(found)
 
 
@@ -75,7 +64,7 @@ def front_files(found: Front) -> Files:
     return (
         {
             "best.yaml": found.optimum.text.encode(),
-            "optimise.json": json_text(front_results(found)).encode(),
+            "optimise.json": json_text(found.to_dict()).encode(),
             "front.svg": encode(draw_front(found), "svg"),
         }
         | _optimum_pictures(found.optimum)
@@ -92,13 +81,11 @@ def _optimum_pictures(found: Optimum) -> Files:
     return {name: encode(draw(found), "svg") for name, draw in draws.items()}
 
 
-def tolerance_files(
-    study: ToleranceStudy, choice: ToleranceChoice | None, *, every: bool = False
-) -> Files:
+def tolerance_files(study: ToleranceStudy, *, every: bool = False) -> Files:
     """Return the files of a lot; with those of `every` sample where asked for."""
     files = {
-        "tolerance.html": tolerance_page(study, choice).encode(),
-        "tolerance.json": json_text(tolerance_results(study, choice)).encode(),
+        "tolerance.html": tolerance_page(study).encode(),
+        "tolerance.json": json_text(study.to_dict()).encode(),
         "figures.svg": encode(draw_spreads(study), "svg"),
     }
     if study.shares:
@@ -108,10 +95,10 @@ def tolerance_files(
     return files
 
 
-def sensitivity_files(found: Sensitivities, length: float | None) -> Files:
-    """Return the files of sensitivities, of changes of lengths by so much [m]."""
+def sensitivity_files(found: Sensitivities) -> Files:
+    """Return the files of sensitivities."""
     return {
-        "sensitivity.json": json_text(sensitivity_results(found, length)).encode(),
+        "sensitivity.json": json_text(found.to_dict()).encode(),
         "sensitivity.csv": sensitivity_csv(found).encode(),
-        "sensitivity.svg": encode(draw_sensitivities(found, length), "svg"),
+        "sensitivity.svg": encode(draw_sensitivities(found), "svg"),
     }

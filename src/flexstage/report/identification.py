@@ -3,11 +3,9 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from flexstage.files.plain import plain
 from flexstage.hysteresis import Feedforward, Identification, Prediction
 from flexstage.hysteresis.drive_model import DriveModel, parameter_unit, start_in_words
 from flexstage.hysteresis.identification.model_choice import Candidate
@@ -70,55 +68,6 @@ def command_in_words(made: Feedforward, drive: DriveModel) -> list[str]:
         f"{readable(output, made.largest_error)} at most (the model with itself: what it leaves "
         "of a measured drive adds to it)",
     ]
-
-
-def parameters_found(found: Identification) -> dict[str, Any]:
-    """Value, standard error and unit of each parameter; arrays of them for arrays."""
-    m = found.model
-    made: dict[str, Any] = {}
-    for name, value in m.hysteresis.parameters().items():
-        array = np.asarray(value, dtype=np.float64)
-        error = np.full(array.shape, np.nan)
-        for estimate in found.parameters:
-            base, _, index = estimate.name.partition("[")
-            if base == name:
-                place = tuple(int(i) for i in index.rstrip("]").split(",")) if index else ()
-                error[place] = estimate.standard_error
-        made[name] = {
-            "value": array.tolist(),
-            "standard_error": None if np.isnan(error).all() else plain(error),
-            "unit": parameter_unit(found.kind, name, m.input_unit, m.output_unit),
-        }
-    return made
-
-
-def chain_found(found: Identification) -> dict[str, Any]:
-    """Value, standard error and unit of delay, creep, resonance and offset."""
-    m = found.model
-    errors = {e.name: e.standard_error for e in found.chain}
-    return {
-        "delay": {
-            "value": m.lag.delay if m.lag is not None else 0.0,
-            "standard_error": plain(errors.get("delay")),
-            "unit": "s",
-        },
-        "creep_per_decade": {
-            "value": m.creep.rate_per_decade if m.creep is not None else 0.0,
-            "standard_error": plain(errors.get("creep_per_decade")),
-            "unit": "1",
-        },
-        "resonance": {
-            "value": m.modes.frequency_hz[0] if m.modes is not None else None,
-            "standard_error": plain(errors.get("resonance_hz")),
-            "unit": "Hz",
-        },
-        "offset": {
-            "value": m.offset,
-            "standard_error": found.offset.standard_error,
-            "unit": m.output_unit,
-        },
-        "sign": m.sign,
-    }
 
 
 def _percents(candidate: Candidate) -> tuple[str, str, str]:
@@ -200,7 +149,7 @@ def _rows(found: Identification) -> list[tuple[str, str, str, str]]:
     shown, factor = readable_unit(found.stroke, m.output_unit)
     unknown = {e.name for e in found.chain if math.isinf(e.standard_error)}
     made = []
-    for name, row in parameters_found(found).items():
+    for name, row in found.parameter_rows().items():
         value, error = row["value"], row["standard_error"]
         if not isinstance(value, float) or (value == 0.0 and error is None):
             continue  # a table, or what this model does without
@@ -208,7 +157,7 @@ def _rows(found: Identification) -> list[tuple[str, str, str, str]]:
         power = ("output" in over) - ("output" in under)
         unit = parameter_unit(found.kind, name, m.input_unit, shown)
         made.append((name, *_numbers(value, error, factor**power), unit))
-    for name, row in chain_found(found).items():
+    for name, row in found.chain_rows().items():
         if not isinstance(row, dict) or row["value"] is None:
             continue
         value, error = row["value"], row["standard_error"]

@@ -137,6 +137,7 @@ def _typeset(text: str) -> "Markup":
 #: By type and view: the function that draws it, of `flexstage.report.figures`, and what that calls
 #: the result.
 DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("HingeResult", ""): ("hinges.draw_hinge", "found"),
     ("HoldNoise", ""): ("noise.draw_hold", "noise"),
     ("Identification", ""): ("identification.draw_identification", "found"),
     ("IdentifiedStep", ""): ("tracking.draw_drive_fit", "step"),
@@ -144,16 +145,31 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
+    ("CentredRecords", ""): ("centring.draw_centred", "found"),
+    ("Compensation", ""): ("tracking.draw_command", "found"),
+    ("DecayResult", ""): ("modal_fit.draw_decay", "found"),
+    ("EvaluatedBudget", ""): ("distributions.draw_evaluated", "found"),
+    ("FrfResult", ""): ("modal_fit.draw_frf", "found"),
+    ("FrfResult", "stabilisation"): ("modal_fit.draw_frf_stabilisation", "found"),
+    ("Front", ""): ("optimum.draw_front", "found"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
+    ("Notch", ""): ("hinges.draw_hinge", "found"),
+    ("Optimum", ""): ("optimum.draw_before_after", "found"),
+    ("Optimum", "figures"): ("optimum.draw_figures", "found"),
+    ("Optimum", "history"): ("optimum.draw_history", "found"),
+    ("PartResult", ""): ("part.draw_part_result", "found"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
+    ("Predictions", ""): ("identification.draw_predictions", "found"),
     ("Record", ""): ("identification.draw_record", "record"),
     ("Refinement", ""): ("fields.draw_convergence", "refinement"),
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
+    ("Sweep", ""): ("sweep.draw_sweep", "sweep"),
+    ("Sweep", "indices"): ("sweep.draw_indices", "sweep"),
+    ("ToleranceStudy", ""): ("distributions.draw_spreads", "study"),
     ("ToleranceStudy", "shares"): ("distributions.draw_shares", "study"),
-    ("ToleranceStudy", "spreads"): ("distributions.draw_spreads", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),
 }
@@ -163,12 +179,17 @@ def drawn(picture: Picture) -> "Figure":
     """Draw the result of a picture; a function that draws one is called."""
     if isinstance(picture.result, partial):
         return picture.result(**picture.options)
-    kind = type(picture.result).__name__
-    if (kind, picture.view) not in DRAWINGS:
-        view = f" as '{picture.view}'" if picture.view else ""
+    return plotted(picture.result, picture.view, **picture.options)
+
+
+def plotted(result: Any, view: str = "", **options: Any) -> "Figure":
+    """Draw a result, in one of its views."""
+    kind = type(result).__name__
+    if (kind, view) not in DRAWINGS:
+        shown = f" as '{view}'" if view else ""
         known = ", ".join(sorted({name for name, _ in DRAWINGS}))
-        raise ModelError(f"no drawing shows a {kind}{view}: there are drawings of {known}")
-    function, parameter = DRAWINGS[kind, picture.view]
+        raise ModelError(f"no drawing shows a {kind}{shown}: there are drawings of {known}")
+    function, parameter = DRAWINGS[kind, view]
     module, _, name = function.partition(".")
     draw = getattr(import_module(f"flexstage.report.figures.{module}"), name)
-    return draw(**{parameter: picture.result}, **picture.options)
+    return draw(**{parameter: result}, **options)

@@ -38,12 +38,12 @@ def shown_changes(
     return np.where(small, 0.0, shown)
 
 
-def moving(found: Sensitivities, length: float | None = None) -> tuple[list[int], list[str]]:
+def moving(found: Sensitivities) -> tuple[list[int], list[str]]:
     """Return the parameters that move a figure, those that move one most first, and the others.
 
     Those that only move what is nothing but rounding stand last.
     """
-    shown = np.nan_to_num(np.abs(shown_changes(found, length)))
+    shown = np.nan_to_num(np.abs(shown_changes(found)))
     real = shown[~found.vanishing].max(axis=0, initial=0.0)
     faint = shown[found.vanishing]
     largest = faint.max(axis=1, initial=0.0)[:, None]
@@ -64,8 +64,9 @@ def parameter_label(found: Sensitivities, index: int) -> str:
     return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
 
 
-def step_words(found: Sensitivities, length: float | None = None) -> str:
+def step_words(found: Sensitivities) -> str:
     """Say by what parameters change."""
+    length = found.length
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
     lengths = f"+{value_text(length, 'length')} of each length"
@@ -74,15 +75,10 @@ def step_words(found: Sensitivities, length: float | None = None) -> str:
     return f"{lengths}, +{100.0 * SHARE:g} % of all else"
 
 
-def sensitivity_table(
-    found: Sensitivities, length: float | None = None, *, in_units: bool = False
-) -> Table:
-    """Return the changes of all figures, those parameters first that move one most.
-
-    Lengths change by a length, where one is given, in place of 1 % of them.
-    """
-    shown = shown_changes(found, length, in_units=in_units)
-    order, rest = moving(found, length)
+def sensitivity_table(found: Sensitivities, *, in_units: bool = False) -> Table:
+    """Return the changes of all figures, those parameters first that move one most."""
+    shown = shown_changes(found, in_units=in_units)
+    order, rest = moving(found)
     kept = [
         i
         for i in range(len(found.figures))
@@ -107,12 +103,12 @@ def sensitivity_table(
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
     what = "in their units" if in_units else "in per cent of them"
-    steps = step_words(found, length)
+    steps = step_words(found)
     return table(
         f"{found.stage}, {found.model}: change of the figures {what} for {steps}",
         columns,
         rows,
-        notes=tuple(_notes(found, length, rest, kept)),
+        notes=tuple(_notes(found, rest, kept)),
     )
 
 
@@ -141,9 +137,7 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     return f"{value:+.2f}"
 
 
-def _notes(
-    found: Sensitivities, length: float | None, rest: list[str], kept: list[int]
-) -> Iterator[str]:
+def _notes(found: Sensitivities, rest: list[str], kept: list[int]) -> Iterator[str]:
     if not kept:
         yield "every figure that is looked at is nothing but rounding here"
         return
@@ -155,7 +149,7 @@ def _notes(
         for k, v in enumerate(found.variables)
         if v.usual == 0.0 and v.dimension == "length"
     ]
-    if length is None and zero and not all(name in rest for name in zero):
+    if found.length is None and zero and not all(name in rest for name in zero):
         yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
     if any(len(alike) > 1 for alike in found.alike):
         yield "×2: the row stands for two hinges, which do the same but for signs"
@@ -163,14 +157,16 @@ def _notes(
         yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 
 
-def left_out_notes(found: Sensitivities, *, hinges: bool = False) -> Iterator[str]:
+def left_out_notes(found: Sensitivities) -> Iterator[str]:
     """Say what the slopes are where they are no derivatives, and what is not among them, and why.
 
-    Parameters of one reason stand together. No other model moves `hinges` by themselves.
+    Parameters of one reason stand together.
     """
     # frequencies that differ by less than this are one [1]
     equal = 1e-4
     if found.model == "lumped":
+        # no other model moves hinges by themselves
+        hinges = found.request is not None and found.request.hinges
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {found.provenance.settings['slopes']}"

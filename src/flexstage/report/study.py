@@ -43,7 +43,7 @@ from flexstage.report.tables import (
 from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
 from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasurementComparison
-from flexstage.studies.results import results_json, study_results
+from flexstage.studies.results import results_json
 from flexstage.studies.study import Study
 
 _FREQUENCIES = ("natural_frequency_hz", "natural_frequency_with_stack_hz")
@@ -113,7 +113,7 @@ def report_pages(study: Study, memory: Memory | None = None) -> dict[str, str]:
 def study_files(study: Study, memory: Memory | None = None) -> dict[str, bytes]:
     """Write the pages of a study, and its results as JSON, by name of the file."""
     pages = {name: page.encode() for name, page in report_pages(study, memory).items()}
-    return pages | {"results.json": results_json(study_results(study))}
+    return pages | {"results.json": results_json(study.to_dict())}
 
 
 def study_section(study: Study, key: str) -> Section:

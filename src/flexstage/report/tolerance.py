@@ -165,7 +165,7 @@ def _percent(share: float, digits: int = 3) -> str:
     return f"{100.0 * share:.0f} %" if "e+" in text else f"{text} %"
 
 
-def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None) -> str:
+def tolerance_page(study: ToleranceStudy) -> str:
     """Return a page of what the workshop makes of a stage, and what to tighten."""
     return page_html(
         heading=f"{study.stage.name}: what the workshop makes of it",
@@ -174,18 +174,18 @@ def tolerance_page(study: ToleranceStudy, choice: ToleranceChoice | None = None)
             "intervals are those of 95 %"
         ),
         version=flexstage.__version__,
-        sections=_sections(study, choice),
+        sections=_sections(study),
         # the first says what the description is, such as a reconstruction
         notes=(*study.notes, *study.stage.notes[:1]),
     )
 
 
-def _sections(study: ToleranceStudy, choice: ToleranceChoice | None) -> Iterator[Section]:
+def _sections(study: ToleranceStudy) -> Iterator[Section]:
+    choice = study.choice
     if study.yields:
         yield Section(key="yield", title="Yield", content=(yield_table(study.yields),))
     histograms = Picture(
         result=study,
-        view="spreads",
         title="Histograms of the figures",
         caption="Distribution of every figure; grey is what 95 % of the stages lie between.",
     )

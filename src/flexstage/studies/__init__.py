@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from flexstage.studies.compensation import virtual_experiment
     from flexstage.studies.measurement import MeasurementComparison, compare_measurement
     from flexstage.studies.models import MODELS, ModelRun, analyse_model, run_model
-    from flexstage.studies.results import results_json, study_results
+    from flexstage.studies.results import results_json
     from flexstage.studies.study import Study, run_study
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "results_json",
     "run_model",
     "run_study",
-    "study_results",
     "virtual_experiment",
 ]
 

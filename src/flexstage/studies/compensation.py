@@ -8,7 +8,8 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
-from flexstage.hysteresis.identification.identify import Identification, identify
+from flexstage.hysteresis.identification.identify import identify
+from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.inversion import feedforward
 from flexstage.hysteresis.loops import Tracking, loop_width, tracking
 from flexstage.hysteresis.models.registry import MODELS

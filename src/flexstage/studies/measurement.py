@@ -1,15 +1,14 @@
 """What was measured, beside models, publications and the description of a drive."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
 from flexstage.errors import StageError
-from flexstage.estimate import Estimate
-from flexstage.experiments.campaign.results import Difference, difference
-from flexstage.files.plain import picked, plain
-from flexstage.measure.motion.positioning import Positioning
+from flexstage.experiments.campaign.results import Difference, difference, figure_data
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.quantities import display
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import assumed_figures
@@ -17,7 +16,7 @@ from flexstage.system import analyse_axis
 from flexstage.units import readable
 
 if TYPE_CHECKING:
-    from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.experiments.campaign.results import Characterisation
     from flexstage.experiments.results import PlanResult
     from flexstage.hysteresis import Identification
 
@@ -39,10 +38,23 @@ class MeasuredRow:
     assumed: bool = False
     """Whether it is of a simulated stage and was put in by an assumption."""
 
+    def data(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        differences = {
+            origin: {
+                "reference": self.references[origin].value,
+                **picked(d, "difference=value", "percent", "expanded", "significant"),
+            }
+            for origin, d in self.differences.items()
+        }
+        return figure_data(self.figure) | {"differences": differences}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeasurementComparison:
+class MeasurementComparison(Result):
     """What was measured, compared with models and publications."""
+
+    table_key: ClassVar[str] = "characteristics"
 
     found: "Characterisation"
     """What the tests gave."""
@@ -54,6 +66,13 @@ class MeasurementComparison:
     """Origins that have something to compare with."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Why a model could not be made of the stage, by model."""
+
+    def data(self) -> dict[str, Any]:
+        return self.found.data() | {
+            "stage": self.stage.name if self.stage is not None else "",
+            "characteristics": [row.data() for row in self.rows],
+            "notes": list(self.notes),
+        }
 
     @property
     def title(self) -> str:
@@ -128,6 +147,7 @@ def compare_with_references(
         )
     order = {row.origin: i for i, row in reversed(list(enumerate(references)))}
     return MeasurementComparison(
+        request=found.request,
         found=found,
         stage=stage,
         rows=tuple(rows),
@@ -155,93 +175,6 @@ def _compared(own: Characteristic, other: Characteristic) -> Difference:
     if abs(other.value) < display(other.quantity).zero:
         return replace(found, percent=None)
     return found
-
-
-def measurement_results(result: MeasurementComparison) -> dict[str, Any]:
-    """Return what was measured as plain data, in SI units."""
-    return {
-        "stage": result.stage.name if result.stage is not None else "",
-        "origin": result.found.origin,
-        "characteristics": [_row(row) for row in result.rows],
-        "tests": [
-            {
-                "name": r.test.name,
-                "kind": r.test.test,
-                "axis": r.test.axis,
-                "records": list(r.test.records),
-                "figures": [f.quantity for f in r.figures],
-                "notes": list(r.notes),
-                **_details(r),
-            }
-            for r in result.found.results
-        ],
-        "sources": dict(result.found.sources),
-        "notes": list(result.notes),
-    }
-
-
-def _details(result: "TestResult") -> dict[str, Any]:
-    found, ranges = result.details.get("positioning"), result.details.get("ranges", ())
-    data: dict[str, Any] = {} if found is None else {"positioning": positioning_data(found)}
-    if len(ranges) > 1:
-        data["ranges"] = [
-            {
-                "command": [one.curve.basis.low, one.curve.basis.high],
-                "command_unit": one.curve.position_unit,
-                "cycles": one.of_cycles.size,
-                "stroke": picked(one.stroke, "value", "unit", "uncertainty", "interval"),
-            }
-            for one in ranges
-        ]
-    return data
-
-
-def _row(row: MeasuredRow) -> dict[str, Any]:
-    figure = row.figure
-    return {
-        **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
-        **picked(figure, "interval=estimate.interval", "test", "note"),
-        "budget": [
-            picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
-            for c in figure.components
-        ],
-        "differences": {
-            origin: {
-                "reference": row.references[origin].value,
-                **picked(d, "difference=value", "percent", "expanded", "significant"),
-            }
-            for origin, d in row.differences.items()
-        },
-    }
-
-
-def positioning_data(found: Positioning) -> dict[str, Any]:
-    """Return everything that a test of positioning gave as plain data, in SI units."""
-    figures = {
-        f.name: value
-        for f in fields(found)
-        if isinstance(value := getattr(found, f.name), Estimate)
-    }
-    at_targets = {
-        "target": found.target,
-        "mean_upward": found.mean_upward,
-        "mean_downward": found.mean_downward,
-        "mean_bidirectional": found.mean_bidirectional,
-        "reversal": found.reversal_at_targets,
-        "spread_upward": found.spread_upward,
-        "spread_downward": found.spread_downward,
-        "repeatability_upward": 4.0 * found.spread_upward,
-        "repeatability_downward": 4.0 * found.spread_downward,
-        "repeatability": found.repeatability_at_targets,
-    }
-    return {
-        "runs": found.runs,
-        "figures": {
-            name: picked(e, "value", "unit", "uncertainty", "interval")
-            for name, e in figures.items()
-        },
-        "targets": plain(at_targets),
-    }
 
 
 #: One of less than this share is of a small part of its range, or of another prefix of the unit.

@@ -3,11 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flexstage import progress
+from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.result import Result
 from flexstage.hinges.compliance import require_sizes
+from flexstage.lazy import data_frame
 from flexstage.lumped import lumped_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
@@ -17,6 +20,8 @@ from flexstage.studies.requests import AnalyseRequest, ModelOptions, models_of
 from flexstage.system import Analysis, analyse
 
 if TYPE_CHECKING:
+    import pandas
+
     from flexstage.export.request import ExportRequest, StageExport
     from flexstage.fem import MeshSettings, Refinement, StageModel
     from flexstage.fem.stroke import FiniteStroke
@@ -39,6 +44,32 @@ class ModelRun:
     """Axial load at which each bar between two notches buckles [N], where that was asked for."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        """Return all that the model found as plain data, with its frequency responses."""
+        from flexstage.studies.results import model_data
+
+        return model_data(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelRuns(Result):
+    """What one model or several made of a stage."""
+
+    runs: Mapping[str, ModelRun]
+    """The run of each."""
+    left_out: Mapping[str, str]
+    """Of all models those that cannot be made of the stage, with the reason."""
+
+    def data(self) -> dict[str, Any]:
+        of_each = {name: run.data() for name, run in self.runs.items()}
+        if len(of_each) == 1 and not self.left_out:
+            return next(iter(of_each.values()))
+        return {"models": of_each, "left_out": dict(self.left_out)}
+
+    def to_frame(self) -> "pandas.DataFrame":
+        every = (row for run in self.runs.values() for row in run.analysis.characteristics)
+        return data_frame(Characteristics(every).columns())
 
 
 def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
@@ -210,11 +241,8 @@ def known_model(model: str) -> None:
         raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
 
 
-def run_models(stage: Stage, request: AnalyseRequest) -> tuple[dict[str, ModelRun], dict[str, str]]:
-    """Analyse a stage with several of `MODELS`.
-
-    Returns the run of each, and of all models those that cannot be made of the stage, with why.
-    """
+def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
+    """Analyse a stage with several of `MODELS`."""
     names = models_of(request.model)
     if not names:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
@@ -230,7 +258,7 @@ def run_models(stage: Stage, request: AnalyseRequest) -> tuple[dict[str, ModelRu
                 left_out[name] = str(error)
     if not runs:
         raise ModelError(f"no model is possible: {next(iter(left_out.values()))}")
-    return runs, left_out
+    return ModelRuns(request=request, runs=runs, left_out=left_out)
 
 
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:

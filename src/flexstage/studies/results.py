@@ -150,12 +150,12 @@ def run_results(run: ModelRun) -> dict[str, Any]:
     return out
 
 
-def model_results(run: ModelRun) -> dict[str, Any]:
+def model_data(run: ModelRun) -> dict[str, Any]:
     """Return all that one model found as plain data, with its frequency responses."""
     return analysis_results(run.analysis, responses=True) | run_results(run)
 
 
-def study_results(study: "Study") -> dict[str, Any]:
+def study_data(study: "Study") -> dict[str, Any]:
     """Return a study as plain data.
 
     The tidy table of characteristics, and each model's modes, stress, validity, provenance.
@@ -178,11 +178,9 @@ def study_results(study: "Study") -> dict[str, Any]:
 
 
 def _virtual(found: "MeasurementComparison | str | None") -> dict[str, Any]:
-    from flexstage.studies.measurement import measurement_results
-
     if found is None:
         return {}
-    return {"reason": found} if isinstance(found, str) else measurement_results(found)
+    return {"reason": found} if isinstance(found, str) else found.to_dict()
 
 
 def centring_results(found: "CentringTrial | str | None") -> dict[str, Any]:
@@ -280,7 +278,7 @@ def _errors(tracked: Any) -> dict[str, float]:
 
 
 def results_json(results: dict[str, Any]) -> bytes:
-    """Write plain data, such as `study_results` gives, as indented JSON in UTF-8."""
+    """Write plain data, such as `Study.to_dict` gives, as indented JSON in UTF-8."""
     return json_text(results).encode()
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from flexstage.comparison import Comparison, compare
 from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ConvergenceError, ModelError, StageError
 from flexstage.files.request import request_of
+from flexstage.files.result import Result
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
 from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.large_displacement import StrokePath
@@ -72,8 +73,10 @@ _DRAWN = ("superelement", "plane", "lumped", "superelement-3d", "solid")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Study:
+class Study(Result):
     """A stage, what each model says of it, and what others gave for it."""
+
+    table_key: ClassVar[str] = "characteristics"
 
     stage: Stage
     """The stage."""
@@ -103,6 +106,11 @@ class Study:
     """What was read from the cache instead of being computed again."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        from flexstage.studies.results import study_data
+
+        return study_data(self)
 
     @property
     def characteristics(self) -> Characteristics:
@@ -255,6 +263,7 @@ def run_study(
         with progress.subtask(done / whole, (done + _TRADITIONAL) / whole):
             compared = _compared(stage, runs, request.seed, memory)
     made = Study(
+        request=request,
         stage=stage,
         analyses=analyses,
         variants=variants,

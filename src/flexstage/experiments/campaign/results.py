@@ -1,10 +1,10 @@
 """Evaluation of a set of tests: what each gave, and whether two figures differ."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from flexstage import progress
 from flexstage.characteristic import (
@@ -17,6 +17,9 @@ from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.loading import load_records
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Test
+from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.records import Record
 from flexstage.short_repr import short_repr
 
@@ -51,10 +54,47 @@ class TestResult:
 
     __repr__ = short_repr
 
+    def data(self) -> dict[str, Any]:
+        """Return it as plain data, in SI units."""
+        positioning, ranges = self.details.get("positioning"), self.details.get("ranges", ())
+        data: dict[str, Any] = {
+            **picked(self.test, "name", "kind", "axis", "records"),
+            "figures": [f.quantity for f in self.figures],
+            "notes": list(self.notes),
+        }
+        if positioning is not None:
+            data["positioning"] = positioning.data()
+        if len(ranges) > 1:
+            data["ranges"] = [
+                {
+                    "command": [one.curve.basis.low, one.curve.basis.high],
+                    "command_unit": one.curve.position_unit,
+                    "cycles": one.of_cycles.size,
+                    "stroke": picked(one.stroke, "value", "unit", "uncertainty", "interval"),
+                }
+                for one in ranges
+            ]
+        return data
+
+
+def figure_data(figure: MeasuredCharacteristic) -> dict[str, Any]:
+    """Return a measured figure as plain data; it is compared with nothing."""
+    return {
+        **picked(figure, "quantity", "axis", "value", "unit", "uncertainty", "degrees_of_freedom"),
+        **picked(figure, "interval=estimate.interval", "test", "note"),
+        "budget": [
+            picked(c, "name", "uncertainty", "degrees_of_freedom", "kind")
+            for c in figure.components
+        ],
+        "differences": {},
+    }
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Characterisation:
+class Characterisation(Result):
     """What all tests of a stage gave."""
+
+    table_key: ClassVar[str] = "characteristics"
 
     stage: str = ""
     """Stage file or name of a built-in design; empty where there is none."""
@@ -70,6 +110,14 @@ class Characterisation:
     """Remarks that belong to every figure."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        return {
+            **picked(self, "stage", "origin"),
+            "characteristics": [figure_data(figure) for figure in self.figures],
+            "tests": [result.data() for result in self.results],
+            **picked(self, "sources", "notes"),
+        }
 
     @property
     def characteristics(self) -> Characteristics:
@@ -185,3 +233,11 @@ def characterise(campaign: Campaign, folder: str | os.PathLike[str] = ".") -> Ch
     if not campaign.tests:
         raise RecordError("the campaign has no test: describe one at least")
     return evaluate(campaign, lambda test: load_records(test, base))
+
+
+def characterise_files(
+    files: Sequence[str | os.PathLike[str]], request: CharacteriseRequest
+) -> Characterisation:
+    """Evaluate measured files as one test."""
+    found = characterise(Campaign.of_files([str(file) for file in files], request))
+    return replace(found, request=request)

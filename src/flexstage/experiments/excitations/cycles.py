@@ -20,6 +20,8 @@ from flexstage.experiments.verbs.excite import (
 )
 from flexstage.files.ranges import Count, Range, Whole
 from flexstage.files.request import require_fields
+from flexstage.hysteresis.excitations.design import excitation
+from flexstage.hysteresis.excitations.excitation import Excitation
 from flexstage.hysteresis.requests import ExciteRequest
 from flexstage.stage import PiezoStack, Stage
 from flexstage.units import Frequency
@@ -142,6 +144,18 @@ def of_stage(
     )
 
 
+def excitation_of(stage: Stage, request: ExciteRequest, axis: str | None = None) -> Excitation:
+    """Design the record that identifies an axis of a stage, the first where none is named."""
+    name, asked = of_stage(request, stage, axis)
+    return replace(
+        excitation(request=asked),
+        request=request,
+        stage=stage.name,
+        axis=name,
+        natural_frequency_hz=None if request.frequency else asked.frequency,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Designed(Excite, ExciteRequest):
     """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`.
@@ -159,8 +173,6 @@ class Designed(Excite, ExciteRequest):
         require_fields(self, ExciteRequest, PlanError, " of designed")
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
-        from flexstage.hysteresis import excitation
-
         s = settings[0]
         require_stack(s, "a designed record is")
         asked = {f.name: getattr(self, f.name) for f in fields(ExciteRequest)}

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import HeldGoal, Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn
 from flexstage.explore.workers import Workers
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
 from flexstage.lazy import require_extra
 from flexstage.short_repr import short_repr
 
@@ -45,8 +47,10 @@ class Generation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Front:
+class Front(Result):
     """Stages of which none is better in every goal than another."""
+
+    table_key: ClassVar[str] = "front"
 
     problem: Problem
     """What was sought."""
@@ -72,6 +76,22 @@ class Front:
     """Figures of all stages on the way that keep every requirement, shape (M, F)."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        names, named = self.problem.family.names, self.problem.named
+        return {
+            **self.problem.data(),
+            "front": [
+                {"variables": dict(zip(names, plain(point), strict=True)), "lumped": named(values)}
+                for point, values in zip(self.points, self.values, strict=True)
+            ],
+            "asked": [
+                {"point": number, self.model: named(values)}
+                for number, values in zip(self.asked, self.found, strict=True)
+            ],
+            **picked(self, "chosen", "generations", "evaluations"),
+            "optimum": self.optimum.data(),
+        }
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -643,15 +643,6 @@ def _optimum(search: _Ladder, chosen: _Visited) -> Optimum:
         for m in dict.fromkeys(models)
     ]
     notes += _with_stacks(problem, np.array([start, point]))
-    settings = {
-        "goals": "; ".join(g.text for g in problem.goals),
-        "requirements": "; ".join(r.text for r in problem.limits),
-        "start": options.start,
-        "model": options.model,
-        "confirm": options.confirm or "",
-        "evaluations": str(search.budget),
-        "seed": str(options.seed),
-    }
     return Optimum(
         problem=problem,
         stage=stage,
@@ -668,7 +659,7 @@ def _optimum(search: _Ladder, chosen: _Visited) -> Optimum:
         seconds=dict(search.seconds),
         seed=options.seed,
         notes=tuple(notes),
-        provenance=provenance(stage, settings),
+        provenance=provenance(stage),
     )
 
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from flexstage.arrays import Array
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.local_search import LocalOptimum
 from flexstage.explore.optimise.problem import Goal, Problem, Scale, StageProgram
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
 from flexstage.provenance import Provenance
 from flexstage.quantities import number
 from flexstage.short_repr import short_repr
@@ -115,8 +117,10 @@ class SearchStep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Optimum:
+class Optimum(Result):
     """The best stage that was found."""
+
+    table_key: ClassVar[str] = "variables"
 
     problem: Problem
     """What was sought."""
@@ -152,6 +156,51 @@ class Optimum:
     """Where it comes from."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        problem, named = self.problem, self.problem.named
+        return {
+            **problem.data(),
+            **picked(self, "met", "gain"),
+            "variables": [
+                {
+                    **picked(variable, "name", "dimension", "low", "high", "described=usual"),
+                    "start": float(start),
+                    "best": float(best),
+                }
+                for variable, start, best in zip(
+                    problem.family.variables, self.start, self.point, strict=True
+                )
+            ],
+            "figures": [
+                {"model": level.model, "start": named(level.start), "best": named(level.best)}
+                for level in self.levels
+            ],
+            "excess": {
+                r.text: plain(e) for r, e in zip(problem.all_requirements, self.excess, strict=True)
+            },
+            "held": [plain(held) for held in self.held if held.kind != "goal"],
+            "rates_of_exchange": [
+                {
+                    "goal": held.goal.text,
+                    "value": held.value,
+                    "rate": 0.0 if rate is None else rate.rate,
+                    "of": problem.goals[0].figure.name,
+                }
+                for held, rate in zip(problem.exchanged, self.exchange, strict=True)
+            ],
+            "ladder": [
+                {
+                    **picked(rung, "model", "evaluations", "point"),
+                    "expected": named(rung.expected),
+                    "found": named(rung.found),
+                }
+                for rung in self.rungs
+            ],
+            "history": plain(self.trace),
+            **picked(self, "free", "unexplained", "evaluations", "seconds", "seed", "notes"),
+            **picked(self, "provenance"),
+        }
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure, Requirement
 from flexstage.explore.optimise.local_search import Bools, Program
+from flexstage.files.plain import plain
 from flexstage.stage import check
 
 
@@ -172,6 +173,19 @@ class Problem:
         """The figures of goals and requirements, each once."""
         found = (*(g.figure for g in self.goals), *(r.figure for r in self.limits))
         return tuple(dict.fromkeys(found))
+
+    def data(self) -> dict[str, Any]:
+        """Return what is sought, as plain data."""
+        return {
+            "stage": self.family.template.source,
+            "goals": [goal.text for goal in self.goals],
+            "requirements": [r.text for r in self.requirements],
+            "required_unasked": [r.text for r in self.usual],
+        }
+
+    def named(self, values: Array) -> dict[str, float | None]:
+        """Return values of its figures as plain data, by their names."""
+        return dict(zip((f.name for f in self.figures), plain(values), strict=True))
 
     @property
     def low(self) -> Array:

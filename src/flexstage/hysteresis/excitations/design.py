@@ -169,6 +169,7 @@ def excitation(
     coverage = _coverage(design)
     warnings += _shortcomings(design, movement, coverage)
     return Excitation(
+        request=request,
         time=np.arange(values.size) / sample_rate_hz,
         voltage=values,
         parts=parts,

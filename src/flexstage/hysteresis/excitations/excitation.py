@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.errors import ModelError
+from flexstage.files.plain import picked
+from flexstage.files.result import Result
 from flexstage.hysteresis.model import Array, samples
 from flexstage.records.record import Channel, Record
 
@@ -166,8 +169,10 @@ class ExcitationPart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Excitation:
+class Excitation(Result):
     """A drive record for identification, and what it asks of the amplifier."""
+
+    table_key: ClassVar[str] = "parts"
 
     time: Array
     """Time of each sample [s], shape (n,)."""
@@ -199,6 +204,23 @@ class Excitation:
     """What did not fit into the time."""
     warnings: tuple[str, ...]
     """What the record cannot tell, and what was changed."""
+
+    stage: str | None = None
+    """Name of the stage that it is for, where one was given."""
+    axis: str | None = None
+    """Its axis."""
+    natural_frequency_hz: float | None = None
+    """Lowest natural frequency of the stage, where its model says it [Hz]."""
+
+    def data(self) -> dict[str, Any]:
+        return {
+            **picked(self, "stage", "axis", "natural_frequency_hz", "shape", "sample_rate_hz"),
+            "sampled_for": self.sampled_for or None,
+            **picked(self, "samples=time.size", "duration", "rates_hz"),
+            "voltage_range": [float(self.voltage.min()), float(self.voltage.max())],
+            **picked(self, "rest_voltage", "largest_slope", "largest_current", "rms_current"),
+            **picked(self, "coverage", "parts", "left_out", "warnings"),
+        }
 
     @property
     def duration(self) -> float:

@@ -1,8 +1,8 @@
 """From measured records to a model of the drive, with its errors and its warnings."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -48,14 +48,14 @@ from flexstage.hysteresis.identification.model_fit import (
     models_named,
 )
 from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.verdict import Verdict, remarks, stands_still, verdict
+from flexstage.hysteresis.identification.result import Identification
+from flexstage.hysteresis.identification.verdict import remarks, stands_still, verdict
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.provenance import content_hash, provenance
 from flexstage.records import Record
 from flexstage.records.drives import train_range
-from flexstage.short_repr import short_repr
 
 #: Samples of all records that models are fitted with; those of longer ones are averaged.
 _MOST_SAMPLES = 40_000
@@ -63,69 +63,6 @@ _MOST_SAMPLES = 40_000
 _ALIKE = 1.01
 #: Two starts that differ by less than this share of what starts can change are the same.
 _SAME_START = 0.05
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Identification:
-    """A model of a drive, and how far it can be trusted."""
-
-    model: DriveModel
-    """The model."""
-    kind: str
-    """Name of the hysteresis model."""
-    rms_percent: float
-    """Root mean square of output less prediction where it was fitted, over the stroke [%]. The
-    prediction is that of the model as it is kept, with its one offset.
-    """
-    max_percent: float
-    """Largest absolute value of that [%]."""
-    heldout_rms_percent: float | None
-    """Root mean square on cycles that the model was not fitted to [%]; None where there are none.
-    """
-    heldout_free_rms_percent: float | None
-    """Root mean square there where the constant is fitted again [%]."""
-    heldout_standard_error: float | None
-    """Standard error of what another stretch of such cycles will show, by how stretches differ that
-    were held out as a whole [%]; None where there are fewer than two.
-    """
-    heldout_max_percent: float | None
-    """Largest absolute value of the prediction's error there [%]."""
-    heldout_band_percent: float | None
-    """Half the width of the band that holds 95 % of the prediction's errors there [%]."""
-    stroke: float
-    """Range of the output, in its unit."""
-    noise_percent: float
-    """Estimated noise of the output, over the stroke [%]."""
-    parameters: tuple[ParameterEstimate, ...]
-    """Parameters that mean something by themselves, with standard errors."""
-    chain: tuple[ParameterEstimate, ...]
-    """Values of the linear chain that were found, with standard errors."""
-    offset: ParameterEstimate
-    """The reading at no command without history, with its standard error."""
-    settling: float
-    """Largest change of the readings by whether the drive rested or moved before the records, in
-    the unit of the output: creep of what was before.
-    """
-    starts: tuple[Start, ...]
-    """What the drive may have done before the first record, as far as that tells; the model begins
-    with one of them.
-    """
-    warnings: tuple[str, ...]
-    """What the records cannot tell, and which experiment is missing."""
-    candidates: tuple[Candidate, ...]
-    """All models that were tried, the chosen one first."""
-    measurement: IdentificationData
-    """What it was identified from. Of records of more than 40 000 samples it holds the means of
-    neighbours, as far as these follow the motion.
-    """
-    predicted: tuple[Array, ...]
-    """Output of the model beside each section, as it is kept, shape (n,)."""
-    verdict: Verdict
-    """Whether the model explains the records, and what in them is not the motion of a drive."""
-    settings: Mapping[str, str] = field(default_factory=dict)
-    """Choices that change the result."""
-
-    __repr__ = short_repr
 
 
 def identify(
@@ -208,6 +145,9 @@ def identify(
     made = _result(tried[chosen], (*candidates, *failed), every, found, train)
     made = replace(
         made,
+        request=request,
+        records=tuple(record.source for record in given),
+        notes=tuple(sorted({note for record in given for note in record.notes})),
         warnings=(*made.warnings, *passed_over(tried, candidates)),
         settings={**made.settings, "fitted": _fitted(given, data, train)},
     )

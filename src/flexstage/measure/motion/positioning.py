@@ -1,7 +1,8 @@
 """Accuracy and repeatability of positioning at targets, in the manner of ISO 230-2."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
+from flexstage.files.plain import picked, plain
 
 #: Figures that are spreads: their errors are in proportion to them.
 _SPREADS = ("repeatability_upward", "repeatability_downward")
@@ -73,6 +75,28 @@ class Positioning:
     """
     accuracy: Estimate
     """Bidirectional accuracy A: the same over both directions [m]."""
+
+    def data(self) -> dict[str, Any]:
+        """Return all of it as plain data, in SI units."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        shown = "value", "unit", "uncertainty", "interval"
+        at_targets = {
+            "target": self.target,
+            "mean_upward": self.mean_upward,
+            "mean_downward": self.mean_downward,
+            "mean_bidirectional": self.mean_bidirectional,
+            "reversal": self.reversal_at_targets,
+            "spread_upward": self.spread_upward,
+            "spread_downward": self.spread_downward,
+            "repeatability_upward": 4.0 * self.spread_upward,
+            "repeatability_downward": 4.0 * self.spread_downward,
+            "repeatability": self.repeatability_at_targets,
+        }
+        return {
+            "runs": self.runs,
+            "figures": {n: picked(e, *shown) for n, e in values.items() if isinstance(e, Estimate)},
+            "targets": plain(at_targets),
+        }
 
     @property
     def reversal_at_targets(self) -> Array:

@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from flexstage.centring.from_records import CentredRecords
+
+
+def draw_centred(found: "CentredRecords") -> "Figure":
+    """Draw the settings of a scale one after the other, as their first heads read them."""
+    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.settings), strict=True)
+    return draw_polar(fits, angles)
+
 
 def draw_polar(
     fits: Sequence[HarmonicFit],

@@ -1,13 +1,13 @@
 """Records as they are, and their loops beside a model: that identified from them, or another."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.hysteresis import DriveModel, Prediction
-from flexstage.hysteresis.identification.identify import Identification
+from flexstage.hysteresis.identification.result import Identification
+from flexstage.hysteresis.prediction import Predictions
 from flexstage.records import Channel, Record
 from flexstage.report.figures.responses import shown_lines, thinned
 from flexstage.report.figures.style import (
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Figure":
+def draw_identification(found: Identification) -> "Figure":
     """Draw measured and modelled loop of each record, and what the model leaves over time.
 
     The first four records. Cycles that are drawn in the loop are shaded over time; the noise of the
-    output is a band. Names are numbers from 1 where not given.
+    output is a band.
     """
     # records that are drawn below one another
     records = 4
     sections = found.measurement.sections
-    called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
+    called = [Path(name).name or f"record {i}" for i, name in enumerate(found.records, start=1)]
     shown = min(len(sections), records)
     figure, plots = panels(9.6, 0.5 + 3.2 * shown, 2 * shown, 2, width_ratios=(1.0, 1.25))
     for i, (left, right) in enumerate(zip(plots[::2], plots[1::2], strict=True)):
@@ -149,6 +149,11 @@ def draw_prediction(found: Prediction, model: DriveModel, band: float | None = N
     entitle(left, Path(found.source).name or "loop")
     _error(right, found, at, band)
     return figure
+
+
+def draw_predictions(found: Predictions) -> "Figure":
+    """Draw the first record of several, with the band of the model."""
+    return draw_prediction(found.found[0], found.file.model, found.band)
 
 
 def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) -> None:

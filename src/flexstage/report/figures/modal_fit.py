@@ -7,11 +7,12 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
+from flexstage.measure.frf_result import DecayResult, FrfResult
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities import beside
 from flexstage.records import Record
-from flexstage.report.figures.responses import shown_lines
+from flexstage.report.figures.responses import draw_response, shown_lines
 from flexstage.report.figures.style import (
     CYCLE,
     DASHED,
@@ -29,6 +30,23 @@ from flexstage.report.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def draw_frf(found: FrfResult) -> "Figure":
+    """Draw response and fit of the first output; the response alone where nothing was fitted."""
+    return draw_response(found.response) if found.fit is None else draw_modal_fit(found.fit)
+
+
+def draw_frf_stabilisation(found: FrfResult) -> "Figure":
+    """Draw the poles of each order, where modes were fitted."""
+    if found.fit is None:
+        raise ModelError("no modes were fitted: there is no stabilisation diagram")
+    return draw_stabilisation(found.fit)
+
+
+def draw_decay(found: DecayResult) -> "Figure":
+    """Draw a free decay and its fit."""
+    return draw_ring_down(found.fit, found.record)
 
 
 def draw_stabilisation(fit: ModalFit) -> "Figure":

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _COLUMN, _ROW, _LETTER = 0.62, 0.19, 0.075
 
 
-def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Figure":
+def draw_sensitivities(found: Sensitivities) -> "Figure":
     """Draw the change of each figure in per cent of it, by the parameters that move one most.
 
     Colour goes with the root of the change, so that small ones are seen beside large ones.
@@ -53,8 +53,8 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     # parameters that are drawn at most; the others move less
     rows = 40
 
-    shown = shown_changes(found, length)
-    order, _ = moving(found, length)
+    shown = shown_changes(found)
+    order, _ = moving(found)
     kept = [i for i in range(len(found.figures)) if not found.vanishing[i]]
     order = [k for k in order if shown[kept][:, k].any()]
     drawn = order[:rows]
@@ -96,7 +96,7 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     entitle(axes, f"{found.stage}, {found.model}")
-    told = f"change of each figure [%] for {step_words(found, length)}"
+    told = f"change of each figure [%] for {step_words(found)}"
     if more := len(order) - len(drawn):
         told += f"\n{more} more parameters move a figure, and less than these"
     axes.set_xlabel(told, fontsize=7.5, color=MUTED, loc="left", parse_math=False)

@@ -15,7 +15,6 @@ from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
 from flexstage.studies.models import run_model
 from flexstage.studies.requests import ModelOptions
-from flexstage.studies.results import model_results
 from flexstage.system import Analysis, FrequencyResponse
 from flexstage.system.modes import modes
 from flexstage.system.response import default_frequencies_hz, response_of_modes
@@ -77,7 +76,7 @@ def analysed(
         variant=variant,
         options=options,
         analysis=analysis,
-        results=model_results(run),
+        results=run.data(),
         surface=surface,
         responses=responses,
         convergence=drawn,

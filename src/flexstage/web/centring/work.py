@@ -70,7 +70,7 @@ def evaluated(given: CentreFiles, key: str) -> CentreFound:
         key,
         "Error of the scale over the turn, polar, with the fitted curve, and its harmonics",
     )
-    return CentreFound(of=given, result=found.result, svg=svg)
+    return CentreFound(of=given, result=found.to_dict(), svg=svg)
 
 
 def likely_columns(path: Path) -> LikelyTurn:

@@ -13,7 +13,6 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.prepare import Found as LotFound
 from flexstage.explore.prepare import (
     problem_of,
     ready_optimise,
@@ -33,7 +32,6 @@ from flexstage.explore.sampling import SweepPlan
 from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
-from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.explore.workers import Workers
 from flexstage.files.write import write_files
 from flexstage.table import Table
@@ -52,7 +50,7 @@ BEFORE_AFTER = "Before and after"
 class Explored:
     """What came out, as the command prints and writes it, with its pictures for a page."""
 
-    result: Sweep | Front | Optimum | Sensitivities | LotFound
+    result: Sweep | Front | Optimum | Sensitivities | ToleranceStudy
     """What the library returns."""
     files: tuple[Path, ...]
     """What was written."""
@@ -91,13 +89,13 @@ def explored(folder: Path, template: StageTemplate, request: ExploreRequest, key
                 shown = _of_sweep(result)
             case ToleranceRequest():
                 result = ready_tolerance(request, template.stage())(Workers(1), keep)
-                shown = _of_lot(*result)
+                shown = _of_lot(result)
             case OptimiseRequest():
                 result = ready_optimise(request, template)(Workers(1))
                 shown = _of_front(result) if isinstance(result, Front) else _of_optimum(result)
             case SensitivityRequest():
                 result = ready_sensitivity(request, template)()
-                shown = _of_sensitivities(result, request)
+                shown = _of_sensitivities(result)
         written = write_files(folder, shown.files)
     pictures = tuple(
         (title, inline(draw, f"{key}{k}", title))
@@ -124,43 +122,39 @@ class _Shown(NamedTuple):
 def _of_sweep(found: Sweep) -> _Shown:
     from flexstage.report import sweep
     from flexstage.report.explored_files import sweep_files
-    from flexstage.report.figures.sweep import draw_sweep
 
     files, left_out = sweep_files(found)
     title = "All figures that vary, over what was varied"
-    pictures = {} if found.still.all() else {title: partial(draw_sweep, found)}
+    pictures = {} if found.still.all() else {title: found.plot}
     notes = (*sweep.sweep_notes(found), *left_out)
     return _Shown(files, sweep.range_tables(found), notes, pictures)
 
 
-def _of_lot(study: ToleranceStudy, choice: ToleranceChoice | None) -> _Shown:
+def _of_lot(study: ToleranceStudy) -> _Shown:
     from flexstage.report import tolerance
     from flexstage.report.explored_files import tolerance_files
-    from flexstage.report.figures.distributions import draw_shares, draw_spreads
 
+    choice = study.choice
     tables = [tolerance.yield_table(study.yields)] if study.yields else []
     tables.append(tolerance.spread_table(study))
-    pictures = {"Distribution of every figure": partial(draw_spreads, study)}
+    pictures: dict[str, Callable[[], Drawing]] = {"Distribution of every figure": study.plot}
     if choice is not None and choice.found:
         tables.append(tolerance.choice_table(choice))
     if study.shares:
         tables.append(tolerance.share_table(study))
-        pictures["What the variance of every figure consists of"] = partial(draw_shares, study)
+        pictures["What the variance of every figure consists of"] = partial(study.plot, "shares")
     verdict = () if choice is None else (choice.verdict,)
     notes = (*verdict, f"figures by the {study.model}", *study.notes)
-    return _Shown(tolerance_files(study, choice, every=True), tables, notes, pictures)
+    return _Shown(tolerance_files(study, every=True), tables, notes, pictures)
 
 
-def _of_sensitivities(found: Sensitivities, request: SensitivityRequest) -> _Shown:
+def _of_sensitivities(found: Sensitivities) -> _Shown:
     from flexstage.report.explored_files import sensitivity_files
-    from flexstage.report.figures.sensitivity import draw_sensitivities
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
-    length = request.length
-    tables = [sensitivity_table(found, length)]
-    notes = left_out_notes(found, hinges=request.hinges)
-    pictures = {"Changes of the figures": partial(draw_sensitivities, found, length)}
-    return _Shown(sensitivity_files(found, length), tables, notes, pictures)
+    pictures = {"Changes of the figures": found.plot}
+    tables = [sensitivity_table(found)]
+    return _Shown(sensitivity_files(found), tables, left_out_notes(found), pictures)
 
 
 def _of_optimum(found: Optimum) -> _Shown:
@@ -174,18 +168,15 @@ def _of_optimum(found: Optimum) -> _Shown:
 def _of_front(found: Front) -> _Shown:
     from flexstage.report import optimise
     from flexstage.report.explored_files import front_files
-    from flexstage.report.figures.optimum import draw_front
 
-    pictures = {"Pareto front": partial(draw_front, found), **_drawings(found.optimum)}
+    pictures = {"Pareto front": found.plot, **_drawings(found.optimum)}
     tables, notes = optimise.front_tables(found), optimise.front_notes(found)
     return _Shown(front_files(found), tables, notes, pictures)
 
 
 def _drawings(best: Optimum) -> "dict[str, Callable[[], Drawing]]":
-    from flexstage.report.figures import optimum
-
     return {
-        BEFORE_AFTER: partial(optimum.draw_before_after, best),
-        "Figures, each in parts of its limit": partial(optimum.draw_figures, best),
-        "Way to the optimum": partial(optimum.draw_history, best),
+        BEFORE_AFTER: best.plot,
+        "Figures, each in parts of its limit": partial(best.plot, "figures"),
+        "Way to the optimum": partial(best.plot, "history"),
     }

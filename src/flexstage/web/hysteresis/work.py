@@ -30,12 +30,7 @@ from flexstage.records.drives import read_drive
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
 from flexstage.records.write import record_bytes
-from flexstage.report.figures.identification import (
-    draw_drive_record,
-    draw_identification,
-    draw_prediction,
-    draw_record,
-)
+from flexstage.report.figures.identification import draw_drive_record, draw_prediction, draw_record
 from flexstage.report.figures.tracking import draw_feedforward
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.pictures import inline
@@ -155,15 +150,14 @@ def identified(reading: Reading, request: IdentifyRequest, key: str) -> Identifi
         request = rowwise(request)
     found = identify(records, driven, follows, request)
     file = identified_file(found, records)
-    names = [record.source for record in records]
     says = f"Measured and modelled loop, and residual, of {', '.join(reading.names)}"
     return Identified(
         found=found,
         file=file,
         text=model_text(file),
         sample_rate_hz=records[0].sample_rate_hz,
-        notes=tuple(sorted({note for r in records for note in r.notes})),
-        svg=inline(lambda: draw_identification(found, names), key, says),
+        notes=found.notes,
+        svg=inline(found.plot, key, says),
     )
 
 

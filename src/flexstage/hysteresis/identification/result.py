@@ -1,0 +1,173 @@
+"""What an identification found: a model of the drive with its errors and its warnings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from flexstage.arrays import Array
+from flexstage.files.plain import picked, plain
+from flexstage.files.result import Result
+from flexstage.hysteresis.drive_model import DriveModel, Start, parameter_unit, start_data
+from flexstage.hysteresis.identification.measurement import IdentificationData
+from flexstage.hysteresis.identification.misfit import ParameterEstimate
+from flexstage.hysteresis.identification.model_choice import Candidate
+from flexstage.hysteresis.identification.verdict import Verdict
+from flexstage.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from flexstage.hysteresis.prediction import Prediction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification(Result):
+    """A model of a drive, and how far it can be trusted."""
+
+    table_key: ClassVar[str] = "candidates"
+
+    model: DriveModel
+    """The model."""
+    kind: str
+    """Name of the hysteresis model."""
+    rms_percent: float
+    """Root mean square of output less prediction where it was fitted, over the stroke [%]. The
+    prediction is that of the model as it is kept, with its one offset.
+    """
+    max_percent: float
+    """Largest absolute value of that [%]."""
+    heldout_rms_percent: float | None
+    """Root mean square on cycles that the model was not fitted to [%]; None where there are none.
+    """
+    heldout_free_rms_percent: float | None
+    """Root mean square there where the constant is fitted again [%]."""
+    heldout_standard_error: float | None
+    """Standard error of what another stretch of such cycles will show, by how stretches differ that
+    were held out as a whole [%]; None where there are fewer than two.
+    """
+    heldout_max_percent: float | None
+    """Largest absolute value of the prediction's error there [%]."""
+    heldout_band_percent: float | None
+    """Half the width of the band that holds 95 % of the prediction's errors there [%]."""
+    stroke: float
+    """Range of the output, in its unit."""
+    noise_percent: float
+    """Estimated noise of the output, over the stroke [%]."""
+    parameters: tuple[ParameterEstimate, ...]
+    """Parameters that mean something by themselves, with standard errors."""
+    chain: tuple[ParameterEstimate, ...]
+    """Values of the linear chain that were found, with standard errors."""
+    offset: ParameterEstimate
+    """The reading at no command without history, with its standard error."""
+    settling: float
+    """Largest change of the readings by whether the drive rested or moved before the records, in
+    the unit of the output: creep of what was before.
+    """
+    starts: tuple[Start, ...]
+    """What the drive may have done before the first record, as far as that tells; the model begins
+    with one of them.
+    """
+    warnings: tuple[str, ...]
+    """What the records cannot tell, and which experiment is missing."""
+    candidates: tuple[Candidate, ...]
+    """All models that were tried, the chosen one first."""
+    measurement: IdentificationData
+    """What it was identified from. Of records of more than 40 000 samples it holds the means of
+    neighbours, as far as these follow the motion.
+    """
+    predicted: tuple[Array, ...]
+    """Output of the model beside each section, as it is kept, shape (n,)."""
+    verdict: Verdict
+    """Whether the model explains the records, and what in them is not the motion of a drive."""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Choices that change the result."""
+
+    records: tuple[str, ...] = ()
+    """Names of the records."""
+    notes: tuple[str, ...] = ()
+    """What was understood of them."""
+    tested: "tuple[Prediction, ...]" = ()
+    """The model on other records, where it was tested on some."""
+
+    __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        said = {
+            **picked(
+                self,
+                "records",
+                "model=kind",
+                "rms_percent",
+                "max_percent",
+                "heldout_rms_percent",
+                "heldout_free_constant_rms_percent=heldout_free_rms_percent",
+                "heldout_standard_error_percent=heldout_standard_error",
+                "heldout_max_percent",
+                "heldout_band_percent",
+            ),
+            "start": start_data(self.model.start),
+            "settling": {"value": self.settling, "unit": self.model.output_unit},
+            "noise_percent": self.noise_percent,
+            "fitted": self.settings["fitted"],
+            "stroke": {"value": self.stroke, "unit": self.model.output_unit},
+            "parameters": self.parameter_rows(),
+            "chain": self.chain_rows(),
+            "candidates": [
+                {
+                    **picked(c, "model=kind", "parameters=size", "rms_percent"),
+                    **picked(c, "heldout_rms_percent"),
+                    "heldout_free_constant_rms_percent": c.heldout_free_rms_percent,
+                    "failed": c.failed or None,
+                }
+                for c in self.candidates
+            ],
+            **picked(self, "verdict", "warnings", "notes"),
+        }
+        return said | {"test": [one.data() for one in self.tested]} if self.tested else said
+
+    def parameter_rows(self) -> dict[str, Any]:
+        """Value, standard error and unit of each parameter; arrays of them for arrays."""
+        m = self.model
+        made: dict[str, Any] = {}
+        for name, value in m.hysteresis.parameters().items():
+            array = np.asarray(value, dtype=np.float64)
+            error = np.full(array.shape, np.nan)
+            for estimate in self.parameters:
+                base, _, index = estimate.name.partition("[")
+                if base == name:
+                    place = tuple(int(i) for i in index.rstrip("]").split(",")) if index else ()
+                    error[place] = estimate.standard_error
+            made[name] = {
+                "value": array.tolist(),
+                "standard_error": None if np.isnan(error).all() else plain(error),
+                "unit": parameter_unit(self.kind, name, m.input_unit, m.output_unit),
+            }
+        return made
+
+    def chain_rows(self) -> dict[str, Any]:
+        """Value, standard error and unit of delay, creep, resonance and offset."""
+        m = self.model
+        errors = {e.name: e.standard_error for e in self.chain}
+        return {
+            "delay": {
+                "value": m.lag.delay if m.lag is not None else 0.0,
+                "standard_error": plain(errors.get("delay")),
+                "unit": "s",
+            },
+            "creep_per_decade": {
+                "value": m.creep.rate_per_decade if m.creep is not None else 0.0,
+                "standard_error": plain(errors.get("creep_per_decade")),
+                "unit": "1",
+            },
+            "resonance": {
+                "value": m.modes.frequency_hz[0] if m.modes is not None else None,
+                "standard_error": plain(errors.get("resonance_hz")),
+                "unit": "Hz",
+            },
+            "offset": {
+                "value": m.offset,
+                "standard_error": self.offset.standard_error,
+                "unit": m.output_unit,
+            },
+            "sign": m.sign,
+        }
