@@ -63,7 +63,7 @@ def compensate(
         values + (lowest_reading(drive) if request.relative else 0.0),
         1.0 / reference.sample_rate_hz,
         limits=request.voltage,
-        largest_rate=request.largest_rate,
+        largest_rate=request.amplifier.largest_rate,
         state=drive.hysteresis.initial_state() if request.start == "rest" else None,
         start=None if isinstance(request.start, str) else request.start,
         band_hz=request.reference_bandwidth,
