@@ -17,7 +17,7 @@ copyright = "2026, The flexstage developers"
 version = release = flexstage.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["examples", "reference/api/.*"]
+exclude_patterns = ["examples", "paper", "reference/api/.*"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 

@@ -25,3 +25,12 @@ def test_no_two_classes_have_one_name() -> None:
             where[name].add(file.relative_to(ROOT).as_posix())
     assert len(where) > 500
     assert {name: files for name, files in where.items() if len(files) > 1} == {}
+
+
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs" / "contributing").glob("*.md")), ids=lambda page: page.name
+)
+def test_pages_for_contributors_name_files_that_exist(page: Path) -> None:
+    named = re.findall(r"`([\w.-]+/[\w./-]*)`", page.read_text("utf-8"))
+    package = ROOT / "src" / "flexstage"
+    assert [n for n in named if not (package / n).exists() and not (ROOT / n).exists()] == []
