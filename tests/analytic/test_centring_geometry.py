@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from flexstage.centring import ARCSEC, exact_error, first_order_error
 from flexstage.centring.from_records import head_of
 from flexstage.centring.geometry import exact_run_out, in_turning_frame
+from flexstage.centring.requests import CentreRequest
 from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
 
@@ -108,11 +109,11 @@ def test_axis_motion_moves_the_scale_in_the_room():
 
 def test_ellipticity_and_tilt_give_second_harmonics():
     s, about = 3e-5, 0.8
-    oval = exact_error(THETA, (0.0, 0.0), R, ellipticity=s, ellipticity_direction=about)
+    oval = exact_error(THETA, (0.0, 0.0), R, ellipticity=(s, about))
     # a line at psi is seen at psi - s sin 2 (psi - about), so more than is seen is read
     assert oval == pytest.approx(s * np.sin(2.0 * (THETA - about)), abs=2.0 * s**2)
     tilt = 4e-3
-    tilted = exact_error(THETA, (0.0, 0.0), R, tilt=tilt, tilt_direction=about)
+    tilted = exact_error(THETA, (0.0, 0.0), R, tilt=(tilt, about))
     wanted = 0.25 * tilt**2 * np.sin(2.0 * (THETA - about))
     assert tilted == pytest.approx(wanted, abs=tilt**4)
 
@@ -120,7 +121,7 @@ def test_ellipticity_and_tilt_give_second_harmonics():
 def test_deformed_drum_holds_the_marks_that_are_seen():
     s, direction = 0.03, 0.5
     theta = np.array([0.4, 2.0, 4.4])
-    d = exact_error(theta, E, R, kind="drum", ellipticity=s, ellipticity_direction=direction)
+    d = exact_error(theta, E, R, kind="drum", ellipticity=(s, direction))
     for read, true in zip(theta + d, theta, strict=True):
         back = rotation(-direction)
         made = R * np.array([np.cos(read), np.sin(read)])
@@ -146,8 +147,8 @@ def test_run_out_reaches_the_rim():
         ({"eccentricity": (np.nan, 0.0)}, "must be x and y"),
         ({"radius": 0.0}, "radius of a scale"),
         ({"kind": "cone"}, "one of disc, drum"),
-        ({"ellipticity": 1.2}, "ellipticity"),
-        ({"tilt": 1.6}, "tilt"),
+        ({"ellipticity": (1.2, 0.0)}, "ellipticity"),
+        ({"tilt": (1.6, 0.0)}, "tilt"),
     ],
 )
 def test_impossible_geometry_is_refused(arguments, said):
@@ -165,11 +166,14 @@ def test_a_turn_is_two_pi_in_every_unit_of_a_record(unit, counts, turn):
                Channel(name="e", values=turn * 0.013 * np.sin(THETA))]  # fmt: skip
     record = Record(channels=tuple(columns), time=np.arange(THETA.size) * 1e-3)
     error = 2.0 * np.pi * 0.013 * np.sin(THETA)
-    for units in ((unit, unit, None, counts), (None, None, unit, counts)):
-        if units[0] in ("deg", "count"):
+    for units in ({"angle_unit": unit, "error_unit": unit}, {"unit": unit}):
+        if "unit" not in units and unit in ("deg", "count"):
             continue  # the columns of a file that says so are read in it
-        found = head_of(record, "e", "t", None, units, 0.0)
+        request = CentreRequest(error=("e",), angle="t", counts=counts, **units)
+        found, radial = head_of(record, "e", request, 0.0)
+        assert not radial
         assert found.angle == pytest.approx(THETA, rel=1e-14)
         assert found.error == pytest.approx(error, abs=1e-15)
-        even = head_of(record, "e", None, 3.0, units, 0.0)
+        request = CentreRequest(error=("e",), turns=3.0, counts=counts, **units)
+        even, _ = head_of(record, "e", request, 0.0)
         assert even.angle[-1] == pytest.approx(6.0 * np.pi * (1.0 - 1.0 / THETA.size), rel=1e-14)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.centring.calibration import against_reference
+from flexstage.centring.calibration import ScaleReadings, against_reference
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.move import (
@@ -343,7 +343,10 @@ def test_both_ways_of_evaluation_agree() -> None:
     record = table.record()
     angle, *errors = (channel.values for channel in record.channels)
     first = table_reading(
-        against_reference(angle, np.stack(errors), heads=FOUR, orders=range(1, 7)), RADIUS
+        against_reference(
+            ScaleReadings(angle=angle, errors=np.stack(errors), heads=FOUR), range(1, 7)
+        ),
+        RADIUS,
     )
     heads = [
         HeadReadings(angle=angle, error=error, head_angle=alpha)

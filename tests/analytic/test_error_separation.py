@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.centring.calibration import (
+    ScaleReadings,
     against_reference,
     cross_calibration,
     equal_division,
@@ -22,6 +23,16 @@ HEADS = np.radians([7.0, 44.3, 158.1, 229.2])
 EVEN = 2.0 * np.pi * np.arange(7) / 7 + 0.11
 ORDERS = range(1, 41)
 SCALE = scale_errors(ORDERS, 3.0 * ARCSEC, seed=11)
+
+
+def calibrated(
+    method, t, y, *, heads, orders, noise=None, head_uncertainty=0.0, **more
+) -> CalibrationTable:
+    """The table of a scale out of columns."""
+    readings = ScaleReadings(
+        angle=t, errors=y, heads=heads, noise=noise, head_uncertainty=head_uncertainty
+    )
+    return method(readings, orders, **more)
 
 
 def truth(table: CalibrationTable, scale: ScaleErrors = SCALE, shift: float = 0.0):
@@ -69,7 +80,7 @@ def radial_motion(t, size):
 def test_noise_free_tables_are_exact(method, heads, common, even) -> None:
     reference = {"reference": len(heads) - 1} if len(heads) == 8 else {}
     t, y = readings(heads, even=even, common=common)
-    table = method(t, y, heads=heads, orders=ORDERS, noise=ARCSEC, **reference)
+    table = calibrated(method, t, y, heads=heads, orders=ORDERS, noise=ARCSEC, **reference)
     assert np.max(np.abs(table.error - truth(table))) < 1e-9 * ARCSEC
     assert set(table.orders) | set(table.blind) == set(ORDERS)
     assert table.error_at(table.angle) == pytest.approx(table.error, abs=1e-18)
@@ -79,23 +90,39 @@ def test_noise_free_tables_are_exact(method, heads, common, even) -> None:
 
 def test_several_turns_that_begin_anywhere_and_run_backwards() -> None:
     t, y = readings(HEADS, samples=180, turns=3, common=5.0 * ARCSEC)
-    table = self_calibration(t[::-1], y[:, ::-1], heads=HEADS, orders=ORDERS, noise=ARCSEC)
+    table = calibrated(
+        self_calibration, t[::-1], y[:, ::-1], heads=HEADS, orders=ORDERS, noise=ARCSEC
+    )
     assert np.max(np.abs(table.error - truth(table))) < 1e-9 * ARCSEC
 
 
 def test_even_heads_are_blind_to_multiples_only() -> None:
     t, y = readings(EVEN)
-    assert equal_division(t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (7, 14, 21, 28, 35)
-    assert self_calibration(t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (7, 14, 21, 28, 35)
+    assert calibrated(equal_division, t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (
+        7,
+        14,
+        21,
+        28,
+        35,
+    )
+    assert calibrated(self_calibration, t, y, heads=EVEN, orders=ORDERS, noise=1.0).blind == (
+        7,
+        14,
+        21,
+        28,
+        35,
+    )
 
 
 def test_axis_motion_is_told_from_the_scale() -> None:
     heads = np.append(HEADS, 5.61)
     t, y = readings(heads, turns=2, common=9.0 * ARCSEC, motion=30.0 * ARCSEC)
-    table = self_calibration(t, y, heads=heads, orders=ORDERS, noise=ARCSEC, axis_motion=True)
+    table = calibrated(
+        self_calibration, t, y, heads=heads, orders=ORDERS, noise=ARCSEC, axis_motion=True
+    )
     assert table.blind == (1,)
     assert np.max(np.abs(table.error - truth(table))) < 1e-9 * ARCSEC
-    without = self_calibration(t, y, heads=heads, orders=ORDERS, noise=ARCSEC)
+    without = calibrated(self_calibration, t, y, heads=heads, orders=ORDERS, noise=ARCSEC)
     assert np.max(np.abs(without.error - truth(without))) > ARCSEC
 
 
@@ -103,10 +130,17 @@ def test_axis_motion_is_told_from_the_scale() -> None:
 def test_visibility_is_the_price_in_noise(motion: bool) -> None:
     heads = np.append(HEADS, 5.61)
     t, y = readings(heads)
-    alone = self_calibration(
-        t, y, heads=heads, orders=range(2, 30), noise=1e-6, axis_motion=motion, blindness=1e-4
+    alone = calibrated(
+        self_calibration,
+        t,
+        y,
+        heads=heads,
+        orders=range(2, 30),
+        noise=1e-6,
+        axis_motion=motion,
+        blindness=1e-4,
     )
-    best = against_reference(t, y, heads=heads, orders=range(2, 30), noise=1e-6)
+    best = calibrated(against_reference, t, y, heads=heads, orders=range(2, 30), noise=1e-6)
     price = (best.order_uncertainty / alone.order_uncertainty) ** 2
     assert price == pytest.approx(order_visibility(heads, range(2, 30), axis_motion=motion))
     assert best.uncertainty == pytest.approx(1e-6 * math.sqrt(2.0 * 28 / (5 * 360)))
@@ -115,7 +149,7 @@ def test_visibility_is_the_price_in_noise(motion: bool) -> None:
 def test_a_realistic_table_to_a_fiftieth_of_an_arcsecond() -> None:
     # 100 turns with 1 arcsec of noise in each reading, and a table that wanders by 20 arcsec
     t, y = readings(HEADS, samples=720, turns=100, noise=ARCSEC, common=20.0 * ARCSEC)
-    table = self_calibration(t, y, heads=HEADS, orders=ORDERS, noise=None)
+    table = calibrated(self_calibration, t, y, heads=HEADS, orders=ORDERS, noise=None)
     error = table.error - truth(table)
     assert np.sqrt(np.mean(error**2)) < 0.02 * ARCSEC
     assert np.sqrt(np.mean(error**2)) == pytest.approx(table.uncertainty[0], rel=0.3)
@@ -139,7 +173,7 @@ def test_intervals_cover_the_truth(method, even, known) -> None:
     inside = total = 0
     for seed in range(60):
         t, y = readings(heads, samples=90, even=even, noise=ARCSEC, seed=seed)
-        table = method(t, y, heads=heads, orders=range(1, 41), noise=noise)
+        table = calibrated(method, t, y, heads=heads, orders=range(1, 41), noise=noise)
         factor = table.estimate(0.0).coverage_factor
         off = np.abs(table.error - truth(table)) / table.uncertainty
         # points as far apart as this are nearly independent: 80 parameters on a turn
@@ -163,8 +197,10 @@ def test_uncertainty_is_that_of_each_reading_by_itself(method, even: bool) -> No
         for k in range(t.size):
             one = np.zeros_like(y)
             one[j, k] = sigma
-            variance += method(t, one, **settings).error ** 2
-    assert method(t, y, **settings).uncertainty == pytest.approx(np.sqrt(variance), rel=1e-9)
+            variance += calibrated(method, t, one, **settings).error ** 2
+    assert calibrated(method, t, y, **settings).uncertainty == pytest.approx(
+        np.sqrt(variance), rel=1e-9
+    )
 
 
 def test_unequal_heads_are_weighted() -> None:
@@ -173,11 +209,13 @@ def test_unequal_heads_are_weighted() -> None:
     for seed in range(30):
         t, y = readings(HEADS, samples=120, seed=seed)
         y = y + sigma[:, np.newaxis] * np.random.default_rng(seed + 900).standard_normal(y.shape)
-        table = self_calibration(t, y, heads=HEADS, orders=range(1, 41), noise=sigma)
+        table = calibrated(self_calibration, t, y, heads=HEADS, orders=range(1, 41), noise=sigma)
         off.append(np.mean((table.error - truth(table)) ** 2))
         stated.append(table.uncertainty[0])
     assert math.sqrt(np.mean(off)) == pytest.approx(stated[0], rel=0.05)
-    equal = self_calibration(t, y, heads=HEADS, orders=range(1, 41), noise=np.full(4, sigma.max()))
+    equal = calibrated(
+        self_calibration, t, y, heads=HEADS, orders=range(1, 41), noise=np.full(4, sigma.max())
+    )
     assert stated[0] < 0.5 * equal.uncertainty[0]
 
 
@@ -187,8 +225,15 @@ def test_head_angle_errors_are_in_the_uncertainty() -> None:
     for seed in range(100):
         wrong = HEADS + u * np.random.default_rng(seed).standard_normal(4)
         t, y = readings(wrong, samples=120)
-        table = self_calibration(
-            t, y, heads=HEADS, orders=ORDERS, noise=1e-12, head_uncertainty=u, points=90
+        table = calibrated(
+            self_calibration,
+            t,
+            y,
+            heads=HEADS,
+            orders=ORDERS,
+            noise=1e-12,
+            head_uncertainty=u,
+            points=90,
         )
         off.append((table.error - truth(table)) / table.uncertainty)
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.1)
@@ -244,15 +289,17 @@ def test_positions_that_repeat_an_order_are_blind_to_it() -> None:
 
 def test_allowance_for_blind_orders() -> None:
     t, y = readings(EVEN)
-    plain = equal_division(t, y, heads=EVEN, orders=ORDERS, noise=1e-6)
-    wide = equal_division(t, y, heads=EVEN, orders=ORDERS, noise=1e-6, blind_allowance=2e-6)
+    plain = calibrated(equal_division, t, y, heads=EVEN, orders=ORDERS, noise=1e-6)
+    wide = calibrated(
+        equal_division, t, y, heads=EVEN, orders=ORDERS, noise=1e-6, blind_allowance=2e-6
+    )
     assert wide.uncertainty**2 == pytest.approx(plain.uncertainty**2 + 4e-12)
     assert "7, 14, 21, 28, 35" in wide.estimate(0.3).note
 
 
 def test_the_table_as_a_file(tmp_path) -> None:
     t, y = readings(HEADS)
-    table = self_calibration(t, y, heads=HEADS, orders=ORDERS, noise=ARCSEC, points=120)
+    table = calibrated(self_calibration, t, y, heads=HEADS, orders=ORDERS, noise=ARCSEC, points=120)
     path = write_record(table.record(), tmp_path / "table.csv")
     again = read_record(path, over="point")
     assert np.array_equal(again.channel("error").values, table.error)
@@ -304,33 +351,65 @@ def test_noise_of_the_virtual_table_is_seeded_and_of_the_size_given() -> None:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda t, y: self_calibration(t, y[:1], heads=[0.0], orders=(1,)), "at least 2 heads"),
         (
-            lambda t, y: self_calibration(t, y, heads=HEADS[:3], orders=(1,)),
+            lambda t, y: calibrated(self_calibration, t, y[:1], heads=[0.0], orders=(1,)),
+            "at least 2 heads",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y, heads=HEADS[:3], orders=(1,)),
             "3 heads, and readings",
         ),
-        (lambda t, y: self_calibration(t[:90], y[:, :90], heads=HEADS, orders=(1,)), "gap of"),
-        (lambda t, y: self_calibration(t, y * np.nan, heads=HEADS, orders=(1,)), "finite"),
-        (lambda t, y: self_calibration(t, y, heads=HEADS, orders=(180,), points=400), "got 360"),
-        (lambda t, y: self_calibration(t, y, heads=HEADS, orders=(0, 1)), "1 or more, got 0"),
-        (lambda t, y: self_calibration(t, y, heads=HEADS, orders=(1,), noise=0.0), "positive"),
-        (lambda t, y: self_calibration(t, y, heads=HEADS, orders=(90,), points=180), "points"),
-        (lambda t, y: equal_division(t, y, heads=HEADS, orders=(1,)), "divide the turn evenly"),
-        (lambda t, y: equal_division(t, y, heads=EVEN[:4], orders=(7,)), "divide the turn evenly"),
-        (lambda t, y: against_reference(t, y, heads=HEADS, orders=(1,)).harmonic(2), "not asked"),
+        (
+            lambda t, y: calibrated(self_calibration, t[:90], y[:, :90], heads=HEADS, orders=(1,)),
+            "gap of",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y * np.nan, heads=HEADS, orders=(1,)),
+            "finite",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y, heads=HEADS, orders=(180,), points=400),
+            "got 360",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y, heads=HEADS, orders=(0, 1)),
+            "1 or more, got 0",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y, heads=HEADS, orders=(1,), noise=0.0),
+            "positive",
+        ),
+        (
+            lambda t, y: calibrated(self_calibration, t, y, heads=HEADS, orders=(90,), points=180),
+            "points",
+        ),
+        (
+            lambda t, y: calibrated(equal_division, t, y, heads=HEADS, orders=(1,)),
+            "divide the turn evenly",
+        ),
+        (
+            lambda t, y: calibrated(equal_division, t, y, heads=EVEN[:4], orders=(7,)),
+            "divide the turn evenly",
+        ),
+        (
+            lambda t, y: calibrated(against_reference, t, y, heads=HEADS, orders=(1,)).harmonic(2),
+            "not asked",
+        ),
         (lambda t, y: cross_calibration(t, y[:1], positions=[0.0], orders=(1,)), "two positions"),
         (
             lambda t, y: cross_calibration(t, y, positions=[0.1] * 4, orders=(1,)),
             "cannot separate the scales",
         ),
         (
-            lambda t, y: self_calibration(
-                t, y[:2], heads=[0.0, np.pi], orders=(2, 4), axis_motion=False
+            lambda t, y: calibrated(
+                self_calibration, t, y[:2], heads=[0.0, np.pi], orders=(2, 4), axis_motion=False
             ),
             "cannot see any",
         ),
         (
-            lambda t, y: against_reference(t, 1e5 * y, heads=HEADS, orders=ORDERS).correct(0.3),
+            lambda t, y: calibrated(
+                against_reference, t, 1e5 * y, heads=HEADS, orders=ORDERS
+            ).correct(0.3),
             "in radians",
         ),
     ],

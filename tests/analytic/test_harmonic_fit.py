@@ -7,7 +7,6 @@ from scipy.signal import lfilter
 from flexstage.centring import (
     ARCSEC,
     HeadReadings,
-    IndicatorReadings,
     axis_motion,
     eccentricity,
     exact_error,
@@ -18,8 +17,8 @@ from flexstage.centring import (
     run_out,
 )
 from flexstage.centring.geometry import exact_run_out
+from flexstage.centring.harmonic_fit import direction_estimate, length_estimate, scale_harmonic
 from flexstage.centring.turns import find_turns, unwrap_error
-from flexstage.centring.vector_interval import direction_estimate, length_estimate
 from flexstage.errors import ModelError, RecordError
 from tests.tiers import limits, sizes
 
@@ -494,17 +493,17 @@ def test_two_indicators_tell_form_and_counter_motion():
         beta = theta + a
         s = exact_run_out(theta, e, R, indicator_angle=a) + 4e-6 * np.cos(2.0 * beta - 0.6)
         s = s + counter[:, 0] * np.cos(a) + counter[:, 1] * np.sin(a)
-        pair.append(IndicatorReadings(angle=theta, displacement=s + 3e-4, indicator_angle=a))
+        pair.append(HeadReadings(angle=theta, error=s + 3e-4, head_angle=a))
     found = run_out(pair, radius=R, orders=6)
-    assert found.eccentricity.vector == pytest.approx(e, abs=2e-10)
-    assert found.eccentricity.counter_motion is not None
-    assert found.eccentricity.counter_motion.value == pytest.approx(1.5e-6, rel=1e-3)
-    oval = found.form[0]
+    assert found.vector == pytest.approx(e, abs=2e-10)
+    assert found.counter_motion is not None
+    assert found.counter_motion.value == pytest.approx(1.5e-6, rel=1e-3)
+    oval = scale_harmonic(found.fits, np.array(alphas), 2)
     assert oval.order == 2
     assert oval.amplitude.value == pytest.approx(4e-6, rel=1e-3)
     assert oval.phase.value == pytest.approx(0.6, abs=1e-3)
     # the eccentricity of a round rim has a harmonic of order 2 of its own, e^2 / 4 R
-    without = run_out(pair, orders=6).form[0].amplitude.value
+    without = scale_harmonic(run_out(pair, orders=6).fits, np.array(alphas), 2).amplitude.value
     assert abs(without - 4e-6) > 0.5 * np.hypot(*e) ** 2 / (4.0 * R) * 0.1
     alone = run_out(pair[0], radius=R, orders=6)
     assert any("one indicator" in note for note in alone.notes)

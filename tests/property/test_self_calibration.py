@@ -5,11 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexstage.centring.calibration import (
+    ScaleReadings,
     against_reference,
     cross_calibration,
     order_visibility,
     self_calibration,
 )
+from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.move import nearest_in_box
 from flexstage.virtual.table import ScaleErrors, scale_errors
 
@@ -18,6 +20,16 @@ ANGLE = TURN * np.arange(96) / 96
 HEADS = st.lists(st.floats(0.0, TURN), min_size=2, max_size=6)
 SEEDS = st.integers(0, 10_000)
 ORDERS = range(1, 24)
+
+
+def calibrated(
+    method, t, y, *, heads, orders, noise=None, head_uncertainty=0.0, **more
+) -> CalibrationTable:
+    """The table of a scale out of columns."""
+    readings = ScaleReadings(
+        angle=t, errors=y, heads=heads, noise=noise, head_uncertainty=head_uncertainty
+    )
+    return method(readings, orders, **more)
 
 
 def kept(scale: ScaleErrors, orders: tuple[int, ...]) -> ScaleErrors:
@@ -38,8 +50,15 @@ def test_what_is_seen_is_found_and_the_rest_is_named(heads, seed, motion) -> Non
     common = random.standard_normal((3, ANGLE.size)) * np.array([[1e-4], [motion], [motion]])
     y = scale.at(ANGLE + alpha[:, np.newaxis]) + common[0]
     y = y + 1e-5 * (np.outer(np.sin(alpha), common[1]) + np.outer(np.cos(alpha), common[2]))
-    table = self_calibration(
-        ANGLE, y, heads=alpha, orders=ORDERS, noise=1e-6, axis_motion=motion, points=48
+    table = calibrated(
+        self_calibration,
+        ANGLE,
+        y,
+        heads=alpha,
+        orders=ORDERS,
+        noise=1e-6,
+        axis_motion=motion,
+        points=48,
     )
     assert sorted((*table.orders, *table.blind)) == list(ORDERS)
     assert all(visible[n - 1] < 0.0101 for n in table.blind)
@@ -55,8 +74,8 @@ def test_turning_all_heads_turns_the_table(heads, seed, turn) -> None:
     if order_visibility(alpha, (3,))[0] < 0.02:
         return
     y = 1e-6 * np.random.default_rng(seed).standard_normal((alpha.size, ANGLE.size))
-    first = self_calibration(ANGLE, y, heads=alpha, orders=(3,), noise=1e-6)
-    second = self_calibration(ANGLE, y, heads=alpha + turn, orders=(3,), noise=1e-6)
+    first = calibrated(self_calibration, ANGLE, y, heads=alpha, orders=(3,), noise=1e-6)
+    second = calibrated(self_calibration, ANGLE, y, heads=alpha + turn, orders=(3,), noise=1e-6)
     at = np.array([0.3, 1.9, 4.4])
     assert np.max(np.abs(first.error_at(at) - second.error_at(at + turn))) < 1e-18
     assert np.allclose(first.uncertainty, second.uncertainty)
@@ -69,7 +88,7 @@ def test_tables_are_linear_in_the_readings(heads, seed, factor) -> None:
     a, b = random.standard_normal((2, alpha.size, ANGLE.size))
 
     def table(y):
-        return against_reference(ANGLE, y, heads=alpha, orders=ORDERS, noise=1.0).error
+        return calibrated(against_reference, ANGLE, y, heads=alpha, orders=ORDERS, noise=1.0).error
 
     assert np.allclose(table(a + factor * b), table(a) + factor * table(b), atol=1e-12)
 
@@ -78,7 +97,9 @@ def test_tables_are_linear_in_the_readings(heads, seed, factor) -> None:
 @given(reading=st.lists(st.floats(-20.0, 20.0), min_size=1, max_size=5), seed=SEEDS)
 def test_correcting_undoes_the_error(reading, seed) -> None:
     scale = scale_errors(ORDERS, 1e-4, seed=seed)
-    table = against_reference(ANGLE, scale.at(ANGLE), heads=[0.0], orders=ORDERS, noise=1e-6)
+    table = calibrated(
+        against_reference, ANGLE, scale.at(ANGLE), heads=[0.0], orders=ORDERS, noise=1e-6
+    )
     s = table.correct(reading)
     assert np.max(np.abs(s + scale.at(s) - np.array(reading))) < 1e-13
 

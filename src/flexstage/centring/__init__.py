@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.centring.asynchronous_motion import axis_motion
+    from flexstage.centring.asynchronous_motion import axis_motion, mean_turn
     from flexstage.centring.calibration import (
+        ScaleReadings,
         against_reference,
         cross_calibration,
         equal_division,
@@ -14,13 +15,7 @@ if TYPE_CHECKING:
         self_calibration,
     )
     from flexstage.centring.calibration_table import CalibrationTable
-    from flexstage.centring.eccentricity import (
-        HeadReadings,
-        IndicatorReadings,
-        eccentricity,
-        run_out,
-    )
-    from flexstage.centring.first_order import Eccentricity
+    from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity, run_out
     from flexstage.centring.geometry import (
         ARCSEC,
         exact_error,
@@ -31,7 +26,7 @@ if TYPE_CHECKING:
     from flexstage.centring.move import Positioner
     from flexstage.centring.procedure import CentreReading, Centring, centre
     from flexstage.centring.trial_moves import response_to_moves
-    from flexstage.centring.turns import Turns, mean_turn
+    from flexstage.centring.turns import Turns
 
 __all__ = [
     "ARCSEC",
@@ -41,8 +36,8 @@ __all__ = [
     "Eccentricity",
     "Harmonic",
     "HeadReadings",
-    "IndicatorReadings",
     "Positioner",
+    "ScaleReadings",
     "Turns",
     "against_reference",
     "axis_motion",

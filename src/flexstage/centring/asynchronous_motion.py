@@ -1,4 +1,4 @@
-"""Motion of the table's axis, told from errors of the scale by several heads."""
+"""What does not repeat itself in every turn: of one head, and as motion of the axis of several."""
 
 import math
 from collections.abc import Sequence
@@ -6,14 +6,135 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
-from flexstage.centring.turns import find_turns
+from flexstage.centring.turns import Turns, find_turns
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
+
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeanTurn:
+    """What is the same in every turn, and what is not."""
+
+    angle: Array
+    """Mean angle of the samples of each part of a turn [rad], shape (k,)."""
+    synchronous: Array
+    """Mean of the values there, shape (k,)."""
+    uncertainty: Array
+    """Standard uncertainty of that mean, from how turns differ, shape (k,)."""
+    asynchronous: Array
+    """What each sample is more than the mean, shape (n,)."""
+    asynchronous_rms: Estimate
+    """Root of the mean square of it over many turns."""
+    turns: int
+    """Number of turns."""
+
+
+def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTurn:
+    """Tell what repeats itself in every turn from what does not.
+
+    What repeats itself is eccentricity and errors of the scale, and motion of the axis that is
+    synchronous; what does not is asynchronous motion of the axis (ISO 230-7:2015 has these words)
+    and noise. One head cannot tell the parts of either from each other: a motion of the axis along
+    the head's line of sight is not seen at all, and one across it looks like an error of the angle.
+
+    Parameters
+    ----------
+    angle : array_like
+        Angle of each sample [rad], shape (n,).
+    value : array_like
+        The values, in any unit, shape (n,).
+    parts : int
+        Number of parts of a turn in which samples are averaged.
+
+    Returns
+    -------
+    MeanTurn
+        Both parts. The unit of the asynchronous part is left empty.
+
+    Validity
+    --------
+    What changes within a part of a turn, and is not sampled at the same angles in every turn,
+    counts as asynchronous: choose parts that are short against the highest order, or sample at
+    equal angles.
+
+    Raises
+    ------
+    RecordError
+        There are fewer than two turns, a part of the turn without two samples, or shapes that
+        do not belong together.
+
+    Examples
+    --------
+    >>> theta = np.linspace(0.0, 8.0 * np.pi, 2881)[:-1]
+    >>> wobble = 0.3e-6 * np.cos(1.25 * theta)
+    >>> turn = mean_turn(theta, 2e-6 * np.sin(theta - 0.4) + wobble)
+    >>> print(f"{1e6 * np.ptp(turn.synchronous):.2f} {1e6 * turn.asynchronous_rms.value:.2f}")
+    4.00 0.25
+    """
+    turns = find_turns(angle)
+    y = np.asarray(value, dtype=np.float64)
+    if y.shape != turns.angle.shape or not np.isfinite(y).all():
+        raise RecordError(
+            f"the values must be finite, and as many as the angles, {turns.angle.size}, got shape "
+            f"{y.shape}"
+        )
+    whole = len(turns.bounds) - 1
+    if whole < 2 or turns.count < 1.9:
+        raise RecordError(
+            f"the samples go over {turns.count:.2f} turns: two turns or more are needed to "
+            "tell what repeats itself"
+        )
+    if parts < 1:
+        raise RecordError(f"a turn must have one part or more, got {parts}")
+    part, offset = _parts(turns.angle, parts)
+    turn = np.searchsorted(np.array(turns.bounds[1:-1]), np.arange(y.size), side="right")
+    number = np.bincount(part, minlength=parts)
+    if number.min() < 2:
+        raise RecordError(
+            f"a part of the turn has {int(number.min())} samples: with {y.size} samples over "
+            f"{turns.count:.2f} turns, take fewer than {parts} parts"
+        )
+    mean = np.bincount(part, y, minlength=parts) / number
+    left = y - mean[part]
+    # what a turn adds to the mean of a part; its samples may all go astray together
+    pulls = np.bincount(turn * parts + part, left, minlength=whole * parts).reshape(-1, parts)
+    present = np.maximum(2, np.count_nonzero(pulls, axis=0))
+    variance = np.sum(pulls**2, axis=0) / number**2 * present / (present - 1)
+    centre = np.arange(parts) / parts + np.bincount(part, offset, minlength=parts) / number
+    return MeanTurn(
+        angle=turns.angle[0] + turns.direction * _TURN * centre,
+        synchronous=mean,
+        uncertainty=np.sqrt(variance),
+        asynchronous=left,
+        asynchronous_rms=_rms_of_turns(left, turns, float(number @ variance)),
+        turns=whole,
+    )
+
+
+def _parts(angle: Array, parts: int) -> tuple[NDArray[np.intp], Array]:
+    """Return the part of the turn that each sample is in, and how far in [turn]."""
+    u = np.abs(angle - angle[0]) / _TURN
+    # samples at equal angles must not fall on both sides of an edge by jitter
+    early = 0.5 * min(float(np.median(np.abs(np.diff(u)))), 1.0 / parts)
+    part = np.floor((u + early) % 1.0 * parts).astype(np.intp) % parts
+    return part, (u + early) % 1.0 - part / parts - early
+
+
+def _rms_of_turns(left: Array, turns: Turns, taken: float) -> Estimate:
+    """Return the rms of all turns but for what their mean takes away, and how well it is known."""
+    per_turn = np.array([np.mean(left[a:b] ** 2) for a, b in pairwise(turns.bounds)])
+    square = (float(np.sum(left**2)) + taken) / left.size
+    value = math.sqrt(square)
+    spread = float(np.std(per_turn, ddof=1)) / math.sqrt(per_turn.size)
+    u = 0.5 * spread / value if value > 0.0 else 0.0
+    return Estimate.of(value, u, "", source="turns differ", degrees_of_freedom=per_turn.size - 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,14 +254,14 @@ def axis_motion(
     return AxisMotion(
         x=motion[:, 0],
         y=motion[:, 1],
-        rms_x=_rms(motion[:, 0], own[0], turns.bounds),
-        rms_y=_rms(motion[:, 1], own[1], turns.bounds),
+        rms_x=_rms_of_motion(motion[:, 0], own[0], turns.bounds),
+        rms_y=_rms_of_motion(motion[:, 1], own[1], turns.bounds),
         noise=noise,
         notes=notes,
     )
 
 
-def _rms(motion: Array, noise: float, bounds: Sequence[int]) -> Estimate:
+def _rms_of_motion(motion: Array, noise: float, bounds: Sequence[int]) -> Estimate:
     """Return the rms without noise, with the scatter of turns for its uncertainty."""
     squares = np.array([np.mean(motion[a:b] ** 2) for a, b in pairwise(bounds)])
     square = max(float(np.mean(motion**2)) - noise**2, 0.0)

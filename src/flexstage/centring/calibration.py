@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array, Complex
 from flexstage.centring.calibration_table import CalibrationTable
-from flexstage.centring.turn_spectrum import (
+from flexstage.centring.turns import (
     TurnSpectrum,
     point_variance,
     turn_spectrum,
@@ -18,15 +18,54 @@ from flexstage.centring.turn_spectrum import (
 from flexstage.errors import ModelError, RecordError
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScaleReadings:
+    """What one head or several read of a scale at the same time, over a turn or several."""
+
+    angle: Array
+    """Angle of the table at each sample [rad], shape (k,): that of a reference where the heads are
+    compared with one, else a nominal one.
+    """
+    errors: Array
+    """Reading less angle of each head [rad], shape (m, k)."""
+    heads: Array
+    """Where the heads stand [rad], shape (m,)."""
+    noise: ArrayLike | None = None
+    """Standard deviation of a reading [rad], one for all or shape (m,); found from what is left
+    over, and taken as equal, where not given.
+    """
+    head_uncertainty: float = 0.0
+    """Standard uncertainty of the angle of each head [rad]."""
+
+    def __post_init__(self) -> None:
+        alpha = _head_angles(self.heads)
+        y = np.atleast_2d(np.asarray(self.errors, dtype=np.float64))
+        if y.shape[0] != alpha.size:
+            raise RecordError(
+                f"there are {alpha.size} heads, and readings of {y.shape[0]}: give a row of "
+                "readings for each head"
+            )
+        noise = _checked_noise(self.noise)
+        if noise.ndim and noise.shape != alpha.shape:
+            raise ModelError(
+                f"the noise is one figure or one for each of {alpha.size} heads, got {noise.size}"
+            )
+        _require_uncertainty(self.head_uncertainty)
+        object.__setattr__(self, "angle", np.asarray(self.angle, dtype=np.float64))
+        object.__setattr__(self, "errors", y)
+        object.__setattr__(self, "heads", alpha)
+
+    @property
+    def relative_noise(self) -> Array:
+        """Noise of each head [rad]; 1 where it is not known, shape (m,)."""
+        return np.broadcast_to(_checked_noise(self.noise), self.heads.shape)
+
+
 def self_calibration(
-    angle: ArrayLike,
-    errors: ArrayLike,
-    *,
-    heads: ArrayLike,
+    readings: ScaleReadings,
     orders: Iterable[int],
-    noise: ArrayLike | None = None,
+    *,
     axis_motion: bool = False,
-    head_uncertainty: float = 0.0,
     blindness: float = 0.01,
     blind_allowance: float = 0.0,
     points: int = 360,
@@ -45,23 +84,14 @@ def self_calibration(
 
     Parameters
     ----------
-    angle : array_like
-        Nominal angle of the table at each sample [rad], shape (k,), the same for all heads.
-    errors : array_like
-        Reading less nominal angle of each head [rad], shape (m, k).
-    heads : array_like
-        Angles of the heads [rad], shape (m,), at best unevenly spaced.
+    readings : ScaleReadings
+        Readings of the heads, which are at best unevenly spaced.
     orders : iterable of int
         Orders that the table shall hold.
-    noise : array_like, optional
-        Standard deviation of a reading [rad], one for all or shape (m,); found from what is left
-        over, and taken as equal, where not given.
     axis_motion : bool
         Whether the table's axis may move, which is then solved for at every sample: it takes four
         heads or more. Order 1 is then blind, as an eccentric scale and an axis that runs out once
         in a turn read the same.
-    head_uncertainty : float
-        Standard uncertainty of the angle of each head [rad].
     blindness : float
         An order counts as blind where less than this share of its power is left in the differences
         [1]: at 0.01 the noise is at most ten times that of a comparison with a perfect reference.
@@ -94,24 +124,14 @@ def self_calibration(
     >>> heads = np.radians([0.0, 53.0, 171.0])
     >>> table_error = 3e-5 * np.sin(2.0 * t)
     >>> read = table_error + 5e-6 * np.cos(7.0 * (t + heads[:, np.newaxis]))
-    >>> table = self_calibration(t, read, heads=heads, orders=range(1, 12), noise=1e-7)
+    >>> readings = ScaleReadings(angle=t, errors=read, heads=heads, noise=1e-7)
+    >>> table = self_calibration(readings, range(1, 12))
     >>> print(f"{table.harmonic(7)[0] * 1e6:.4f} urad, blind: {table.blind}")
     5.0000 urad, blind: ()
     """
-    alpha, sigma = _head_noise(heads, noise)
-    common = _common_motion(alpha, angle=True, axis=axis_motion)
-    combination = _best_combination(alpha, sigma, orders, common, blindness)
-    return _separated_table(
-        angle,
-        errors,
-        combination,
-        sigma,
-        noise_known=noise is not None,
-        head_uncertainty=head_uncertainty,
-        blind_allowance=blind_allowance,
-        points=points,
-        method="self-calibration",
-    )
+    common = _common_motion(readings.heads, angle=True, axis=axis_motion)
+    combination = _best_combination(readings, orders, common, blindness)
+    return _separated_table(readings, combination, blind_allowance, points, "self-calibration")
 
 
 def order_visibility(
@@ -147,7 +167,7 @@ def order_visibility(
     >>> print(np.round(order_visibility(np.radians([0.0, 90.0, 210.0]), range(1, 5)), 3))
     [0.97  0.889 0.444 0.667]
     """
-    alpha, _ = _head_noise(heads, None)
+    alpha = _head_angles(heads)
     n = np.asarray(whole_orders(orders), dtype=np.float64)
     turned = np.exp(1j * np.multiply.outer(alpha, n))
     common = _common_motion(alpha, angle=True, axis=axis_motion)
@@ -156,14 +176,10 @@ def order_visibility(
 
 
 def against_reference(
-    angle: ArrayLike,
-    errors: ArrayLike,
-    *,
-    heads: ArrayLike,
+    readings: ScaleReadings,
     orders: Iterable[int],
-    noise: ArrayLike | None = None,
+    *,
     axis_motion: bool = False,
-    head_uncertainty: float = 0.0,
     points: int = 360,
 ) -> CalibrationTable:
     r"""Return the table of a scale from heads that are compared with a reference of angle.
@@ -175,8 +191,8 @@ def against_reference(
 
     Parameters
     ----------
-    angle : array_like
-        Angle of the reference at each sample [rad], shape (k,).
+    readings : ScaleReadings
+        Readings of the heads, over the angle of the reference.
     axis_motion : bool
         Whether the table's axis may move, which is then solved for at every sample: it takes three
         heads or more, and makes them blind to orders that they read like a motion.
@@ -205,35 +221,21 @@ def against_reference(
     >>> t = 2.0 * np.pi * np.arange(120) / 120
     >>> heads = np.array([0.0, 1.3])
     >>> read = 5e-6 * np.cos(4.0 * (t + heads[:, np.newaxis]) - 0.4)
-    >>> table = against_reference(t, read, heads=heads, orders=range(1, 9), noise=2e-7)
+    >>> readings = ScaleReadings(angle=t, errors=read, heads=heads, noise=2e-7)
+    >>> table = against_reference(readings, range(1, 9))
     >>> print(f"{table.harmonic(4)[0] * 1e6:.3f} urad, u = {table.uncertainty[0] * 1e9:.1f} nrad")
     4.605 urad, u = 51.6 nrad
     """
-    alpha, sigma = _head_noise(heads, noise)
-    common = _common_motion(alpha, angle=False, axis=axis_motion)
-    combination = _best_combination(alpha, sigma, orders, common, 0.01)
-    return _separated_table(
-        angle,
-        errors,
-        combination,
-        sigma,
-        noise_known=noise is not None,
-        head_uncertainty=head_uncertainty,
-        blind_allowance=0.0,
-        points=points,
-        method="comparison with a reference",
-    )
+    common = _common_motion(readings.heads, angle=False, axis=axis_motion)
+    combination = _best_combination(readings, orders, common, 0.01)
+    return _separated_table(readings, combination, 0.0, points, "comparison with a reference")
 
 
 def equal_division(
-    angle: ArrayLike,
-    errors: ArrayLike,
-    *,
-    heads: ArrayLike,
+    readings: ScaleReadings,
     orders: Iterable[int],
+    *,
     reference: int = 0,
-    noise: float | None = None,
-    head_uncertainty: float = 0.0,
     blind_allowance: float = 0.0,
     points: int = 360,
 ) -> CalibrationTable:
@@ -251,13 +253,11 @@ def equal_division(
 
     Parameters
     ----------
-    heads : array_like
-        Angles of the heads [rad], shape (m,): N evenly spaced ones, of which the reference head may
-        be one, or stand beside them.
+    readings : ScaleReadings
+        Readings of N evenly spaced heads, of which the reference head may be one, or stand beside
+        them.
     reference : int
         Which of the heads is the reference head, from 0.
-    noise : float, optional
-        Standard deviation of a reading [rad]; found from what is left over where not given.
 
     Returns
     -------
@@ -282,11 +282,12 @@ def equal_division(
     >>> t = 2.0 * np.pi * np.arange(240) / 240
     >>> heads = 2.0 * np.pi * np.arange(5) / 5 + 0.3
     >>> read = 5e-6 * np.cos(7.0 * (t + heads[:, np.newaxis]))
-    >>> table = equal_division(t, read, heads=heads, orders=range(1, 12), noise=1e-7)
+    >>> readings = ScaleReadings(angle=t, errors=read, heads=heads, noise=1e-7)
+    >>> table = equal_division(readings, range(1, 12))
     >>> print(f"{table.harmonic(7)[0] * 1e6:.4f} urad, blind: {table.blind}")
     5.0000 urad, blind: (5, 10)
     """
-    alpha, sigma = _head_noise(heads, None if noise is None else float(noise))
+    alpha = readings.heads
     if not 0 <= reference < alpha.size:
         raise ModelError(
             f"the reference head is one of {alpha.size} heads, from 0, got {reference}"
@@ -301,24 +302,10 @@ def equal_division(
     transfer = factor @ np.exp(1j * np.multiply.outer(alpha, n))
     seen = np.array([k % even.size != 0 for k in asked])
     gains = np.where(seen, np.multiply.outer(factor, 1.0 / np.where(seen, transfer, 1.0)), 0.0)
-    combination = _Combination(
-        orders=asked,
-        heads=alpha,
-        gains=gains,
-        seen=seen,
-        common=_common_motion(alpha, angle=True, axis=False),
-    )
-    return _separated_table(
-        angle,
-        errors,
-        combination,
-        sigma,
-        noise_known=noise is not None,
-        head_uncertainty=head_uncertainty,
-        blind_allowance=blind_allowance,
-        points=points,
-        method=f"equal-division averaging over {even.size} heads",
-    )
+    common = _common_motion(alpha, angle=True, axis=False)
+    combination = _Combination(orders=asked, gains=gains, seen=seen, common=common)
+    method = f"equal-division averaging over {even.size} heads"
+    return _separated_table(readings, combination, blind_allowance, points, method)
 
 
 def _even_heads(alpha: np.ndarray, reference: int) -> np.ndarray:
@@ -461,8 +448,6 @@ class _Combination:
 
     orders: tuple[int, ...]
     """Orders that are asked for."""
-    heads: Array
-    """Angles of the heads [rad], shape (m,)."""
     gains: Complex
     """The factors h, shape (m, orders); zero for an order that cannot be seen."""
     seen: NDArray[np.bool_]
@@ -471,17 +456,11 @@ class _Combination:
     """What all heads may read together, one column for each unknown, shape (m, q)."""
 
 
-def _head_noise(heads: ArrayLike, noise: ArrayLike | None) -> tuple[Array, Array]:
-    """Return the angles of the heads [rad] and the noise of each, 1 where it is not given."""
+def _head_angles(heads: ArrayLike) -> Array:
     alpha = np.atleast_1d(np.asarray(heads, dtype=np.float64))
     if alpha.ndim != 1 or alpha.size == 0 or not np.isfinite(alpha).all():
         raise ModelError("the heads need an angle each, in radians and finite")
-    given = _checked_noise(noise)
-    if given.ndim and given.shape != alpha.shape:
-        raise ModelError(
-            f"the noise is one figure or one for each of {alpha.size} heads, got {given.size}"
-        )
-    return alpha, np.broadcast_to(given, alpha.shape).copy()
+    return alpha
 
 
 def _checked_noise(noise: ArrayLike | None) -> Array:
@@ -497,9 +476,13 @@ def _require_share(blindness: float) -> None:
         raise ModelError(f"the share of blindness lies between 0 and 1, got {blindness!r}")
 
 
-def _require_table(orders: tuple[int, ...], points: int, *uncertainties: float) -> None:
-    if not all(0.0 <= u < math.inf for u in uncertainties):
+def _require_uncertainty(u: float) -> None:
+    if not 0.0 <= u < math.inf:
         raise ModelError("an uncertainty must be 0 or more and finite")
+
+
+def _require_table(orders: tuple[int, ...], points: int, blind_allowance: float) -> None:
+    _require_uncertainty(blind_allowance)
     highest = orders[-1]
     if points <= 2 * highest:
         raise ModelError(f"order {highest} needs more than {2 * highest} points, got {points}")
@@ -520,18 +503,18 @@ def _common_motion(alpha: Array, *, angle: bool, axis: bool) -> Array:
 
 
 def _best_combination(
-    alpha: Array, sigma: Array, orders: Iterable[int], common: Array, blindness: float
+    readings: ScaleReadings, orders: Iterable[int], common: Array, blindness: float
 ) -> _Combination:
     r"""Return the combination of least noise that no common motion gets into.
 
-    `common` is of `_common_motion`, shape (m, q), `sigma` the noise of each head [rad]. An order
-    counts as blind where less than the share `blindness` of its power is left beside the common
-    motion.
+    `common` is of `_common_motion`, shape (m, q). An order counts as blind where less than the
+    share `blindness` of its power is left beside the common motion.
 
     A head at alpha reads order n as :math:`G_n e^{i n \alpha}`, so that G follows by weighted
     least squares over the heads, with the common motion as further unknowns.
     """
     _require_share(blindness)
+    alpha, sigma = readings.heads, readings.relative_noise
     if alpha.size <= common.shape[1]:
         raise ModelError(
             f"{common.shape[1]} unknown motions of the table need at least "
@@ -548,7 +531,6 @@ def _best_combination(
     gains = np.where(seen, np.conj(left) / np.where(seen, power, 1.0), 0.0)
     return _Combination(
         orders=asked,
-        heads=alpha,
         gains=np.asarray(gains / sigma[:, np.newaxis], dtype=np.complex128),
         seen=seen,
         common=common,
@@ -562,45 +544,34 @@ def _common_basis(common: Array, sigma: Array) -> Array:
 
 
 def _separated_table(
-    angle: ArrayLike,
-    errors: ArrayLike,
-    sum_of_heads: _Combination,
-    sigma: Array,
-    *,
-    noise_known: bool,
-    head_uncertainty: float,
+    readings: ScaleReadings,
+    combination: _Combination,
     blind_allowance: float,
     points: int,
     method: str,
 ) -> CalibrationTable:
     """Return the table that a combination of heads gives, with its uncertainty.
 
-    `errors` are reading less angle of each head [rad], shape (m, k). Where the noise is not known,
-    `sigma` is in proportion to it, and its size is found from what is left. `blind_allowance` is
-    the standard uncertainty for all that the method cannot see [rad].
+    `blind_allowance` is the standard uncertainty for all that the method cannot see [rad].
     """
-    y = np.atleast_2d(np.asarray(errors, dtype=np.float64))
-    if y.shape[0] != sum_of_heads.heads.size:
-        raise RecordError(
-            f"there are {sum_of_heads.heads.size} heads, and readings of {y.shape[0]}: give a row "
-            "of readings for each head"
-        )
-    _require_table(sum_of_heads.orders, points, head_uncertainty, blind_allowance)
-    seen = sum_of_heads.seen
-    if not seen.any():
+    _require_table(combination.orders, points, blind_allowance)
+    if not combination.seen.any():
         raise RecordError(
             f"heads at these angles cannot see any of the orders by {method}: place them unevenly"
         )
     # every order, seen or not, is fitted, so that none of them passes for noise
-    spectrum = turn_spectrum(angle, y, sum_of_heads.orders)
-    G = np.sum(sum_of_heads.gains * spectrum.coefficients, axis=0)
+    spectrum = turn_spectrum(readings.angle, readings.errors, combination.orders)
+    G = np.sum(combination.gains * spectrum.coefficients, axis=0)
     scale, freedom = 1.0, math.inf
-    if not noise_known:
-        scale, freedom = _noise_scale(spectrum, sum_of_heads, sigma)
-    gains = sum_of_heads.gains * (scale * sigma)[:, np.newaxis]
-    turned = _angle_variance(sum_of_heads, G, head_uncertainty, points)
+    if readings.noise is None:
+        scale, freedom = _noise_scale(readings, spectrum, combination)
+    sigma = readings.relative_noise
+    gains = combination.gains * (scale * sigma)[:, np.newaxis]
+    turned = _angle_variance(readings, combination, G, points)
     noise = float(scale * np.sqrt(np.mean(sigma**2))), freedom
-    return _table(spectrum, G, gains, seen, points, turned, blind_allowance, noise, method)
+    return _table(
+        spectrum, G, gains, combination.seen, points, turned, blind_allowance, noise, method
+    )
 
 
 def _table(
@@ -664,21 +635,20 @@ def _noise_of(
 
 
 def _noise_scale(
-    spectrum: TurnSpectrum, combination: _Combination, sigma: Array
+    readings: ScaleReadings, spectrum: TurnSpectrum, combination: _Combination
 ) -> tuple[float, float]:
-    """Find the noise in units of sigma, and its degrees of freedom, from what is left over.
+    """Find the noise in units of the relative one, and its degrees of freedom, from what is left.
 
     What the heads read together is unknown at every sample; what is left beside it belongs to the
     noise, at the orders of the fit as well as between them.
     """
     # least squares over the heads leaves the least, whichever combination the table is made by; of
     # an order with a smaller share of its power what is left is rounding, not signal
-    best = _best_combination(
-        combination.heads, sigma, combination.orders, combination.common, blindness=1e-9
-    )
+    best = _best_combination(readings, combination.orders, combination.common, blindness=1e-9)
     G = np.sum(best.gains * spectrum.coefficients, axis=0)
-    turned = np.exp(1j * np.multiply.outer(combination.heads, spectrum.orders))
+    turned = np.exp(1j * np.multiply.outer(readings.heads, spectrum.orders))
     inside = (spectrum.coefficients - G * turned)[:, best.seen]
+    sigma = readings.relative_noise
     basis = _common_basis(combination.common, sigma)
 
     def left(x: NDArray) -> NDArray:
@@ -690,14 +660,14 @@ def _noise_scale(
 
 
 def _angle_variance(
-    combination: _Combination, G: Complex, head_uncertainty: float, points: int
+    readings: ScaleReadings, combination: _Combination, G: Complex, points: int
 ) -> Array:
     """Variance at each point from the heads' not standing where they are said to."""
-    if head_uncertainty == 0.0:
+    if readings.head_uncertainty == 0.0:
         return np.zeros(points)
     seen = combination.seen
     n = np.asarray(combination.orders, dtype=np.float64)[seen]
-    turned = np.exp(1j * np.multiply.outer(combination.heads, n))
+    turned = np.exp(1j * np.multiply.outer(readings.heads, n))
     waves = np.exp(1j * np.multiply.outer(_points(points), n))
     shift = np.real(waves @ (combination.gains[:, seen] * turned * (1j * n) * G[seen]).T)
-    return head_uncertainty**2 * np.sum(shift**2, axis=1)
+    return readings.head_uncertainty**2 * np.sum(shift**2, axis=1)

@@ -27,8 +27,9 @@ class CalibrationTable:
     >>> s = 2.0 * np.pi * np.arange(72) / 72
     >>> heads = np.array([0.0, 0.7, 1.9])
     >>> read = 4e-6 * np.sin(3.0 * (s + heads[:, np.newaxis]))
-    >>> from flexstage.centring.calibration import self_calibration
-    >>> table = self_calibration(s, read, heads=heads, orders=range(2, 9), noise=1e-9)
+    >>> from flexstage.centring.calibration import ScaleReadings, self_calibration
+    >>> readings = ScaleReadings(angle=s, errors=read, heads=heads, noise=1e-9)
+    >>> table = self_calibration(readings, range(2, 9))
     >>> print(f"{table.error_at(0.5) * 1e6:.3f} urad")
     3.990 urad
     """

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from flexstage.arrays import Array
+from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setting import (
     TURN_WORDS,
-    Head,
     Setting,
     change,
     fit_setting,
@@ -23,8 +23,8 @@ from flexstage.centring.trial_moves import trial
 from flexstage.centring.turns import unwrap_error
 from flexstage.errors import RecordError
 from flexstage.records import Channel, Record
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_turn
+from flexstage.records.files import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.units import si_unit
 
@@ -68,44 +68,32 @@ def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
 
 
 def head_of(
-    record: Record,
-    name: str | int,
-    angle: str | int | None,
-    turns: float | None,
-    units: tuple[str | None, str | None, str | None, float | None],
-    alpha: float,
-    *,
-    reading: bool = False,
-    sign: int = 1,
-) -> Head:
-    """Return a column of errors with its angles, in SI.
+    record: Record, name: str | int, request: CentreRequest, alpha: float
+) -> tuple[HeadReadings, bool]:
+    """Return a column of errors with its angles, in SI, and whether an indicator read it.
 
-    Even samples over so many turns where there is no column of the angle. Units are of the angle,
-    of the errors, of both, and counts in a turn, as the options say them; `alpha` is where the head
-    stands [rad]. With `reading` the column is what the encoder reads, and the errors are that less
-    the angle; `sign` is -1 where errors are true angle less angle that was read.
+    Samples are evenly spaced over the turns where there is no column of the angle; `alpha` is where
+    the head stands [rad].
     """
-    angle_unit, error_unit, unit, counts = units
     errors = record.channel(name)
-    y, what = _in_si(
-        errors, error_unit, unit, counts, "--error-unit", ("rad",) if reading else ("rad", "m")
-    )
-    if angle is None:
-        assert turns is not None
-        theta = 2.0 * math.pi * turns * np.arange(record.size) / record.size
+    y, unit = _in_si(
+        errors, request.error_unit, request, "--error-unit",
+        ("rad",) if request.reading else ("rad", "m"),
+    )  # fmt: skip
+    if request.angle is None:
+        assert request.turns is not None
+        theta = 2.0 * math.pi * request.turns * np.arange(record.size) / record.size
     else:
-        theta, _ = _in_si(record.channel(angle), angle_unit, unit, counts, "--angle-unit", ("rad",))
-    if reading:
+        angle = record.channel(request.angle)
+        theta, _ = _in_si(angle, request.angle_unit, request, "--angle-unit", ("rad",))
+    if request.reading:
         _require_alike(y, theta, errors.name)
         y = y - theta
-    return Head(
-        name=errors.name,
-        file=record.source,
-        angle=theta,
-        error=sign * (unwrap_error(y) if what == "rad" else y),
-        head_angle=alpha,
-        radial=what == "m",
+    error = request.sign * (unwrap_error(y) if unit == "rad" else y)
+    head = HeadReadings(
+        angle=theta, error=error, head_angle=alpha, name=errors.name, file=record.source
     )
+    return head, unit == "m"
 
 
 def _require_alike(read: Array, theta: Array, name: str) -> None:
@@ -119,7 +107,7 @@ def _require_alike(read: Array, theta: Array, name: str) -> None:
         )
 
 
-def doubts(heads: Sequence[Head]) -> list[str]:
+def doubts(heads: Sequence[HeadReadings]) -> list[str]:
     """Say where an angle looks as if it was in another unit."""
     # 57.3 turns are rare, and 0 to 360 of what are not degrees
     doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
@@ -133,13 +121,12 @@ def doubts(heads: Sequence[Head]) -> list[str]:
 def _in_si(
     channel: Channel,
     own: str | None,
-    general: str | None,
-    counts: float | None,
+    request: CentreRequest,
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
     """Return a column in SI, by its own option, by the file, by the option for both."""
-    known = channel.unit
+    known, general, counts = channel.unit, request.unit, request.counts
     if own is not None and spelled(own) is None:
         factor, known = 2.0 * math.pi, "rad"
     elif known == "count":
@@ -164,7 +151,7 @@ def _in_si(
 
 def kind_notes(setting: Setting, kind: str | None, sized: bool) -> list[str]:
     """Say what the harmonic of order 1 is, of a scale of that kind."""
-    if setting.heads[0].radial:
+    if setting.radial:
         return []
     if kind == MAGNET:
         return [
@@ -238,19 +225,9 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     names = options.names
     at = head_angles(options.heads, len(records), len(names))
     mirror = -1.0 if options.head_direction == "cw" else 1.0
-    units = (options.angle_unit, options.error_unit, options.unit, options.counts)
     pairs = [(record, name) for record in records for name in names]
     found = [
-        head_of(
-            record,
-            name,
-            options.angle,
-            options.turns,
-            units,
-            alpha * mirror,
-            reading=bool(options.reading),
-            sign=options.sign,
-        )
+        head_of(record, name, options, alpha * mirror)
         for (record, name), alpha in zip(pairs, at, strict=True)
     ]
     together = len(records) > 1 and len(options.heads) == len(found)
@@ -269,14 +246,17 @@ def centre_records(records: Sequence[Record], options: CentreRequest) -> Centred
     return CentredRecords(
         settings=settings,
         reports=reports,
-        notes=(*(note for r in records for note in r.notes), *doubts(found)),
+        notes=(*(note for r in records for note in r.notes), *doubts([head for head, _ in found])),
         trial=None if not moves else trial(settings, moves, options.kind),
     )
 
 
-def _fitted(heads: list[Any], options: CentreRequest) -> Setting:
+def _fitted(found: list[tuple[HeadReadings, bool]], options: CentreRequest) -> Setting:
+    if len({radial for _, radial in found}) > 1:
+        raise RecordError("the columns of errors must all be angles, or all lengths")
+    heads, radial = [head for head, _ in found], found[0][1]
     orders = list(options.orders) or None
-    one = fit_setting(heads, options.radius, options.kind, orders, options.outliers)
+    one = fit_setting(heads, radial, options.radius, options.kind, orders, options.outliers)
     # of settings at known positions the kind says nothing that they do not say themselves
     known = bool(options.stage_at)
     more = [] if known else kind_notes(one, options.kind, options.radius is not None)

@@ -43,10 +43,8 @@ def exact_error(
     head_angle: ArrayLike = 0.0,
     kind: ScaleKind = "disc",
     axis_motion: ArrayLike = (0.0, 0.0),
-    ellipticity: float = 0.0,
-    ellipticity_direction: float = 0.0,
-    tilt: float = 0.0,
-    tilt_direction: float = 0.0,
+    ellipticity: tuple[float, float] = (0.0, 0.0),
+    tilt: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
     r"""Return the error of a head on an eccentric scale, without taking anything for small.
 
@@ -77,15 +75,12 @@ def exact_error(
         Radial lines on a face, or lines along the axis on a rim.
     axis_motion : array_like
         Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
-    ellipticity : float
+    ellipticity : (float, float)
         Relative stretch of the scale in one direction, and shortening across [1]: it reads up to
-        that angle too much or too little, twice in a turn.
-    ellipticity_direction : float
-        Direction of the stretch in the scale [rad].
-    tilt : float
-        Angle between the axes of scale and table [rad].
-    tilt_direction : float
-        Direction of the line in the scale that it is tilted about [rad].
+        that angle too much or too little, twice in a turn. And that direction in the scale [rad].
+    tilt : (float, float)
+        Angle between the axes of scale and table [rad], and the direction of the line in the scale
+        that it is tilted about [rad].
 
     Returns
     -------
@@ -118,7 +113,7 @@ def exact_error(
     centre = _as_complex(eccentricity, "eccentricity") + motion
     _require_inside(centre, radius)
     outward = _unit(beta)
-    undo = _undeformed(ellipticity, ellipticity_direction, tilt, tilt_direction)
+    undo = _undeformed(ellipticity, tilt)
     if kind == "disc":
         line = undo(radius * outward - centre)
     else:
@@ -296,9 +291,10 @@ def _require_inside(centre: Complex, radius: float) -> None:
 
 
 def _undeformed(
-    stretch: float, direction: float, tilt: float, tilted_about: float
+    ellipticity: tuple[float, float], tilted: tuple[float, float]
 ) -> Callable[[Complex], Complex]:
     """Return the map from where a line of the scale is seen to where it was made."""
+    (stretch, direction), (tilt, tilted_about) = ellipticity, tilted
     if not abs(stretch) < 1.0:
         raise ModelError(f"the ellipticity must be between -1 and 1, got {stretch!r}")
     if not abs(tilt) < 0.5 * np.pi:

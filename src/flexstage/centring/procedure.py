@@ -12,6 +12,7 @@ from flexstage.arrays import Array
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.eccentricity import Eccentricity
 from flexstage.centring.geometry import require_radius
+from flexstage.centring.harmonic_fit import length_estimate
 from flexstage.centring.move import (
     Approach,
     MoveModel,
@@ -21,7 +22,6 @@ from flexstage.centring.move import (
     planned_move,
     unknown_moves,
 )
-from flexstage.centring.vector_interval import length_estimate
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 
@@ -93,11 +93,11 @@ def table_reading(table: CalibrationTable, radius: float) -> CentreReading:
 
     Examples
     --------
-    >>> from flexstage.centring import against_reference
+    >>> from flexstage.centring import ScaleReadings, against_reference
     >>> t = 2.0 * np.pi * np.arange(90) / 90
     >>> read = 1e-3 * np.sin(t - 0.3)
-    >>> table = against_reference(t, read, heads=[0.0], orders=range(1, 5), noise=5e-6)
-    >>> found = table_reading(table, 50e-3)
+    >>> readings = ScaleReadings(angle=t, errors=read, heads=np.zeros(1), noise=5e-6)
+    >>> found = table_reading(against_reference(readings, range(1, 5)), 50e-3)
     >>> print(f"{1e6 * found.length.value:.2f} um, {1e6 * found.length.uncertainty:.3f} um")
     50.00 um, 0.037 um
     """

@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.centring.eccentricity import HeadReadings, IndicatorReadings, eccentricity, run_out
-from flexstage.centring.first_order import Eccentricity
+from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity, run_out
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
 from flexstage.centring.harmonics import fit_harmonics
-from flexstage.errors import RecordError
 from flexstage.estimate import Estimate
 from flexstage.files.plain import picked
 from flexstage.units import si_unit
@@ -23,29 +20,13 @@ TURN_WORDS = ("turn", "turns", "rev", "revs", "revolution", "revolutions")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Head:
-    """A column of errors, in SI, with the angles that belong to it."""
-
-    name: str
-    """Name of the column."""
-    file: str
-    """File that it is from."""
-    angle: Array
-    """Angle of the table [rad], shape (n,)."""
-    error: Array
-    """Error [rad], or what an indicator reads [m], shape (n,)."""
-    head_angle: float
-    """Where the head stands [rad], as the head travels."""
-    radial: bool
-    """Whether it is an indicator."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
     """What was found of the scale in one place."""
 
-    heads: list[Head]
+    heads: Sequence[HeadReadings]
     """The heads or indicators."""
+    radial: bool
+    """Whether they are indicators."""
     fits: Sequence[HarmonicFit]
     """Harmonics of each."""
     harmonics: Sequence[Harmonic]
@@ -63,19 +44,17 @@ class Setting:
 
 
 def fit_setting(
-    heads: list[Head],
+    heads: Sequence[HeadReadings],
+    radial: bool,
     radius: float | None,
     kind: str | None,
     orders: list[int] | None,
     robust: bool,
 ) -> Setting:
-    """Fit the heads of one setting.
+    """Fit the heads of one setting, or the indicators where `radial`.
 
     The radius of the scale is in m, `kind` disc, drum or magnet; a disc where None.
     """
-    if len({h.radial for h in heads}) > 1:
-        raise RecordError("the columns of errors must all be angles, or all lengths")
-    radial = heads[0].radial
     unit = "m" if radial else "rad"
     fits = [fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads]
     alphas = np.array([h.head_angle for h in heads])
@@ -86,16 +65,9 @@ def fit_setting(
         if 1 not in shared or (radius is None and not radial):
             return None
         if radial:
-            ran = [
-                IndicatorReadings(angle=h.angle, displacement=h.error, indicator_angle=h.head_angle)
-                for h in heads
-            ]
-            return run_out(ran, radius=radius, orders=shared, robust=look).eccentricity
-        readings = [
-            HeadReadings(angle=h.angle, error=h.error, head_angle=h.head_angle) for h in heads
-        ]
+            return run_out(heads, radius=radius, orders=shared, robust=look)
         own: Any = kind or "disc"
-        return eccentricity(readings, radius=radius or 0.0, kind=own, orders=shared, robust=look)
+        return eccentricity(heads, radius=radius or 0.0, kind=own, orders=shared, robust=look)
 
     harmonics = [scale_harmonic(fits, alphas, n) for n in shared]
     like_magnet = kind is None and not radial and _second_leads(harmonics)
@@ -105,6 +77,7 @@ def fit_setting(
     notes = [note for f in fits for note in f.notes] + list(centre.notes if centre else ())
     return Setting(
         heads=heads,
+        radial=radial,
         fits=fits,
         harmonics=harmonics,
         centre=centre,
@@ -132,7 +105,7 @@ def report(setting: Setting, mirror: float, mount: float, written: str | None) -
     `mirror` is -1 where the heads travel clockwise, `mount` the direction of the stage's x axis
     [rad], `written` the unit that harmonics are printed in.
     """
-    radial = setting.heads[0].radial
+    radial = setting.radial
     unit, factor = _written(written, "m" if radial else "rad")
     fit = setting.fits[0]
     out: dict[str, Any] = {
@@ -246,9 +219,9 @@ def change(before: Setting, after: Setting, mirror: float, written: str | None) 
 
     Harmonics of the difference; and of the eccentricity, which is the move in between.
     """
-    radial = after.heads[0].radial
+    radial = after.radial
     unit, factor = _written(written, "m" if radial else "rad")
-    earlier = {} if radial != before.heads[0].radial else {h.order: h for h in before.harmonics}
+    earlier = {} if radial != before.radial else {h.order: h for h in before.harmonics}
     rows = [
         _harmonic(h.less(earlier[h.order]), unit, factor, radial)
         for h in after.harmonics

@@ -257,7 +257,7 @@ def trial(
     out: dict[str, Any] = {
         "positions": [list(p) for p in positions],
         "unit": "m",
-        "harmonic_unit": "m" if settings[0].heads[0].radial else "rad",
+        "harmonic_unit": "m" if settings[0].radial else "rad",
         "orders": [_as_data(r) for r in found],
         "order": None if best is None else best.order,
         "notes": _notes(best, kind, len(settings), last),

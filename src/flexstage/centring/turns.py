@@ -1,15 +1,14 @@
-"""Angles that wrap, turns, and what repeats itself in every turn."""
+"""Turns of a record, and harmonics of curves that were sampled over them."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
+from flexstage.arrays import Array, Complex
 from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
 
 _TURN = 2.0 * math.pi
 
@@ -32,24 +31,6 @@ class Turns:
     """Share of a turn that has samples [1]: what is left without the largest gap, less the usual
     one.
     """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeanTurn:
-    """What is the same in every turn, and what is not."""
-
-    angle: Array
-    """Mean angle of the samples of each part of a turn [rad], shape (k,)."""
-    synchronous: Array
-    """Mean of the values there, shape (k,)."""
-    uncertainty: Array
-    """Standard uncertainty of that mean, from how turns differ, shape (k,)."""
-    asynchronous: Array
-    """What each sample is more than the mean, shape (n,)."""
-    asynchronous_rms: Estimate
-    """Root of the mean square of it over many turns."""
-    turns: int
-    """Number of turns."""
 
 
 def find_turns(angle: ArrayLike) -> Turns:
@@ -145,102 +126,156 @@ def unwrap_error(error: ArrayLike) -> Array:
     return raw - _TURN * np.rint((raw - middle) / _TURN)
 
 
-def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTurn:
-    """Tell what repeats itself in every turn from what does not.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnSpectrum:
+    r"""Harmonics of several curves that were sampled at the same angles.
 
-    What repeats itself is eccentricity and errors of the scale, and motion of the axis that is
-    synchronous; what does not is asynchronous motion of the axis (ISO 230-7:2015 has these words)
-    and noise. One head cannot tell the parts of either from each other: a motion of the axis along
-    the head's line of sight is not seen at all, and one across it looks like an error of the angle.
+    .. math:: y_j(\theta) = o_j + \mathrm{Re} \sum_n C_{jn} e^{i n \theta}
+    """
 
-    Parameters
-    ----------
-    angle : array_like
-        Angle of each sample [rad], shape (n,).
-    value : array_like
-        The values, in any unit, shape (n,).
-    parts : int
-        Number of parts of a turn in which samples are averaged.
+    orders: NDArray[np.int64]
+    """The orders n, shape (n,)."""
+    coefficients: Complex
+    """Complex amplitudes C, cosine less i times sine, shape (curves, n)."""
+    residuals: Array
+    """What the harmonics leave, shape (curves, k)."""
+    spread: Array | None = None
+    """Covariance of the real, then the imaginary parts of a curve's amplitudes for noise of
+    variance 1 in each sample, shape (2 n, 2 n); None where it is 2 / k times the unit matrix, as
+    for even sampling.
+    """
 
-    Returns
-    -------
-    MeanTurn
-        Both parts. The unit of the asynchronous part is left empty.
+
+def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
+    """Return orders in rising order, each once."""
+    given = list(orders)
+    bad = [n for n in given if isinstance(n, bool) or int(n) != n or n < 1]
+    if bad or not given:
+        raise RecordError(
+            "orders must be whole numbers of 1 or more, got "
+            f"{'none' if not given else repr(bad[0])}"
+        )
+    return tuple(sorted({int(n) for n in given}))
+
+
+def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) -> TurnSpectrum:
+    """Return the harmonics of curves by least squares, by Fourier transform where that is the same.
+
+    Angles [rad] may be in any order, over one turn or several; a gap of more than a tenth of a turn
+    is refused. `curves` has the shape (curves, k).
 
     Validity
     --------
-    What changes within a part of a turn, and is not sampled at the same angles in every turn,
-    counts as asynchronous: choose parts that are short against the highest order, or sample at
-    equal angles.
-
-    Raises
-    ------
-    RecordError
-        There are fewer than two turns, a part of the turn without two samples, or shapes that
-        do not belong together.
+    Orders that are left out of the fit must be absent or orthogonal to the others: they are where
+    whole turns are sampled evenly, by more than twice as many samples as the highest order.
 
     Examples
     --------
-    >>> theta = np.linspace(0.0, 8.0 * np.pi, 2881)[:-1]
-    >>> wobble = 0.3e-6 * np.cos(1.25 * theta)
-    >>> turn = mean_turn(theta, 2e-6 * np.sin(theta - 0.4) + wobble)
-    >>> print(f"{1e6 * np.ptp(turn.synchronous):.2f} {1e6 * turn.asynchronous_rms.value:.2f}")
-    4.00 0.25
+    >>> t = 2.0 * np.pi * np.arange(36) / 36
+    >>> found = turn_spectrum(t, [3.0 * np.cos(2.0 * t) + 0.7 * np.sin(5.0 * t)], (2, 5))
+    >>> print(f"{found.coefficients[0, 0].real:.3f}, {found.coefficients[0, 1].imag:.3f}")
+    3.000, -0.700
     """
-    turns = find_turns(angle)
-    y = np.asarray(value, dtype=np.float64)
-    if y.shape != turns.angle.shape or not np.isfinite(y).all():
+    theta, y = np.asarray(angle, dtype=np.float64), np.asarray(curves, dtype=np.float64)
+    if y.ndim != 2 or theta.shape != y.shape[1:] or theta.size < 3:
         raise RecordError(
-            f"the values must be finite, and as many as the angles, {turns.angle.size}, got shape "
-            f"{y.shape}"
+            "a turn needs an angle for each sample, and a row of samples for each curve, got "
+            f"shapes {theta.shape} and {y.shape}"
         )
-    whole = len(turns.bounds) - 1
-    if whole < 2 or turns.count < 1.9:
+    if not (np.isfinite(theta).all() and np.isfinite(y).all()):
+        raise RecordError("angles and readings must be finite: take out the samples that are not")
+    n = np.asarray(whole_orders(orders), dtype=np.int64)
+    per_turn = _even(theta)
+    if per_turn is None:
+        return _fitted(theta, y, n)
+    if 2 * n[-1] >= per_turn:
         raise RecordError(
-            f"the samples go over {turns.count:.2f} turns: two turns or more are needed to "
-            "tell what repeats itself"
+            f"order {n[-1]} needs more than {2 * n[-1]} samples in a turn, got {per_turn}"
         )
-    if parts < 1:
-        raise RecordError(f"a turn must have one part or more, got {parts}")
-    part, offset = _parts(turns.angle, parts)
-    turn = np.searchsorted(np.array(turns.bounds[1:-1]), np.arange(y.size), side="right")
-    number = np.bincount(part, minlength=parts)
-    if number.min() < 2:
+    return _transformed(theta, y, n, per_turn)
+
+
+def point_variance(
+    spectrum: TurnSpectrum, gains: Complex, seen: NDArray[np.bool_], at: Array
+) -> tuple[Array, Array]:
+    """Return the variance of a sum of curves at angles [rad], and the mean one of each order in it.
+
+    `gains` are factors of each curve and order, times the noise of the curve; `seen` says which
+    orders are in the sum.
+    """
+    h = gains[:, seen]
+    if spectrum.spread is None:
+        per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)
+        return np.full(at.size, float(per_order.sum())), per_order
+    keep = np.flatnonzero(np.concatenate((seen, seen)))
+    Q = spectrum.spread[np.ix_(keep, keep)]
+    covariance = np.zeros_like(Q)
+    for row in h:
+        a, b = np.diag(row.real), np.diag(row.imag)
+        T = np.block([[a, -b], [b, a]])
+        covariance += T @ Q @ T.T
+    phase = np.multiply.outer(at, spectrum.orders[seen].astype(np.float64))
+    waves = np.hstack((np.cos(phase), -np.sin(phase)))
+    own = np.diag(covariance).reshape(2, -1).mean(axis=0)
+    return np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True), own
+
+
+def _even(theta: Array) -> int | None:
+    """Samples in a turn, where whole turns were sampled evenly and in order, else None."""
+    steps = np.diff(theta)
+    step = float(steps.mean())
+    if step == 0.0 or np.max(np.abs(steps - step)) > 1e-9 * abs(step):
+        return None
+    per_turn = 2.0 * np.pi / abs(step)
+    whole = round(per_turn)
+    off = abs(per_turn - whole) * theta.size / max(whole, 1)
+    return whole if whole >= 3 and theta.size % whole == 0 and off < 1e-9 * theta.size else None
+
+
+def _transformed(theta: Array, y: Array, n: NDArray[np.int64], per_turn: int) -> TurnSpectrum:
+    mean = y.reshape(y.shape[0], -1, per_turn).mean(axis=1)
+    spectrum = np.fft.rfft(mean, axis=1) * (2.0 / per_turn)
+    # the transform counts samples from 0, rising; a turn may begin anywhere and go back
+    falling = theta[1] < theta[0]
+    found = spectrum[:, n]
+    found = (np.conj(found) if falling else found) * np.exp(-1j * n * theta[0])
+    kept = np.zeros_like(spectrum)
+    kept[:, n] = spectrum[:, n]
+    kept[:, 0] = spectrum[:, 0]
+    fit = np.fft.irfft(kept * (0.5 * per_turn), per_turn, axis=1)
+    residuals = y - np.tile(fit, (1, theta.size // per_turn))
+    return TurnSpectrum(orders=n, coefficients=found, residuals=residuals)
+
+
+def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
+    # the largest share of a turn that may lie between two neighbouring samples
+    widest_gap = 0.1
+    # largest condition of the normal equations: beyond it a harmonic is not told from others
+    worst_condition = 1e6
+    at = np.sort(np.mod(theta, 2.0 * np.pi))
+    gap = float(np.max(np.diff(np.append(at, at[0] + 2.0 * np.pi))))
+    if gap > widest_gap * 2.0 * np.pi:
         raise RecordError(
-            f"a part of the turn has {int(number.min())} samples: with {y.size} samples over "
-            f"{turns.count:.2f} turns, take fewer than {parts} parts"
+            f"the angles leave a gap of {np.degrees(gap):.3g} degrees, and may leave one of "
+            f"{360.0 * widest_gap:g}: measure a whole turn, and give the angles in radians"
         )
-    mean = np.bincount(part, y, minlength=parts) / number
-    left = y - mean[part]
-    # what a turn adds to the mean of a part; its samples may all go astray together
-    pulls = np.bincount(turn * parts + part, left, minlength=whole * parts).reshape(-1, parts)
-    present = np.maximum(2, np.count_nonzero(pulls, axis=0))
-    variance = np.sum(pulls**2, axis=0) / number**2 * present / (present - 1)
-    centre = np.arange(parts) / parts + np.bincount(part, offset, minlength=parts) / number
-    return MeanTurn(
-        angle=turns.angle[0] + turns.direction * _TURN * centre,
-        synchronous=mean,
-        uncertainty=np.sqrt(variance),
-        asynchronous=left,
-        asynchronous_rms=_rms(left, turns, float(number @ variance)),
-        turns=whole,
+    phase = np.multiply.outer(theta, n.astype(np.float64))
+    X = np.hstack((np.ones((theta.size, 1)), np.cos(phase), -np.sin(phase)))
+    if theta.size < X.shape[1]:
+        raise RecordError(
+            f"{n.size} orders and a mean need at least {X.shape[1]} samples, got {theta.size}"
+        )
+    normal = X.T @ X
+    if np.linalg.cond(normal) > worst_condition:
+        raise RecordError(
+            "the angles do not separate the orders: ask for fewer, or sample more evenly"
+        )
+    inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    solution, *_ = np.linalg.lstsq(X, y.T, rcond=None)
+    real, imaginary = np.split(solution[1:], 2)
+    return TurnSpectrum(
+        orders=n,
+        coefficients=(real + 1j * imaginary).T,
+        residuals=y - (X @ solution).T,
+        spread=inverse[1:, 1:],
     )
-
-
-def _parts(angle: Array, parts: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the part of the turn that each sample is in, and how far in [turn]."""
-    u = np.abs(angle - angle[0]) / _TURN
-    # samples at equal angles must not fall on both sides of an edge by jitter
-    early = 0.5 * min(float(np.median(np.abs(np.diff(u)))), 1.0 / parts)
-    part = np.floor((u + early) % 1.0 * parts).astype(np.intp) % parts
-    return part, (u + early) % 1.0 - part / parts - early
-
-
-def _rms(left: Array, turns: Turns, taken: float) -> Estimate:
-    """Return the rms of all turns but for what their mean takes away, and how well it is known."""
-    per_turn = np.array([np.mean(left[a:b] ** 2) for a, b in pairwise(turns.bounds)])
-    square = (float(np.sum(left**2)) + taken) / left.size
-    value = math.sqrt(square)
-    spread = float(np.std(per_turn, ddof=1)) / math.sqrt(per_turn.size)
-    u = 0.5 * spread / value if value > 0.0 else 0.0
-    return Estimate.of(value, u, "", source="turns differ", degrees_of_freedom=per_turn.size - 1.0)

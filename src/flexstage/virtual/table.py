@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.centring.calibration import against_reference, self_calibration
+from flexstage.centring.calibration import (
+    ScaleReadings,
+    against_reference,
+    self_calibration,
+)
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
-from flexstage.centring.turn_spectrum import whole_orders
+from flexstage.centring.turns import whole_orders
 from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
 from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
@@ -230,8 +234,7 @@ class VirtualTable:
                 head_angle=at,
                 kind=self.kind,
                 axis_motion=motion,
-                ellipticity=self.ellipticity,
-                ellipticity_direction=self.ellipticity_direction,
+                ellipticity=(self.ellipticity, self.ellipticity_direction),
             )
             error = d + self.scale.at(theta + at + d) + offset
             error = error + self.noise * random.standard_normal(count)
@@ -335,8 +338,8 @@ class VirtualBench:
         heads = self._table.heads
         if self._method != "eccentricity":
             separate = against_reference if self._method == "reference" else self_calibration
-            found = separate(angle, np.stack(errors), heads=heads, orders=self._orders)
-            return table_reading(found, self._table.radius)
+            read = ScaleReadings(angle=angle, errors=np.stack(errors), heads=np.array(heads))
+            return table_reading(separate(read, self._orders), self._table.radius)
         readings = [
             HeadReadings(angle=angle, error=error, head_angle=alpha)
             for alpha, error in zip(heads, errors, strict=True)
