@@ -24,7 +24,7 @@ from flexstage.centring.turns import unwrap_error
 from flexstage.errors import RecordError
 from flexstage.records import Channel, Record
 from flexstage.records.likely_columns import taken_turn
-from flexstage.records.files import read_files
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.units import si_unit
 

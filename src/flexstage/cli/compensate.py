@@ -63,8 +63,8 @@ def compensate(
     from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
     from flexstage.hysteresis.inversion import command_record, feedforward
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.read import read_files
     from flexstage.records.write import record_bytes
     from flexstage.report.figures.tracking import draw_feedforward
 

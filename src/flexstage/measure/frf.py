@@ -13,7 +13,7 @@ from flexstage.measure.spectra.checks import HitOptions
 from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
 from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
 from flexstage.records import Record, responses_in_columns
-from flexstage.records.files import read_files
+from flexstage.records.read import read_files
 from flexstage.records.likely_columns import taken_drive
 from flexstage.records.read_options import ReadOptions
 

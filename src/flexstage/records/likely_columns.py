@@ -9,7 +9,7 @@ from typing import Any
 from flexstage.errors import RecordError
 from flexstage.records.contents import column_label, contents, read_whole
 from flexstage.records.read_options import ReadOptions
-from flexstage.records.times import TIME_NAMES
+from flexstage.records.sampling import TIME_NAMES
 
 _INPUTS = ("input", "in", "u", "voltage", "volt", "spannung", "command", "drive", "force", "kraft")
 _OUTPUTS = ("output", "out", "y", "position", "pos", "displacement", "weg", "response", "sensor")
