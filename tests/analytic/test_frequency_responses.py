@@ -16,10 +16,10 @@ from flexstage.measure.spectra.averaging import (
     WINDOWS,
     effective_averages,
     integral_averages,
+    spectral_density,
     window_values,
 )
 from flexstage.measure.spectra.checks import HitOptions, PeriodOptions
-from flexstage.measure.spectra.density import spectral_density
 from flexstage.measure.spectra.estimate import estimate_response, recognised
 from flexstage.measure.spectra.repeated import find_period
 from flexstage.measure.spectra.response import response_from_record

@@ -13,8 +13,8 @@ from flexstage.measure.spectra.checks import HitOptions
 from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response
 from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
 from flexstage.records import Record, responses_in_columns
-from flexstage.records.read import read_files
 from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 
 _NEEDED = "records over time need an input and an output: name the columns (--input, --output)"
@@ -85,9 +85,7 @@ def frf(
             window=request.window,
             segment=request.segment,
             resolution_hz=request.resolution,
-            hits=None
-            if request.exponential is None
-            else HitOptions(exponential=request.exponential),
+            hits=HitOptions(exponential=request.exponential),
         )
         responses, added = [estimate.response], estimate.added_damping_rate
     found = None

@@ -6,8 +6,7 @@ from flexstage.errors import RecordError
 from flexstage.experiments.campaign.loading import column, only
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
-from flexstage.measure.noise.allan import allan_deviation
-from flexstage.measure.noise.hold import hold_noise
+from flexstage.measure.noise.hold import allan_deviation, hold_noise
 from flexstage.measure.noise.staircase import levels_of_command, staircase
 from flexstage.measure.uncertainty.sensor import measured
 from flexstage.records import Record

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
-from flexstage.measure.noise.allan import AllanDeviation
-from flexstage.measure.noise.hold import HoldNoise
+from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
 from flexstage.report.figures.style import CYCLE, MUTED, add_legend, dress, entitle, new_figure
 
