@@ -26,9 +26,8 @@ from flexstage.experiments.virtual_campaign import VirtualCampaign, virtual_camp
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.stabilisation import stable_poles
 from flexstage.measure.spectra.response import MeasuredResponse
-from flexstage.measure.uncertainty.influence import Influence
 from flexstage.measure.uncertainty.monte_carlo import monte_carlo
-from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.propagate import Influence, propagate
 from flexstage.virtual.as_built import as_built
 
 __all__ = ["budget", "campaigns", "characterise", "modal"]

@@ -8,7 +8,7 @@ import pytest
 
 from flexstage.errors import RecordError
 from flexstage.records import Record, read_record
-from flexstage.records.files import read_files
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from tests.measuring_files import function_58, report
 

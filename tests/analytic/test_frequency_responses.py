@@ -16,11 +16,11 @@ from flexstage.measure.spectra.averaging import (
     WINDOWS,
     effective_averages,
     integral_averages,
+    spectral_density,
     window_values,
 )
 from flexstage.measure.spectra.checks import HitOptions, PeriodOptions
-from flexstage.measure.spectra.density import spectral_density
-from flexstage.measure.spectra.estimate import estimate_response, recognised
+from flexstage.measure.spectra.estimate import ResponseOptions, estimate_response, recognised
 from flexstage.measure.spectra.repeated import find_period
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Channel, Record
@@ -642,6 +642,17 @@ def refused(match: str, given: Any = None, **options: Any) -> None:
             options.pop("inputs", "u"), options.pop("outputs", "y"), **options,
         )  # fmt: skip
     assert "\n" not in str(caught.value)
+
+
+def test_options_are_one_value_with_others_by_name() -> None:
+    given = record(*random_pair(7, 8000))
+    named = estimate_response(given, "u", "y", excitation="random", segment=400, window="hamming")
+    options = ResponseOptions(excitation="random", segment=500, window="hamming")
+    whole = estimate_response(given, "u", "y", options, segment=400)
+    assert whole.segment == named.segment == 400
+    assert np.array_equal(whole.response.response, named.response.response)
+    with pytest.raises(TypeError, match="windo"):
+        estimate_response(given, "u", "y", windo="hann")
 
 
 def test_refusals_are_one_sentence() -> None:

@@ -91,9 +91,9 @@ def test_exact_without_noise_in_any_unit(power):
     np.testing.assert_allclose(fit.response(between)[:, :, 0], truth, rtol=1e-8)
 
 
-def test_unit_of_motion_can_be_told():
+def test_a_response_of_acceleration_has_the_residues_of_displacement():
     h = response_of(LINES, MODES, RESIDUES, power=2, above=0.02)
-    fit = fit_modes(measured(LINES, h, unit="V"), motion="acceleration")
+    fit = fit_modes(measured(LINES, h, unit="m/s^2"))
     np.testing.assert_allclose(fit.modes[0].residues[:, 0], RESIDUES[0], rtol=1e-7)
 
 
@@ -534,8 +534,6 @@ def test_bad_input_is_one_sentence():
         fit_modes([])
     with pytest.raises(ModelError, match="weighting"):
         fit_modes(good, weighting="loud")  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="motion"):
-        fit_modes(good, motion="jerk")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="'auto'"):
         fit_modes(good, count=0)
     with pytest.raises(ModelError, match="guessed"):
@@ -816,7 +814,7 @@ def test_what_scatters_as_expected_is_noise_in_any_unit():
 
 def test_independent_residuals_are_seldom_taken_for_shared():
     """Of three responses with noise of their own, one in 500 pairs of records seems to share it."""
-    from flexstage.measure.modal.covariance import _shared
+    from flexstage.measure.modal.assessment import _shared
 
     normal = np.random.default_rng(77).normal
     noise = normal(size=(3000, 60, 3)) + 1j * normal(size=(3000, 60, 3))

@@ -12,9 +12,9 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
 from flexstage.lumped import lumped_system
+from flexstage.measure.modal.assessment import on_flank
 from flexstage.measure.modal.fit import fit_modes
-from flexstage.measure.modal.listed_modes import on_flank
-from flexstage.measure.modal.local_rational import line_scatter, local_poles
+from flexstage.measure.modal.prepare import line_scatter, local_poles
 from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.system import ModalDamping, modes
@@ -296,7 +296,7 @@ def test_a_mode_that_is_only_a_flank():
         one = np.ones((1, 1))
         return Mode(
             frequency_hz=exact[0], damping_ratio=exact[1], shape=one[0], residues=size * one + 0j,
-            shape_uncertainty=np.zeros((1, 2)), residue_uncertainty=np.zeros((1, 1, 2)),
+            shape_uncertainty=np.zeros((1, 2)),
             significance=1e3,
         )  # fmt: skip
 

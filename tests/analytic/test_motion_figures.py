@@ -10,17 +10,17 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 from flexstage.measure.motion.approaches import staircase_dwells
-from flexstage.measure.motion.axis_figures import stroke
-from flexstage.measure.motion.curve_extremes import (
+from flexstage.measure.motion.curve_fit import fit_motion_curve
+from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
+from flexstage.measure.motion.motion_curve import (
+    CurveBasis,
+    MotionCurve,
     curve_loop_width,
     curve_range,
     narrowest_strip,
     zone_contacts,
 )
-from flexstage.measure.motion.curve_fit import fit_motion_curve
-from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
-from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve
-from flexstage.measure.motion.workspace import workspace
+from flexstage.measure.motion.reach import stroke, workspace
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes
@@ -171,8 +171,6 @@ def test_cycles_refused() -> None:
         motion_cycles([0.0, np.nan] * 10)
     with pytest.raises(RecordError, match=r"2 whole cycles .* got 1"):
         motion_cycles(triangle(1.2, 100)[1])
-    with pytest.raises(RecordError, match="after the first 2"):
-        motion_cycles(triangle(3.0, 100)[1], skip=2)
     assert staircase_dwells(triangle(3.0, 100)[1]) is None
 
 

@@ -9,8 +9,7 @@ import pytest
 from flexstage.errors import RecordError
 from flexstage.files.request import request_fields, request_of
 from flexstage.records import Channel, Record, read_record
-from flexstage.records.curves import from_branches
-from flexstage.records.drives import read_drive
+from flexstage.records.drives import from_branches, read_drive
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 

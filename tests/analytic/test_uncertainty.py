@@ -12,14 +12,12 @@ from hypothesis import strategies as st
 
 from flexstage.errors import ConvergenceError, ModelError, RecordError, UnitError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.uncertainty.budget_file import budget_from_text
-from flexstage.measure.uncertainty.expression import FUNCTIONS, compute, equation_of, hypot
-from flexstage.measure.uncertainty.influence import (
-    Influence,
-    _unit_quantile,
-    correlation_matrix,
-    groups,
-    influence_from,
+from flexstage.measure.uncertainty.budget_file import (
+    FUNCTIONS,
+    budget_from_text,
+    compute,
+    equation_of,
+    hypot,
 )
 from flexstage.measure.uncertainty.monte_carlo import (
     monte_carlo,
@@ -27,7 +25,14 @@ from flexstage.measure.uncertainty.monte_carlo import (
     sampler,
     validate,
 )
-from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.propagate import (
+    Influence,
+    _unit_quantile,
+    correlation_matrix,
+    groups,
+    influence_from,
+    propagate,
+)
 from flexstage.measure.uncertainty.sensor import ROLES, measured
 from flexstage.sensor import SensorSpecification
 

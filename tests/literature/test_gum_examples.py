@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.measure.uncertainty.expression import cos, sin
-from flexstage.measure.uncertainty.influence import Influence
+from flexstage.measure.uncertainty.budget_file import cos, sin
 from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
-from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.propagate import Influence, propagate
 from flexstage.units import parse
 
 

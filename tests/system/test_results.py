@@ -35,7 +35,7 @@ from flexstage.measure import read_budget
 from flexstage.measure.frf import frf_of_files
 from flexstage.measure.requests import FrfRequest
 from flexstage.measure.uncertainty.evaluate import evaluate
-from flexstage.records.files import read_files
+from flexstage.records.read import read_files
 from flexstage.report.figures.style import encode
 from flexstage.studies import run_study
 from flexstage.studies.models import run_models

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
-from flexstage.centring.turns import Turns, find_turns
+from flexstage.centring.turns import find_turns
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
 
@@ -113,7 +113,10 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
         synchronous=mean,
         uncertainty=np.sqrt(variance),
         asynchronous=left,
-        asynchronous_rms=_rms_of_turns(left, turns, float(number @ variance)),
+        # what the mean takes away belongs to it
+        asynchronous_rms=_rms(
+            left, (float(np.sum(left**2)) + float(number @ variance)) / left.size, turns.bounds, ""
+        ),
         turns=whole,
     )
 
@@ -125,16 +128,6 @@ def _parts(angle: Array, parts: int) -> tuple[NDArray[np.intp], Array]:
     early = 0.5 * min(float(np.median(np.abs(np.diff(u)))), 1.0 / parts)
     part = np.floor((u + early) % 1.0 * parts).astype(np.intp) % parts
     return part, (u + early) % 1.0 - part / parts - early
-
-
-def _rms_of_turns(left: Array, turns: Turns, taken: float) -> Estimate:
-    """Return the rms of all turns but for what their mean takes away, and how well it is known."""
-    per_turn = np.array([np.mean(left[a:b] ** 2) for a, b in pairwise(turns.bounds)])
-    square = (float(np.sum(left**2)) + taken) / left.size
-    value = math.sqrt(square)
-    spread = float(np.std(per_turn, ddof=1)) / math.sqrt(per_turn.size)
-    u = 0.5 * spread / value if value > 0.0 else 0.0
-    return Estimate.of(value, u, "", source="turns differ", degrees_of_freedom=per_turn.size - 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,30 +244,35 @@ def axis_motion(
         noise = math.sqrt(float(np.mean(np.sum(rest**2, axis=1))) / spare)
     own = np.sqrt(np.sum(inverse**2, axis=1)) * (noise or 0.0)
     notes = () if noise is not None else ("the noise of the heads is in the motion of the axis",)
+    # without the noise of the heads
+    rms_x, rms_y = (
+        _rms(m, float(np.mean(m**2)) - u**2, turns.bounds, "m")
+        for m, u in zip(motion[:, :2].T, own[:2], strict=True)
+    )
     return AxisMotion(
         x=motion[:, 0],
         y=motion[:, 1],
-        rms_x=_rms_of_motion(motion[:, 0], own[0], turns.bounds),
-        rms_y=_rms_of_motion(motion[:, 1], own[1], turns.bounds),
+        rms_x=rms_x,
+        rms_y=rms_y,
         noise=noise,
         notes=notes,
     )
 
 
-def _rms_of_motion(motion: Array, noise: float, bounds: Sequence[int]) -> Estimate:
-    """Return the rms without noise, with the scatter of turns for its uncertainty."""
-    squares = np.array([np.mean(motion[a:b] ** 2) for a, b in pairwise(bounds)])
-    square = max(float(np.mean(motion**2)) - noise**2, 0.0)
+def _rms(values: Array, square: float, bounds: Sequence[int], unit: str) -> Estimate:
+    """Return the root of a mean square, with the scatter of turns for its uncertainty."""
+    squares = np.array([np.mean(values[a:b] ** 2) for a, b in pairwise(bounds)])
+    square = max(square, 0.0)
     spread = float(np.std(squares, ddof=1)) / math.sqrt(squares.size)
     value = math.sqrt(square)
     freedom = squares.size - 1.0
     # the square is what scatters: its interval has ends where the root of it has
-    half = Estimate.of(square, spread, "m^2", degrees_of_freedom=freedom).interval()
+    half = Estimate.of(square, spread, f"{unit}^2", degrees_of_freedom=freedom).interval()
     low, high = (math.sqrt(max(end, 0.0)) for end in half)
     return Estimate.of(
         value,
         min(0.5 * spread / value, math.sqrt(spread)) if value else math.sqrt(spread),
-        "m",
+        unit,
         source="turns differ",
         degrees_of_freedom=freedom,
         bounds=(low, high),

@@ -23,8 +23,8 @@ from flexstage.centring.turns import unwrap_error
 from flexstage.errors import RecordError
 from flexstage.files.result import Result
 from flexstage.records import Channel, Record
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_turn
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
 from flexstage.units import si_unit

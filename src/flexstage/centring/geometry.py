@@ -186,12 +186,11 @@ def exact_run_out(
     radius: float,
     *,
     indicator_angle: ArrayLike = 0.0,
-    axis_motion: ArrayLike = (0.0, 0.0),
 ) -> Array:
     r"""Return how far out of its place an indicator finds the round rim of an eccentric scale [m].
 
     Angles of table and indicator are in the room [rad], the indicator points at the axis; the
-    eccentricity is in the frame that turns with the table, the motion of the axis in the room [m].
+    eccentricity is in the frame that turns with the table [m].
 
     .. math:: s = |e| \cos(\beta - \varphi) + \sqrt{R^2 - |e|^2 \sin^2(\beta - \varphi)} - R
 
@@ -208,7 +207,7 @@ def exact_run_out(
     """
     theta = np.asarray(angle, dtype=np.float64)
     beta = theta + np.asarray(indicator_angle, dtype=np.float64)
-    centre = _as_complex(eccentricity, "eccentricity") + in_turning_frame(axis_motion, theta)
+    centre = _as_complex(eccentricity, "eccentricity")
     _require_inside(centre, radius)
     seen = centre * np.conj(_unit(beta))
     # sqrt(R^2 - a^2) - R, without the difference of two large numbers

@@ -465,11 +465,12 @@ def _noise_of_residuals(
     )
     if found is None:
         return np.ones(size), np.full(size, float(free)), "white"
-    factors = found.density / square
+    density, known, is_white = found
+    factors = density / square
     if whole == 1:
         # that of residuals is a little less than that of what they are residuals of
         factors = factors * (left.size / free) ** 2
-    return factors, np.minimum(found.freedom, free), "white" if found.white else "correlated"
+    return factors, np.minimum(known, free), "white" if is_white else "correlated"
 
 
 def _nuisance(

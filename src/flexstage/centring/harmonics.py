@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, described
 from flexstage.centring.least_squares import HarmonicProblem, NormalEquations, of_column, solved
-from flexstage.centring.turns import Turns, find_turns, whole_orders
+from flexstage.centring.turns import Turns, find_turns, places, whole_orders
 from flexstage.errors import RecordError
 from flexstage.records.quality import RMS_OVER_MEDIAN
 
@@ -177,8 +177,7 @@ def fit_many(
 
 def _orders(orders: int | Sequence[int] | None, angle: Array) -> tuple[int, ...]:
     if orders is None:
-        places = int(np.unique(np.rint(angle / _TURN % 1.0 * 1e6)).size)
-        return tuple(range(1, max(1, min(_USUAL, (places - 2) // 2)) + 1))
+        return tuple(range(1, max(1, min(_USUAL, (places(angle / _TURN) - 2) // 2)) + 1))
     if isinstance(orders, (int, np.integer)):
         orders = range(1, int(orders) + 1)
     return whole_orders(orders)

@@ -238,27 +238,17 @@ def from_turns(
     return variance / np.maximum(np.diag(white), np.finfo(float).tiny), groups - 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseSpectrum:
-    """Noise at the frequencies of functions."""
-
-    density: Array
-    """Variance of white noise that would disturb each as much, in the square of the residuals'
-    unit, shape (p,).
-    """
-    freedom: Array
-    """Its degrees of freedom, shape (p,)."""
-    white: bool
-    """Whether white noise explains the residuals as well as any."""
-
-
 def from_spectrum(
     residual: Array,
     frequencies: Sequence[float] | Array,
     fitted: Sequence[float],
     turn: float | None,
-) -> NoiseSpectrum | None:
+) -> tuple[Array, Array, bool] | None:
     r"""Return the noise at the frequency of each function, from the spectrum of the residuals.
+
+    It is the variance of white noise that would disturb each as much, in the square of the
+    residuals' unit, shape (p,); its degrees of freedom, shape (p,); and whether white noise
+    explains the residuals as well as any.
 
     It is not less than white noise of the same power. Frequencies are in cycles per sample: of the
     functions, of all that was fitted and is missing, and of the turn, None where the residuals are
@@ -302,11 +292,11 @@ def from_spectrum(
     if found is not None:
         # less than white noise would give is not believed: it may be chance, and would not be safe
         density, freedom = found
-        return NoiseSpectrum(density=mean * np.maximum(density, 1.0), freedom=freedom, white=False)
+        return mean * np.maximum(density, 1.0), freedom, False
     if turn is None:
         return None
     known = 2.0 * float(free.sum())
-    return NoiseSpectrum(density=np.full(f.size, mean), freedom=np.full(f.size, known), white=True)
+    return np.full(f.size, mean), np.full(f.size, known), True
 
 
 def _repeats(own: Array, beside: Array) -> bool:

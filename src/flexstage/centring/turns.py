@@ -76,7 +76,7 @@ def _described(u: Array) -> Turns:
     ordered = abs(net) >= 0.5 * way
     gaps = np.diff(np.sort(u % 1.0))
     gap = max(float(gaps.max()), 1.0 - float(gaps.sum()))
-    usual = min(gap, 1.0 / max(1, _places(u)))
+    usual = min(gap, 1.0 / max(1, places(u)))
     coverage = 1.0 - gap + usual
     if not ordered:
         return Turns(
@@ -96,8 +96,8 @@ def _described(u: Array) -> Turns:
     )  # fmt: skip
 
 
-def _places(u: Array) -> int:
-    """Return about how many different angles a turn has samples at."""
+def places(u: Array) -> int:
+    """Return about how many different angles [turn] a turn has samples at."""
     return int(np.unique(np.rint((u % 1.0) * 1e6)).size)
 
 

@@ -57,8 +57,8 @@ def compensate(
     from flexstage.hysteresis.compensation import compensate as run
     from flexstage.hysteresis.inversion import command_record
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.read import read_files
     from flexstage.records.write import record_bytes
     from flexstage.report.identification import command_in_words
 

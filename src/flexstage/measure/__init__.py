@@ -9,22 +9,19 @@ if TYPE_CHECKING:
     from flexstage.measure.modal.result import ModalFit, modal_assurance
     from flexstage.measure.modal.ring_down import RingDown, ring_down
     from flexstage.measure.modal.stabilisation import Stabilisation, stable_poles
-    from flexstage.measure.motion.axis_figures import Stroke, stroke
-    from flexstage.measure.motion.curve_extremes import curve_loop_width, curve_range
     from flexstage.measure.motion.curve_fit import fit_motion_curve
-    from flexstage.measure.motion.motion_curve import MotionCurve
+    from flexstage.measure.motion.motion_curve import MotionCurve, curve_loop_width, curve_range
     from flexstage.measure.motion.positioning import Positioning, positioning
+    from flexstage.measure.motion.reach import Stroke, Workspace, stroke, workspace
     from flexstage.measure.motion.rigid_body import rigid_motion
-    from flexstage.measure.motion.workspace import Workspace, workspace
-    from flexstage.measure.noise.allan import allan_deviation
-    from flexstage.measure.noise.hold import HoldNoise, hold_noise, mains_lines
+    from flexstage.measure.noise.hold import HoldNoise, allan_deviation, hold_noise, mains_lines
     from flexstage.measure.noise.staircase import (
         Staircase,
         resolution,
         screw_resolution,
         staircase,
     )
-    from flexstage.measure.spectra.density import spectral_density
+    from flexstage.measure.spectra.averaging import spectral_density
     from flexstage.measure.spectra.estimate import estimate_response
     from flexstage.measure.spectra.response import MeasuredResponse, response_from_record
     from flexstage.measure.spectra.sums import Spectra
@@ -32,8 +29,13 @@ if TYPE_CHECKING:
     from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
     from flexstage.measure.uncertainty.propagate import propagate
     from flexstage.measure.uncertainty.sensor import measured
-    from flexstage.measure.updating.problem import UpdateParameter, predict, stage_with
-    from flexstage.measure.updating.update import Updated, update_stage
+    from flexstage.measure.updating import (
+        Updated,
+        UpdateParameter,
+        predict,
+        stage_with,
+        update_stage,
+    )
     from flexstage.sensor import SensorSpecification
 
 __all__ = [

@@ -13,8 +13,8 @@ from flexstage.measure.spectra.checks import HitOptions
 from flexstage.measure.spectra.estimate import estimate_response
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Record, responses_in_columns
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 
 _NEEDED = "records over time need an input and an output: name the columns (--input, --output)"

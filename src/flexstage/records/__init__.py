@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.records.curves import (
+    from flexstage.records.detect import FORMATS
+    from flexstage.records.drives import (
         curves_in_rows,
     )
-    from flexstage.records.detect import FORMATS
     from flexstage.records.quality import (
         Saturation,
         saturation,

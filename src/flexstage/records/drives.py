@@ -1,21 +1,17 @@
 """Records of a drive: over time, or as tables of branches and of reversal curves."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from flexstage.arrays import Array
 from flexstage.errors import RecordError
-from flexstage.records.curves import (
-    curves_in_columns,
-    curves_in_records,
-    curves_in_rows,
-    from_branches,
-)
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read import read_files
 from flexstage.records.read_options import (
     DriveColumns,
     ReadOptions,
@@ -23,7 +19,314 @@ from flexstage.records.read_options import (
     read_column,
     write_rows,
 )
-from flexstage.records.record import Record
+from flexstage.records.record import Channel, Record
+from flexstage.records.sampling import require_rate
+
+#: A loop is closed whose ends are no further apart than this share of its width.
+_CLOSED = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Piece:
+    """Rows that were measured one after another while the input went one way."""
+
+    u: Array
+    y: Array
+    rows: Array
+    name: str = ""
+    reversal: float | None = None
+
+    @property
+    def way(self) -> float:
+        """1 where the input rises, -1 where it falls."""
+        return float(np.sign(self.u[-1] - self.u[0]))
+
+    def turned(self) -> "_Piece":
+        return replace(self, u=self.u[::-1], y=self.y[::-1], rows=self.rows[::-1])
+
+
+def from_branches(
+    record: Record,
+    input: str | int,
+    up: str | int,
+    down: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the loop that a table of its two branches holds.
+
+    One row for each input, rising or falling; where nothing was measured, the output is NaN and so
+    is the number of the sample. Without a sample rate it is 1 Hz.
+
+    The input rises along the first branch and falls along the second. Where the loop is closed, it
+    was run before: it then begins with a loop that nothing was measured in. Where it is open at its
+    lower end, the first branch began at rest.
+
+    Examples
+    --------
+    >>> table = {"u": [0.0, 5.0, 10.0], "up": [0.0, 1.0, 3.0], "down": [0.4, 2.0, 3.0]}
+    >>> channels = tuple(Channel(name=n, values=np.array(v)) for n, v in table.items())
+    >>> loop = from_branches(Record(channels=channels, time=np.arange(3.0)), "u", "up", "down")
+    >>> loop.channel("u").values
+    array([ 0.,  5., 10., 10.,  5.,  0.])
+    """
+    driven = record.channel(input)
+    branches = [record.channel(c) for c in (up, down)]
+    _require_three("input, up and down branch", driven, *branches)
+    _require_one_unit("branches", branches)
+    pieces = [_piece(record, driven.values, b.values, b.name) for b in branches]
+    step = _step(pieces)
+    _require_one_way(pieces, float(np.ptp(driven.values)), driven.name)
+    rise, fall = (p if p.way == way else p.turned() for p, way in zip(pieces, (1, -1), strict=True))
+    wide = np.interp(rise.u, fall.u[::-1], fall.y[::-1]) - rise.y
+    closed = abs(fall.y[-1] - rise.y[0]) <= _CLOSED * float(np.abs(wide).max())
+    low, high = float(rise.u[0]), float(rise.u[-1])
+    before = [_unmeasured(rise.u[:1]), _way([low, high, low], step)] if closed else []
+    state = (
+        "the loop is closed: taken as run before, so that the memory is that of a loop"
+        if closed
+        else "the loop is open at its lower end: taken to begin at rest"
+    )
+    output = replace(branches[0], name=f"{branches[0].name}, {branches[1].name}")
+    return _assembled(record, driven, output, [*before, rise, fall], sample_rate_hz, state)
+
+
+def curves_in_rows(
+    record: Record,
+    input: str | int,
+    output: str | int,
+    curve: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that stand below one another in a table.
+
+    First-order reversal curves (I. D. Mayergoyz, Phys. Rev. Lett. 56 (1986) 1518): from saturation
+    the input goes to a reversal, where nothing is measured, and back, which is measured.
+
+    Parameters
+    ----------
+    record : Record
+        The table.
+    input, output : str or int
+        The columns of input and output.
+    curve : str or int
+        The column that is the same in all rows of a curve: its number, or where it was reversed.
+    sample_rate_hz : float, optional
+        Rate at which the rows were measured [Hz]; 1 Hz where not given.
+
+    Returns
+    -------
+    Record
+        Input and output over time, from the first way to saturation on; the output is NaN, and so
+        is the number of the sample, where nothing was measured.
+
+    Raises
+    ------
+    RecordError
+        The column numbers no curves, or the input of one goes back and forth.
+    """
+    driven, follows, labels = (record.channel(c) for c in (input, output, curve))
+    _require_three("input, output and curve", driven, follows, labels)
+    ends = np.flatnonzero(np.diff(labels.values)) + 1
+    bounds = [0, *ends.tolist(), record.size]
+    if len(bounds) - 1 > record.size // 2:
+        raise RecordError(
+            f"column '{labels.name}' has {len(bounds) - 1} values in {record.size} rows, one after "
+            "another: it does not number curves of several rows; choose the column that does"
+        )
+    pieces = [
+        replace(
+            _piece(record, driven.values, follows.values, f"{labels.values[a]:g}", slice(a, b)),
+            reversal=float(labels.values[a]),
+        )
+        for a, b in pairwise(bounds)
+    ]
+    return _reversal_curves(record, driven, follows, pieces, sample_rate_hz)
+
+
+def curves_in_columns(
+    record: Record,
+    inputs: Sequence[str | int],
+    outputs: Sequence[str | int],
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that have a column each."""
+    driven = [record.channel(c) for c in inputs]
+    follow = [record.channel(c) for c in outputs]
+    if len(driven) not in (1, len(follow)):
+        raise RecordError(
+            f"{len(follow)} curves need one column of input, or one each, got {len(driven)}"
+        )
+    for channels in (driven, follow):
+        _require_one_unit("curves", channels)
+    pieces = [
+        _piece(record, u.values, y.values, y.name)
+        for u, y in zip(driven * (len(follow) // len(driven)), follow, strict=True)
+    ]
+    return _reversal_curves(record, driven[0], follow[0], pieces, sample_rate_hz)
+
+
+def curves_in_records(
+    records: Sequence[Record],
+    input: str | int,
+    output: str | int,
+    *,
+    sample_rate_hz: float | None = None,
+) -> Record:
+    """Return the measurement of reversal curves that have a record each."""
+    pairs = [(r.channel(input), r.channel(output)) for r in records]
+    for channels in zip(*pairs, strict=True):
+        _require_one_unit("curves", channels)
+    before = np.concatenate(([0], np.cumsum([r.size for r in records])))
+    pieces = [
+        replace(piece, rows=piece.rows + first)
+        for piece, first in (
+            (_piece(r, u.values, y.values, r.source), first)
+            for r, (u, y), first in zip(records, pairs, before[:-1], strict=True)
+        )
+    ]
+    base = replace(
+        records[0],
+        source=", ".join(r.source for r in records),
+        source_hash=", ".join(r.source_hash for r in records),
+        notes=tuple(dict.fromkeys(note for r in records for note in r.notes)),
+    )
+    return _reversal_curves(base, *pairs[0], pieces, sample_rate_hz)
+
+
+def _require_three(what: str, *channels: Channel) -> None:
+    if len({id(channel) for channel in channels}) < 3:
+        raise RecordError(f"{what} must be three columns: choose one for each")
+
+
+def _require_one_unit(what: str, channels: Sequence[Channel]) -> None:
+    if len({channel.unit for channel in channels}) > 1:
+        listed = ", ".join(f"{c.name} in {c.unit or 'no unit'}" for c in channels)
+        raise RecordError(f"the {what} have different units ({listed}): give them by option")
+
+
+def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(None)) -> _Piece:
+    """Return the rows of a curve at which it was measured."""
+    numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
+    there = np.isfinite(u[rows]) & np.isfinite(y[rows])
+    if not there.any():
+        raise RecordError(f"curve '{name}' has no row with an input and an output")
+    return _Piece(u=u[rows][there], y=y[rows][there], rows=numbers[rows][there], name=name)
+
+
+def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
+    # an input that is measured may go back by this share of its range
+    setback = 0.02
+    for piece in pieces:
+        u = piece.u if piece.way >= 0.0 else -piece.u
+        back = np.maximum.accumulate(u) - u
+        at = int(back.argmax())
+        if back[at] > setback * span:
+            raise RecordError(
+                f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
+                f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
+                "one way; a table that holds the way to each reversal too is a plain record: leave "
+                "the option of branches or curves out"
+            )
+
+
+def _step(pieces: Sequence[_Piece]) -> float:
+    """Return the usual step of the input from row to row."""
+    steps = np.concatenate([np.abs(np.diff(p.u)) for p in pieces])
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        raise RecordError("the input is the same in all rows: choose the column that drives")
+    return float(np.median(steps))
+
+
+def _unmeasured(u: Array) -> _Piece:
+    return _Piece(u=u, y=np.full(u.size, np.nan), rows=np.full(u.size, np.nan))
+
+
+def _way(corners: Sequence[float], step: float) -> _Piece:
+    """Return the way through some inputs that nothing was measured on, without its two ends."""
+    own = [c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]]
+    parts = [
+        np.linspace(a, b, max(int(np.ceil(abs(b - a) / step - 1e-9)), 1) + 1)[:-1]
+        for a, b in pairwise(own)
+    ]
+    return _unmeasured(np.concatenate(parts)[1:] if parts else np.zeros(0))
+
+
+def _reversal_curves(
+    record: Record,
+    driven: Channel,
+    follows: Channel,
+    pieces: Sequence[_Piece],
+    rate: float | None,
+) -> Record:
+    """Put curves one after another, each from saturation to its reversal and back."""
+    every, step = np.concatenate([p.u for p in pieces]), _step(pieces)
+    _require_one_way(pieces, float(np.ptp(every)), driven.name)
+    ways = {p.way for p in pieces} - {0.0}
+    if len(ways) != 1:
+        falls = [p.name for p in pieces if p.way < 0.0]
+        raise RecordError(
+            f"the input '{driven.name}' rises along some curves and falls along others "
+            f"({', '.join(falls[:5])}): reversal curves are all measured one way; give those of "
+            "either way by themselves"
+        )
+    way = ways.pop()
+    saturated = float((way * every).max() * way)
+    opposite = float((way * every).min() * way)
+    reversals = _reversals(pieces, way, step)
+    path, last = [_unmeasured(np.array([opposite]))], opposite
+    for piece, reversal in zip(pieces, reversals, strict=True):
+        path += [_way([last, saturated, reversal, float(piece.u[0])], step), piece]
+        last = float(piece.u[-1])
+    state = (
+        f"{len(pieces)} reversal curves, each taken to start from {saturated:g}"
+        f"{' ' + driven.unit if driven.unit else ''}, the end of the table, as from saturation"
+    )
+    return _assembled(record, driven, follows, path, rate, state)
+
+
+def _reversals(pieces: Sequence[_Piece], way: float, step: float) -> list[float]:
+    """Return where each curve was reversed: as its label says, or at its first row."""
+    first = [float(p.u[0]) for p in pieces]
+    said = [p.reversal for p in pieces]
+    # a label that is next below the first row of every curve is the reversal, and no number
+    if all(
+        s is not None and 0.0 <= way * (u - s) <= 1.5 * step
+        for s, u in zip(said, first, strict=True)
+    ):
+        return [float(s) for s in said if s is not None]
+    return first
+
+
+def _assembled(
+    record: Record,
+    driven: Channel,
+    follows: Channel,
+    path: Sequence[_Piece],
+    rate: float | None,
+    state: str,
+) -> Record:
+    require_rate(rate)
+    u, y, rows = (np.concatenate([getattr(p, f) for p in path]) for f in ("u", "y", "rows"))
+    # rows of a table without times are taken to follow one another at this rate [Hz]
+    nominal_hz = 1.0
+    if rate is None:
+        state += (
+            f"; rows without times are taken as {nominal_hz:g} in a second: delay and creep "
+            "cannot be found"
+        )
+    return Record(
+        channels=(replace(driven, values=u), replace(follows, values=y)),
+        time=np.arange(u.size) / (nominal_hz if rate is None else rate),
+        source=record.source,
+        source_hash=record.source_hash,
+        notes=(*record.notes, state),
+        attributes=record.attributes,
+        numbers=rows,
+    )
 
 
 def read_drive(

@@ -11,7 +11,7 @@ from flexstage.errors import RecordError
 from flexstage.records.contents import column_label, contents, read_whole
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
-from flexstage.records.times import TIME_NAMES
+from flexstage.records.sampling import TIME_NAMES
 
 _INPUTS = ("input", "in", "u", "voltage", "volt", "spannung", "command", "drive", "force", "kraft")
 _OUTPUTS = ("output", "out", "y", "position", "pos", "displacement", "weg", "response", "sensor")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexstage.errors import RecordError
+from flexstage.records.binary_files import read_hdf5
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import (
     Tree,
@@ -23,7 +24,6 @@ from flexstage.records.datasets import (
     reading,
     require_unpacked,
 )
-from flexstage.records.hdf5 import read_hdf5
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _DEEPEST = 12

@@ -1,4 +1,4 @@
-"""Reading a measured file into a record: format, columns, units, time, and the checks."""
+"""Reading measured files into records: format, columns, units, time, and the checks."""
 
 import hashlib
 import re
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.files.request import request_of
+from flexstage.records.binary_files import read_hdf5, read_numpy, read_tdms
 from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (
     GRAVITY,
@@ -23,15 +24,18 @@ from flexstage.records.columns import (
 )
 from flexstage.records.detect import format_of
 from flexstage.records.gcs_array import read_gcs_array
-from flexstage.records.hdf5 import read_hdf5
 from flexstage.records.matlab import read_matlab
-from flexstage.records.numpy_file import read_numpy
 from flexstage.records.read_options import ReadOptions, TextLayout
 from flexstage.records.record import Channel, Record, column_and_unit, column_number
-from flexstage.records.sampling import LARGEST_STEP, LARGEST_UNEVEN_STEP, evened, require_complete
-from flexstage.records.tdms import read_tdms
+from flexstage.records.sampling import (
+    LARGEST_STEP,
+    LARGEST_UNEVEN_STEP,
+    evened,
+    require_complete,
+    require_uniform,
+    timed,
+)
 from flexstage.records.text import read_text
-from flexstage.records.times import timed
 from flexstage.records.universal_file import read_universal
 
 # with marks of thousands, two decimal signs, or none that is known
@@ -387,3 +391,48 @@ def _left_out(raw: FileColumns, channels: Sequence[Channel], used: set[int]) -> 
     if incomplete:
         notes.append(f"incomplete, as it is not used: column {', '.join(incomplete)}")
     return notes
+
+
+_SUCH = {
+    "time": "samples with their times or their rate",
+    "point": "a report of a measuring machine, or a table of positions",
+    "frequency": "a universal file of frequency responses or spectra",
+}
+
+
+def read_files(
+    files: Sequence[Path],
+    columns: Sequence[str | int] | None,
+    *,
+    options: ReadOptions = ReadOptions(),
+    over: Literal["time", "point", "frequency", "any", "table"] = "time",
+    even: bool = False,
+    labels: str | int | None = None,
+    partial: Sequence[str | int] = (),
+) -> list[Record]:
+    """Read files, one record for each.
+
+    `columns` are those that are used (all, where None); `partial` are further ones, which may be
+    incomplete. `over` is what the samples must follow one another by: with point, rows of a text
+    need no times; with table, times are not looked at. With `even`, uneven times are refused.
+    `labels` is the column that labels the rows, with numbers or texts.
+    """
+    read = []
+    for file, how in zip(files, options.of_each(len(files)), strict=True):
+        record = read_record(
+            file,
+            how,
+            columns=columns,
+            partial=partial,
+            over="point" if over in ("point", "table") else "time",
+            labels=labels,
+        )
+        if over not in ("any", "table", record.over):
+            raise RecordError(
+                f"'{file}' is over {record.over}, and a record over {over} is needed: give "
+                f"{_SUCH[over]}"
+            )
+        if even:
+            require_uniform(record)
+        read.append(record)
+    return read

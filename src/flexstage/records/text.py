@@ -12,14 +12,17 @@ from flexstage.arrays import Array
 from flexstage.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns, complex_parts, labelled
 from flexstage.records.read_options import TextLayout
-from flexstage.records.text_heading import COMMENT_MARKS, X_VALUE, Heading, heading_of
 from flexstage.records.text_rows import (
+    COMMENT_MARKS,
     COMPLEX,
     NUMBER,
     STAMP,
+    X_VALUE,
+    Heading,
     RowLayout,
     day,
     first_row,
+    heading_of,
     is_comment,
     is_missing,
     row_of,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexstage.errors import RecordError
 from flexstage.files.write import write_whole
 from flexstage.records.record import Channel, Record
-from flexstage.records.text_heading import COMMENT_MARKS
+from flexstage.records.text_rows import COMMENT_MARKS
 
 _SUFFIXES = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 _RESERVED = frozenset(("units", "names"))

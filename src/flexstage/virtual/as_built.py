@@ -18,8 +18,7 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.lumped import hinge_springs
 from flexstage.lumped.assemble import hinge_matrix, layout_of
-from flexstage.measure.updating.problem import UpdateParameter
-from flexstage.measure.updating.update import update_stage
+from flexstage.measure.updating import UpdateParameter, update_stage
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import (
     DIRECTION_SPREAD,

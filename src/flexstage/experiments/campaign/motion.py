@@ -12,13 +12,11 @@ from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.loading import column, only, optional_column, sphere_columns
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
-from flexstage.measure.motion.axis_figures import stroke
-from flexstage.measure.motion.curve_extremes import curve_range
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import MotionCycles, cycles_by_range
-from flexstage.measure.motion.motion_curve import MotionCurve
+from flexstage.measure.motion.motion_curve import MotionCurve, curve_range
+from flexstage.measure.motion.reach import stroke, workspace
 from flexstage.measure.motion.rigid_body import rigid_motion, travel_frame
-from flexstage.measure.motion.workspace import workspace
 from flexstage.measure.noise.staircase import screw_resolution
 from flexstage.measure.uncertainty.sensor import Role, measured
 from flexstage.quantities import QUANTITIES

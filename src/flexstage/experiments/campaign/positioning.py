@@ -13,8 +13,7 @@ from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.motion.approaches import Approaches, Visits, staircase_dwells, visits
 from flexstage.measure.motion.positioning import Positioning, positioning
-from flexstage.measure.noise.allan import allan_deviation
-from flexstage.measure.noise.hold import hold_noise
+from flexstage.measure.noise.hold import allan_deviation, hold_noise
 from flexstage.measure.noise.staircase import levels_of_command, staircase
 from flexstage.measure.uncertainty.sensor import measured
 from flexstage.records import Record

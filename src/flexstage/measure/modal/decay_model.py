@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ConvergenceError
-from flexstage.measure.modal.local_rational import moving_mean
+from flexstage.measure.modal.prepare import moving_mean
 
 # lines of the residual's periodogram that are averaged: no fewer, no more, and share of all
 _FEWEST, _MOST, _SHARE = 24, 400, 32

@@ -10,12 +10,15 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
-from flexstage.measure.modal.covariance import Worth, assess, frequencies_of, residues_of
-from flexstage.measure.modal.listed_modes import (
+from flexstage.measure.modal.assessment import (
+    Worth,
+    assess,
+    frequencies_of,
     line_spacing,
     listed_modes,
     names_of,
     not_listed,
+    residues_of,
     with_and_without,
 )
 from flexstage.measure.modal.mode_search import (
@@ -53,7 +56,6 @@ def fit_modes(
     weighting: Literal["variance", "uniform", "relative"] = "variance",
     real_modes: bool = False,
     added_damping_rate: float = 0.0,
-    motion: Literal["displacement", "velocity", "acceleration"] | None = None,
 ) -> ModalFit:
     """Fit natural frequencies, damping ratios, residues and mode shapes to frequency responses.
 
@@ -72,7 +74,8 @@ def fit_modes(
     ----------
     responses : MeasuredResponse or sequence of MeasuredResponse
         One or several, as of roving sensors, repeated records or several inputs; each with its own
-        frequencies.
+        frequencies. Outputs whose unit is none of motion count as displacements, which bears on
+        residues and on the terms for other modes.
     band : tuple of float, optional
         Ends of the band [Hz]; all frequencies above 0 where not given.
     count : int or "auto", optional
@@ -96,9 +99,6 @@ def fit_modes(
     added_damping_rate : float
         Decay rate that an exponential window exp(-rate t) has added to all poles [1/s]: it is taken
         off.
-    motion : {"displacement", "velocity", "acceleration"}, optional
-        What the outputs measure whose unit does not say it; displacement where not given. It bears
-        on residues and on the terms for other modes.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def fit_modes(
             f"the damping that a window adds must be 0 or more, got {added_damping_rate!r} 1/s"
         )
     reference = reference_frequency(edges)
-    parts = prepared(given, edges, weighting, motion, reference)
+    parts = prepared(given, edges, weighting, reference)
     template = ModalBasis(
         count=0,
         reference=reference,
@@ -247,7 +247,6 @@ def _assembled(
     for r in rising:
         residues, matrix = residues_of(basis, theta, worth, parts, r, (outputs, inputs))
         shape, spread = shape_from_residues(residues, matrix)
-        deviation = np.sqrt(np.maximum(np.diagonal(matrix), 0.0)).reshape(*residues.shape, 2)
         poles.append(
             Mode(
                 frequency_hz=_estimate(
@@ -259,7 +258,6 @@ def _assembled(
                 shape=shape,
                 shape_uncertainty=spread,
                 residues=residues,
-                residue_uncertainty=np.where(np.isfinite(residues)[:, :, None], deviation, np.nan),
                 significance=float(strength[r]),
             )
         )

@@ -10,7 +10,6 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array, Complex
 from flexstage.errors import ModelError
-from flexstage.measure.modal.local_rational import local_poles
 from flexstage.measure.modal.mode_selection import (
     asked_for,
     cleaned,
@@ -21,7 +20,7 @@ from flexstage.measure.modal.mode_selection import (
     selected,
     threshold,
 )
-from flexstage.measure.modal.prepare import Prepared, reweighted
+from flexstage.measure.modal.prepare import Prepared, local_poles, reweighted
 from flexstage.measure.modal.stabilisation import Stabilisation, WeightedLines, stabilised
 from flexstage.measure.modal.variable_projection import (
     ModalBasis,

@@ -33,8 +33,6 @@ class Mode:
     """Residues of the responses to displacement at the pole, output over input times rad/s, shape
     (outputs, inputs); not a number where none was measured.
     """
-    residue_uncertainty: Array
-    """Standard uncertainty of their real and imaginary part, shape (outputs, inputs, 2)."""
     significance: float
     """By how much the mode lowers the sum of squares, over what noise would make of it [1]."""
 

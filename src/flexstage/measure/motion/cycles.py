@@ -60,7 +60,7 @@ class MotionCycles:
         return found
 
 
-def motion_cycles(command: ArrayLike, *, skip: int = 0) -> MotionCycles:
+def motion_cycles(command: ArrayLike) -> MotionCycles:
     """Find the whole cycles over the largest range of a triangle, a sine or a staircase.
 
     A turning point is the highest (lowest) place between two visits of the other end of the range,
@@ -68,7 +68,7 @@ def motion_cycles(command: ArrayLike, *, skip: int = 0) -> MotionCycles:
     is whole when it begins and ends where other runs over this range do and does not turn back by
     more than 10 % of it on the way. A cycle is a forward and a backward run next to each other; it
     begins with the forward run unless one more cycle can be had the other way round. Two whole
-    cycles are needed; `skip` are left out at the beginning, as long as the stage still settles in.
+    cycles are needed.
 
     Validity
     --------
@@ -83,11 +83,11 @@ def motion_cycles(command: ArrayLike, *, skip: int = 0) -> MotionCycles:
     >>> found.count, found.runs[1].tolist(), found.left_out
     (3, [[1000, 1500], [1500, 2000]], 301)
     """
-    return cycles_by_range(command, skip=skip)[0]
+    return cycles_by_range(command)[0]
 
 
 def cycles_by_range(
-    command: ArrayLike, *, least: int = 2, skip: int = 0, unit: str = ""
+    command: ArrayLike, *, least: int = 2, unit: str = ""
 ) -> tuple[MotionCycles, ...]:
     """Find whole cycles as `motion_cycles` does, and those over other ranges that have two or more.
 
@@ -114,16 +114,15 @@ def cycles_by_range(
     noise_band = 8.0
     # a clean curve has second differences too: no more than a hundredth of the range is noise
     band = noise_band * min(difference_noise(x, 2), 0.01 * (high - low)) + 1e-9 * (high - low)
-    each = [(ends, _cycles_over(x, ends, band)[skip:]) for ends in _ranges(x, band)]
+    each = [(ends, _cycles_over(x, ends, band)) for ends in _ranges(x, band)]
     size, pairs = next((one for one in each if len(one[1]) >= least), (np.zeros((2, 2)), []))
     # ranges smaller than this share of the whole are not what a record is about
     least_range = 0.5
     if size[1, 1] - size[0, 0] < least_range * (high - low):
         raise RecordError(
             f"{least} whole cycles over the range from {low:g} to {high:g} are needed, got "
-            f"{len(each[0][1]) if each else 0}"
-            + (f" after the first {skip}" if skip else "")
-            + ": record more cycles, or choose the column that commands the motion"
+            f"{len(each[0][1]) if each else 0}: record more cycles, or choose the column that "
+            "commands the motion"
         )
     said = [
         f"{len(own)} cycle{'s' * (len(own) > 1)} from {readable(unit, e[0, 0], e[1, 1])}"
@@ -143,7 +142,6 @@ def cycles_by_range(
             f"{outside} of {x.size} samples are in no whole cycle"
             + (" of those" if notes else "")
             + " and are left out"
-            + (f", with {skip} cycles at the beginning as asked" if skip else "")
         )
     others = [own for _, own in each if own is not pairs and len(own) > 1]
     return (_found(x, pairs, notes), *(_found(x, own, ()) for own in others))

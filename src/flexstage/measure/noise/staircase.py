@@ -9,17 +9,16 @@ from numpy.typing import ArrayLike
 from flexstage.arrays import Array, Integers
 from flexstage.errors import ModelError, RecordError
 from flexstage.estimate import Estimate
-from flexstage.measure.noise.allan import allan_freedom, power_of_noise
+from flexstage.measure.noise.hold import allan_freedom, power_of_noise
 
 #: Parts of a level whose means tell how certain its mean is.
 PARTS = 6
 
 
-def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: int = 1) -> Integers:
+def levels_of_command(command: ArrayLike, *, shortest: int = 1) -> Integers:
     """Return the bounds of the stretches in which a command stays.
 
-    First sample of each level, and the sample after the last. Changes up to the tolerance, for a
-    measured command several times its noise, count as none; stretches shorter than `shortest`, as
+    First sample of each level, and the sample after the last. Stretches shorter than `shortest`, as
     of a ramp between two levels, are given to what follows.
 
     Examples
@@ -30,7 +29,7 @@ def levels_of_command(command: ArrayLike, *, tolerance: float = 0.0, shortest: i
     u = np.asarray(command, dtype=np.float64)
     if u.ndim != 1 or u.size < 2 or not np.isfinite(u).all():
         raise RecordError(f"a command is one finite number for each sample, got shape {u.shape}")
-    starts = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(u)) > tolerance) + 1))
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(u)) + 1))
     lengths = np.diff(np.append(starts, u.size))
     # the samples of a ramp are the beginning of the level that it leads to
     after_ramp = np.concatenate(([False], lengths[:-1] < shortest))

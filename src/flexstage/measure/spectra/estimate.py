@@ -1,8 +1,8 @@
 """Frequency responses from measured records."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import get_args
+from dataclasses import dataclass, field, replace
+from typing import Any, get_args
 
 import numpy as np
 
@@ -39,6 +39,48 @@ _PARTS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ResponseOptions:
+    """How frequency responses are estimated from records."""
+
+    estimator: Estimator = "H1"
+    """For noise of the outputs (H1), of the input (H2), or of both (Hv); that of a periodic
+    excitation needs none.
+    """
+    excitation: Excitation = "auto"
+    """What excites; found from the first input of the first record where ``auto``."""
+    segment: int | None = None
+    """Samples of a segment, hit or step."""
+    resolution_hz: float | None = None
+    """Instead of it, the distance of lines [Hz]."""
+    overlap: float | None = None
+    """Share of a random segment that the next one has too [1]; one half where not given."""
+    window: str | Array = "hann"
+    """Window of random segments: ``hann``, ``hamming``, ``blackman``, ``boxcar``, or its values."""
+    noise_ratio: float | None = None
+    """For Hv: noise power of an output over that of an input [(output unit/input unit)^2]."""
+    hits: HitOptions = field(default_factory=HitOptions)
+    """How hits and steps are found and cut out."""
+    periods: PeriodOptions = field(default_factory=PeriodOptions)
+    """How periods are cut out."""
+    power_floor: float = 1e-6
+    """Lines at which an input has less than this share of the power of its strongest line are left
+    out: all of them of a periodic excitation, else those before the first and after the last line
+    above [1].
+    """
+    allow_clipped: bool = False
+    """Whether a channel may rest at its least or greatest value."""
+
+    def __post_init__(self) -> None:
+        kinds = get_args(Excitation)
+        if self.excitation not in kinds:
+            raise ModelError(f"an excitation is one of {', '.join(kinds)}, got {self.excitation!r}")
+        if not 0.0 <= self.power_floor < 1.0:
+            raise ModelError(
+                f"a share of the power is from 0 to less than 1, got {self.power_floor!r}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseEstimate:
     """An estimated frequency response, and how it was come by."""
 
@@ -64,18 +106,8 @@ def estimate_response(
     records: Record | Sequence[Record],
     inputs: str | int | Sequence[str | int],
     outputs: str | int | Sequence[str | int],
-    *,
-    estimator: Estimator = "H1",
-    excitation: Excitation = "auto",
-    segment: int | None = None,
-    resolution_hz: float | None = None,
-    overlap: float | None = None,
-    window: str | Array = "hann",
-    noise_ratio: float | None = None,
-    hits: HitOptions | None = None,
-    periods: PeriodOptions | None = None,
-    power_floor: float = 1e-6,
-    allow_clipped: bool = False,
+    options: ResponseOptions | None = None,
+    **asked: Any,
 ) -> ResponseEstimate:
     """Return the frequency responses from inputs to outputs, averaged over records.
 
@@ -91,31 +123,10 @@ def estimate_response(
         Records of the same channels at the same rate.
     inputs, outputs : str, int or sequence
         The channels, by name or number.
-    estimator : {"H1", "H2", "Hv"}
-        The estimator: for noise of the outputs, of the input, or of both; that of a periodic
-        excitation needs none.
-    excitation : {"auto", "random", "periodic", "hammer", "step", "sweep"}
-        What excites; found from the first input of the first record where ``auto``.
-    segment : int, optional
-        Samples of a segment, hit or step.
-    resolution_hz : float, optional
-        Instead of it, the distance of lines [Hz].
-    overlap : float, optional
-        Share of a random segment that the next one has too [1]; one half where not given.
-    window : str or numpy.ndarray
-        Window of random segments: ``hann``, ``hamming``, ``blackman``, ``boxcar``, or its values.
-    noise_ratio : float, optional
-        For Hv: noise power of an output over that of an input [(output unit/input unit)^2].
-    hits : HitOptions, optional
-        How hits and steps are found and cut out.
-    periods : PeriodOptions, optional
-        How periods are cut out.
-    power_floor : float
-        Lines at which an input has less than this share of the power of its strongest line are left
-        out: all of them of a periodic excitation, else those before the first and after the last
-        line above [1].
-    allow_clipped : bool
-        Whether a channel may rest at its least or greatest value.
+    options : ResponseOptions, optional
+        Estimator, excitation, segments and window.
+    **asked
+        Fields of `ResponseOptions`, in place of those of `options`.
 
     Returns
     -------
@@ -158,41 +169,32 @@ def estimate_response(
         _listed(inputs),
         _listed(outputs),
     )
-    require_estimator(estimator, signals.inputs, noise_ratio)
-    if excitation not in get_args(Excitation):
-        raise ModelError(
-            f"an excitation is one of {', '.join(get_args(Excitation))}, got {excitation!r}"
-        )
-    if not 0.0 <= power_floor < 1.0:
-        raise ModelError(f"a share of the power is from 0 to less than 1, got {power_floor!r}")
-    kind, notes = _kind(signals, excitation, allow_clipped)
+    how = replace(options or ResponseOptions(), **asked)
+    require_estimator(how.estimator, signals.inputs, how.noise_ratio)
+    kind, notes = _kind(signals, how)
     if kind in {"hammer", "step"} and signals.inputs > 1:
         raise ModelError(
             f"a {kind} has one input, got {signals.inputs}: estimate the responses one by one"
         )
     if kind == "periodic":
-        return _periodic(signals, periods or PeriodOptions(), power_floor, notes)
+        return _periodic(signals, how, notes)
+    sizes, rate, length = signals.sizes, signals.sample_rate_hz, how.segment
     if kind == "sweep":
-        cut = CutSpectra(spectra=whole_spectra(signals), segment=signals.sizes[0])
+        cut = CutSpectra(spectra=whole_spectra(signals), segment=sizes[0])
     elif kind == "random":
-        length = segment_length(
-            signals.sizes, signals.sample_rate_hz, segment, resolution_hz, resolving=True
-        )
-        hop = hop_of(length, window, overlap)
-        cut = CutSpectra(
-            spectra=welch_spectra(signals, length, window, hop, allow_clipped=allow_clipped),
-            segment=length,
-        )
+        length = segment_length(sizes, rate, length, how.resolution_hz, resolving=True)
+        hop = hop_of(length, how.window, how.overlap)
+        spectra = welch_spectra(signals, length, how.window, hop, allow_clipped=how.allow_clipped)
+        cut = CutSpectra(spectra=spectra, segment=length)
     else:
-        length = segment
-        if segment is not None or resolution_hz is not None:
-            length = segment_length(signals.sizes, signals.sample_rate_hz, segment, resolution_hz)
+        if length is not None or how.resolution_hz is not None:
+            length = segment_length(sizes, rate, length, how.resolution_hz)
         work = hammer_spectra if kind == "hammer" else step_spectra
-        cut = work(signals, hits or HitOptions(), length)
-    done = _completed(signals, kind, cut, estimator, noise_ratio, power_floor, notes)
+        cut = work(signals, how.hits, length)
+    done = _completed(signals, kind, cut, how, notes)
     if kind != "random":
         return done
-    blur = window_blur(window_values(window, cut.segment))
+    blur = window_blur(window_values(how.window, cut.segment))
     return replace(done, response=replace(done.response, blur=blur))
 
 
@@ -200,28 +202,24 @@ def _listed(columns: str | int | Sequence[str | int]) -> list[str | int]:
     return [columns] if isinstance(columns, str | int) else list(columns)
 
 
-def _kind(
-    signals: Signals, excitation: Excitation, allow_clipped: bool
-) -> tuple[Excitation, list[str]]:
+def _kind(signals: Signals, how: ResponseOptions) -> tuple[Excitation, list[str]]:
     """Kind of excitation, having looked at the channels where its averaging does not."""
-    if excitation == "random":
-        return excitation, []
+    if how.excitation == "random":
+        return "random", []
     ends = all_extremes(signals)
     require_sound(signals, ends, allow_clipped=True)
-    kind, notes = excitation, []
-    if excitation == "auto":
+    kind, notes = how.excitation, []
+    if kind == "auto":
         kind = recognised(signals.channels[0][0], step_allowed=signals.inputs == 1)
         notes = [f"taken as {kind} excitation"]
     # single hits that are cut off are left out later, and a step rests where it went
     if kind in {"periodic", "sweep"}:
-        require_sound(signals, ends, allow_clipped=allow_clipped)
+        require_sound(signals, ends, allow_clipped=how.allow_clipped)
     return kind, notes
 
 
-def _periodic(
-    signals: Signals, options: PeriodOptions, power_floor: float, notes: list[str]
-) -> ResponseEstimate:
-    found = periodic_response(signals, options, power_floor)
+def _periodic(signals: Signals, how: ResponseOptions, notes: list[str]) -> ResponseEstimate:
+    found = periodic_response(signals, how.periods, how.power_floor)
     dropped = ", ".join(map(str, found.dropped))
     notes = [
         *notes,
@@ -243,13 +241,11 @@ def _completed(
     signals: Signals,
     kind: Excitation,
     cut: CutSpectra,
-    estimator: Estimator,
-    noise_ratio: float | None,
-    power_floor: float,
+    how: ResponseOptions,
     notes: list[str],
 ) -> ResponseEstimate:
-    spectra = _excited(cut.spectra, cut.segment, power_floor)
-    h, variance, coherence = transfer(spectra, estimator, noise_ratio)
+    spectra = _excited(cut.spectra, cut.segment, how.power_floor)
+    h, variance, coherence = transfer(spectra, how.estimator, how.noise_ratio)
     if variance is None:
         notes = [*notes, "too few averages to separate noise from response"]
     if cut.added_damping_rate > 0.0:
@@ -259,7 +255,7 @@ def _completed(
     if cut.left_out:
         said = [*notes, f"{len(cut.left_out)} left out: {'; '.join(cut.left_out)}"]
     return ResponseEstimate(
-        response=_measured(signals, spectra, h, variance, coherence, estimator, said),
+        response=_measured(signals, spectra, h, variance, coherence, how.estimator, said),
         spectra=spectra,
         excitation=kind,
         segment=cut.segment,

@@ -11,13 +11,13 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ConvergenceError, ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.uncertainty.influence import (
+from flexstage.measure.uncertainty.propagate import (
     Correlations,
     Influence,
+    Propagated,
     correlation_matrix,
     groups,
 )
-from flexstage.measure.uncertainty.propagate import Propagated
 
 _Draw = Callable[[np.random.Generator, int], list[Array]]
 #: Trials drawn from one stream.

@@ -32,8 +32,7 @@ from typing import Any, Literal, get_args
 
 from flexstage.errors import ModelError
 from flexstage.estimate import Component, Estimate
-from flexstage.measure.uncertainty.influence import Influence, influence_from
-from flexstage.measure.uncertainty.propagate import propagate
+from flexstage.measure.uncertainty.propagate import Influence, influence_from, propagate
 from flexstage.sensor import SensorSpecification
 
 Role = Literal[

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.measure.motion.curve_extremes import Line, line_weights
-from flexstage.measure.motion.motion_curve import MotionCurve
+from flexstage.measure.motion.motion_curve import Line, MotionCurve, line_weights
 from flexstage.measure.motion.positioning import Positioning
-from flexstage.measure.motion.workspace import Workspace
+from flexstage.measure.motion.reach import Workspace
 from flexstage.quantities import number, prefixed
 from flexstage.report.figures.style import (
     CYCLE,

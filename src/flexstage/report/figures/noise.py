@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.measure.noise.allan import AllanDeviation
-from flexstage.measure.noise.hold import HoldNoise
+from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
 from flexstage.quantities import prefixed
 from flexstage.report.figures.style import (

@@ -27,8 +27,8 @@ from flexstage.records import Record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
+from flexstage.records.read import read_files
 from flexstage.records.write import record_bytes
 from flexstage.report.figures.identification import draw_drive_record, draw_prediction, draw_record
 from flexstage.report.figures.tracking import draw_feedforward

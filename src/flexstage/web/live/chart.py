@@ -12,7 +12,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from flexstage.errors import FlexstageError, ModelError
-from flexstage.measure.spectra.density import spectral_density
+from flexstage.measure.spectra.averaging import spectral_density
 from flexstage.web.live.history import POINTS, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 from flexstage.web.page import Page, Panel
 

@@ -22,8 +22,8 @@ from flexstage.instruments.protocol import Waveform
 from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
 from flexstage.records import Record
-from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive
+from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.stage import Stage
 from flexstage.virtual.build import virtual_stage

@@ -1,14 +1,147 @@
-"""HDF5 files, and those of MATLAB since version 7.3."""
+"""Files of NumPy, TDMS and HDF5, which libraries read, as the columns that they hold."""
 
-from collections.abc import Callable
+import contextlib
+import logging
+import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexstage.errors import RecordError
+from flexstage.lazy import require_extra
 from flexstage.records.columns import FileColumns
-from flexstage.records.datasets import StoredArray, Tree, chosen_columns, reading
+from flexstage.records.datasets import (
+    StoredArray,
+    Tree,
+    chosen_columns,
+    reading,
+    require_unpacked,
+)
+
+
+def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
+    """Read the columns of a NumPy file, ``.npy`` or ``.npz``.
+
+    `dataset` names arrays of an archive, ``u,y``. The fields of a structured array are columns with
+    their names.
+
+    Pickled objects are never loaded, as that would run what the file says.
+    """
+    with reading(path, "a NumPy"):
+        try:
+            arrays = _arrays(path)
+        except ValueError as error:
+            if "pickle" not in str(error):
+                raise
+            raise RecordError(
+                f"'{path}' is pickled, which is not loaded, as that would run what it says: save "
+                "plain arrays of numbers"
+            ) from error
+        return chosen_columns(_numpy_tree(arrays, path.stat().st_size), dataset)
+
+
+def _arrays(path: Path) -> dict[str, NDArray]:
+    with path.open("rb") as stream:
+        archive = stream.read(2) == b"PK"
+        if not archive:
+            stream.seek(0)
+            array = np.load(stream, allow_pickle=False)
+            return {"": array}
+    with zipfile.ZipFile(path) as content:
+        size = sum(item.file_size for item in content.infolist())
+        names = content.namelist()
+    if any(not name.endswith(".npy") for name in names):
+        raise RecordError(
+            f"'{path}' is an archive of other files than NumPy's, such as a workbook: save the "
+            "columns as CSV"
+        )
+    require_unpacked(size, path.stat().st_size, f"'{path}'")
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _numpy_tree(arrays: dict[str, NDArray], file_size: int) -> Tree:
+    tree = Tree(file_size=file_size)
+    for path, array in arrays.items():
+        parent, _, name = path.rpartition("/")
+        # the fields of a lone array are columns by their own names
+        tree.add(parent, name or ("" if array.dtype.names is not None else "column"), array)
+    return tree
+
+
+_UNITS = ("unit_string", "NI_UnitDescription", "unit")
+
+
+def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
+    """Read the columns of a TDMS file.
+
+    `dataset` is a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
+    ``wf_increment`` and ``wf_start_offset`` give the times.
+    """
+    require_extra("labview", "nptdms", "a TDMS file of LabVIEW", RecordError)
+    from nptdms import TdmsFile
+
+    with (
+        reading(path, "a TDMS"),
+        _quiet(),
+        path.open("rb") as stream,
+        TdmsFile.open(stream) as file,
+    ):
+        if file.file_status.incomplete_final_segment:
+            raise RecordError(
+                f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
+                "it again"
+            )
+        return chosen_columns(_tdms_tree(file, path.stat().st_size), dataset)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the library from writing to the terminal what is said by an error here."""
+    from nptdms.log import log_manager
+
+    level = log_manager.log_level
+    log_manager.set_level(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log_manager.set_level(level)
+
+
+def _tdms_tree(file: Any, file_size: int) -> Tree:
+    tree = Tree(file_size=file_size)
+    tree.texts = {str(k): str(v) for k, v in file.properties.items()}
+    for group in file.groups():
+        tree.texts |= {f"{group.name}/{k}": str(v) for k, v in group.properties.items()}
+        tree.leaves += [_leaf(group.name, channel) for channel in group.channels() if len(channel)]
+    return tree
+
+
+def _leaf(group: str, channel: Any) -> StoredArray:
+    properties = channel.properties
+    interval = _number(properties.get("wf_increment"))
+    return StoredArray(
+        parent=group,
+        name=channel.name,
+        shape=(len(channel),),
+        kind=np.dtype(channel.dtype).kind,
+        load=_load(channel),
+        unit=next((str(properties[u]).strip() for u in _UNITS if properties.get(u)), ""),
+        interval=interval if interval > 0.0 else None,
+        start=_number(properties.get("wf_start_offset")),
+    )
+
+
+def _load(channel: Any) -> Callable[[], NDArray]:
+    return lambda: np.asarray(channel[:])
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float | np.number) else 0.0
+
 
 _DEEPEST = 12
 _MOST = 20_000
