@@ -13,7 +13,7 @@ from flexstage.experiments.campaign.plan import CAMPAIGN_FILE, Campaign
 from flexstage.experiments.plan import PLAN_FILE, Plan
 from flexstage.files.schema import file_schema
 from flexstage.measure.uncertainty.budget_file import BUDGET_FILE, Budget
-from flexstage.stage.format import SCHEMA_PATH, stage_schema
+from flexstage.stage.file import SCHEMA_PATH, stage_schema
 
 PACKAGE = Path(flexstage.__file__).parent
 

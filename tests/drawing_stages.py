@@ -8,13 +8,8 @@ import pytest
 
 from flexstage.designs import DESIGNS, design
 from flexstage.hinges import AsDrawn, Profile, RightCircular
-from flexstage.hinges.corner_filleted import CornerFilleted
-from flexstage.hinges.elliptical import Elliptical
-from flexstage.hinges.hyperbolic import Hyperbolic
-from flexstage.hinges.leaf import Leaf
-from flexstage.hinges.parabolic import Parabolic
-from flexstage.hinges.power import PowerFunction
-from flexstage.hinges.v_fillet import VFillet
+from flexstage.hinges.conic import Elliptical, Hyperbolic, Parabolic, PowerFunction
+from flexstage.hinges.straight import CornerFilleted, Leaf, VFillet
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 from flexstage.stage.curve import Curve, distance

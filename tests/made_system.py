@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from flexstage.hinges import compliance, stress_rows
-from flexstage.hinges.other_notch import with_neck_radius, with_neck_thickness
+from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import (
     BodyCoordinates,

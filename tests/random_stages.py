@@ -12,9 +12,7 @@ from flexstage.errors import FlexstageError
 from flexstage.files.format import field_types, optional_part
 from flexstage.files.ranges import Size
 from flexstage.hinges import Profile, RightCircular
-from flexstage.hinges.elliptical import Elliptical
-from flexstage.hinges.parabolic import Parabolic
-from flexstage.hinges.power import PowerFunction
+from flexstage.hinges.conic import Elliptical, Parabolic, PowerFunction
 from flexstage.material import CATALOGUE
 from flexstage.stage import Stage, check
 from flexstage.units import Length

@@ -11,13 +11,8 @@ from hypothesis import strategies as st
 
 from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.hinges import AsDrawn, Profile, RightCircular
-from flexstage.hinges.corner_filleted import CornerFilleted
-from flexstage.hinges.elliptical import Elliptical
-from flexstage.hinges.hyperbolic import Hyperbolic
-from flexstage.hinges.leaf import Leaf
-from flexstage.hinges.parabolic import Parabolic
-from flexstage.hinges.power import PowerFunction
-from flexstage.hinges.v_fillet import VFillet
+from flexstage.hinges.conic import Elliptical, Hyperbolic, Parabolic, PowerFunction
+from flexstage.hinges.straight import CornerFilleted, Leaf, VFillet
 from flexstage.material import CATALOGUE, Material
 from flexstage.quantities import QUANTITIES
 from flexstage.stage import (

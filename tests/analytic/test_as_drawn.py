@@ -17,7 +17,7 @@ from flexstage.hinges import (
     compliance,
     concentration,
 )
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 
 NAMED: dict[str, Profile] = {
     "circular": RightCircular(neck_thickness=0.53e-3, radius=1.3e-3),

@@ -9,11 +9,10 @@ from flexstage.characteristic import Characteristic
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
-from flexstage.hinges.corner_filleted import CornerFilleted
+from flexstage.hinges.straight import CornerFilleted
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, Probe, Screw, Stage
-from flexstage.stage.checks import check
-from flexstage.stage.mobility import free_motion
+from flexstage.stage.checks import check, free_motion
 from flexstage.stage.transform import PlaneMotion, moved
 from tests.reference_stages import NAMES, reference_stage
 

@@ -13,7 +13,7 @@ from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.cuts import cuts
 from flexstage.export.drawing.offset import WirePath, offset_contours
 from flexstage.hinges import AsDrawn, Elliptical, RightCircular
-from flexstage.hinges.leaf import Leaf
+from flexstage.hinges.straight import Leaf
 from flexstage.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
 from flexstage.stage.curve import Curve, point_distance

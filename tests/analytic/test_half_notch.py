@@ -8,8 +8,8 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.fem import half_notch, plane_model, superelement_model
-from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.substructure import cut_free
 from flexstage.fem.superelement import BODIES
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import (

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from flexstage.explore.optimise.local_search import local_search
+from flexstage.explore.optimise.local_search import MARGIN, find_wall, local_search
 from flexstage.explore.optimise.optimum import balance
 from flexstage.explore.optimise.problem import Correction
 from flexstage.explore.optimise.quadratic import bounded_step, smallest_quadratic
-from flexstage.explore.optimise.walls import MARGIN, find_wall
 
 Function = Callable[[np.ndarray], float]
 INF = np.inf

@@ -16,7 +16,7 @@ from flexstage.fem.stroke import _drive_row, _rig, bar_buckling_load, two_notch_
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.hinges.profile import Profile
 from flexstage.lumped import hinge_springs, lumped_system, mechanism, nonlinear
-from flexstage.lumped.buckling import lumped_buckling
+from flexstage.lumped.large_displacement import lumped_buckling
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
 from flexstage.system import analyse_axis
 from tests.hinged_bars import MATERIAL

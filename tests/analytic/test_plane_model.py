@@ -18,7 +18,7 @@ from flexstage.fem import (
     superelement_model,
 )
 from flexstage.fem.geometry import patches, stage_faces
-from flexstage.fem.ports import body_motion, body_path, drive_vector, probe_vector
+from flexstage.fem.stage_system import body_motion, body_path, drive_vector, probe_vector
 from flexstage.lumped import lumped_system
 from flexstage.stage import Circle, ExtraMass, Probe, Stage
 from flexstage.system import analyse, load_readings, modes, static_displacements, static_forces

@@ -9,7 +9,7 @@ import pytest
 from flexstage.designs import DESIGNS, find_stage
 from flexstage.designs.template import StageTemplate
 from flexstage.errors import ModelError, StageError
-from flexstage.explore.family import Family, jacobian, known_figures
+from flexstage.explore.family import STAGE_FIGURES, Family, jacobian, known_figures
 from flexstage.explore.figures import Figure, figures_of
 from flexstage.explore.sensitivity import (
     Sensitivities,
@@ -17,7 +17,6 @@ from flexstage.explore.sensitivity import (
     sensitivities,
     variables_by,
 )
-from flexstage.explore.stage_figures import STAGE_FIGURES
 from flexstage.lumped import lumped_system
 from flexstage.system import analyse
 

@@ -8,7 +8,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import StageError
-from flexstage.explore.stage_figures import STAGE_FIGURES, stage_figures
+from flexstage.explore.family import STAGE_FIGURES, stage_figures
 from flexstage.lumped import lumped_system
 from flexstage.quantities import QUANTITIES
 from flexstage.stage import Body, Circle, Loop, Stage, check

@@ -16,10 +16,8 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
-from flexstage.fem.condensation import Condensed, condensed_with_shapes
-from flexstage.fem.constrained import Constrained
+from flexstage.fem.condensation import Condensed, Constrained, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
-from flexstage.fem.cutting import Placed, cut_free
 from flexstage.fem.geometry import (
     either,
     exactly,
@@ -32,7 +30,7 @@ from flexstage.fem.layered_plate import LayeredPlate, factorised
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.fem.necks import IN_PLANE, layered_stress, neck_points, neck_stress
-from flexstage.fem.substructure import Substructure
+from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.fem.whole_stage import plane_model
 from flexstage.stage import Body, Circle, Loop, Screw

@@ -17,8 +17,7 @@ from flexstage.errors import ModelError
 from flexstage.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
 from flexstage.explore.family import known_figures
 from flexstage.explore.figures import Figure, Requirement, requirements_of
-from flexstage.explore.made_stages import lot_figures, process_of
-from flexstage.explore.notch_table import TOLERANCE, notch_table
+from flexstage.explore.made_stages import TOLERANCE, lot_figures, notch_table, process_of
 from flexstage.explore.spread import shares_of, spread_of, yield_of
 from flexstage.explore.tolerance import lot_of, tolerance
 from flexstage.explore.tolerance_choice import _Search, choose_tolerances, scaled
@@ -38,7 +37,7 @@ from flexstage.hinges import (
     compliance,
     stress_rows,
 )
-from flexstage.hinges.other_notch import with_neck_radius, with_neck_thickness
+from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
 from flexstage.studies.models import analyse_model
 from flexstage.system import analyse
 from flexstage.virtual.imperfections import Scatter

@@ -16,7 +16,7 @@ from flexstage.hinges import (
     closed_forms,
     compliance,
 )
-from flexstage.hinges.circular_forms import lobontiu_shear, wu_zhou_rotation
+from flexstage.hinges.closed_forms import lobontiu_shear, wu_zhou_rotation
 
 E, NU, B = 71.7e9, 0.33, 9.3e-3
 PLACE = {"axial": 0, "shear": 1, "rotation": 2}

@@ -16,15 +16,16 @@ from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
-from flexstage.system.axis_states import decoupled_axis, stress_anywhere
-from flexstage.system.coupled_axes import CoupledAxes, coupled_axes
-from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
-from flexstage.system.reachable_area import (
+from flexstage.system.characteristics import decoupled_axis, stress_anywhere
+from flexstage.system.coupled_axes import (
+    CoupledAxes,
     box_section,
+    coupled_axes,
     polygon_area,
     zonogon_outline,
     zonotope_volume,
 )
+from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
 from tests.parallel_stage import ARM, AWRY, CRANK, EDGE, NOTCH, three_legs
 
 

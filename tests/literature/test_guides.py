@@ -33,7 +33,7 @@ from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.errors import StageError
 from flexstage.fem import MeshSettings, plane_model
 from flexstage.fem.geometry import patches
-from flexstage.fem.ports import body_motion, body_path, drive_vector
+from flexstage.fem.stage_system import body_motion, body_path, drive_vector
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.lumped import equilibrium, hinge_springs, lumped_system, mechanism, nonlinear
 from flexstage.stage import Force, Hinge, Stage, check

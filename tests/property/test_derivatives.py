@@ -24,8 +24,7 @@ from flexstage.lumped import (
 )
 from flexstage.stage import Stage
 from flexstage.system import analyse, characteristic_derivatives, modes
-from flexstage.system.axis_states import axis_states
-from flexstage.system.characteristics import MODES_SEARCHED, every_characteristic
+from flexstage.system.characteristics import MODES_SEARCHED, axis_states, every_characteristic
 from tests.varied_stages import rounding, varied
 
 # What is asked for, of the derivative or of the figure over the parameter, whichever is larger.

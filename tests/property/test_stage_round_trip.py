@@ -12,8 +12,7 @@ from flexstage.errors import StageError
 from flexstage.files.yaml_text import yaml_text
 from flexstage.provenance import content_hash
 from flexstage.stage import Stage
-from flexstage.stage.file import read_stage, stage_from_text, stage_to_text, write_stage
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE, read_stage, stage_from_text, stage_to_text, write_stage
 from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.substructure import cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.stage import Stage
 from flexstage.stage.transform import PlaneMotion, moved

@@ -10,13 +10,13 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import StageError
 from flexstage.fem import superelement_model
-from flexstage.fem.changed_necks import changed_necks, neck_family
-from flexstage.fem.cutting import cut_free, in_space
+from flexstage.fem.condensed_bodies import changed_necks, neck_family
 from flexstage.fem.half_notch import neck_response
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.substructure import cut_free, in_space
 from flexstage.fem.superelement import BODIES, SuperelementModel
 from flexstage.hinges import CornerFilleted, Profile, RightCircular
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.system import analyse, modes
 from tests.hinged_bars import hinged_bars

@@ -19,8 +19,13 @@ from flexstage.designs import DESIGNS, build, design
 from flexstage.errors import FlexstageError
 from flexstage.stage import Stage
 from flexstage.stage.checks import check
-from flexstage.stage.file import read_stage, stage_from_text, stage_to_text
-from flexstage.stage.format import SCHEMA_PATH, stage_schema
+from flexstage.stage.file import (
+    SCHEMA_PATH,
+    read_stage,
+    stage_from_text,
+    stage_schema,
+    stage_to_text,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "parallelogram.yaml"

@@ -14,10 +14,9 @@ from flexstage.errors import FlexstageError, PlanError, StageError, UnitError
 from flexstage.experiments.plan import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
-from flexstage.stage.drawing.blanks import stage_file_text
-from flexstage.stage.drawing.drawn_stage import read_drawing
+from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 from flexstage.stage.drawing.requests import DrawingOptions
-from flexstage.stage.format import SCHEMA_PATH
+from flexstage.stage.file import SCHEMA_PATH
 from tests.drawn_stages import dxf_without_hinges
 from tests.system.test_stage_file import EXAMPLE, SPELLED_OUT, core_schema
 

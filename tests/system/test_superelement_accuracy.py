@@ -14,8 +14,8 @@ from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.fem.accuracy import fewer_modes
 from flexstage.fem.condensation import condense
-from flexstage.fem.cutting import cut_free
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.substructure import cut_free
 from flexstage.stage import Stage
 from flexstage.studies.models import run_model
 from flexstage.studies.requests import ModelOptions

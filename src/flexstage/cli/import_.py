@@ -50,8 +50,7 @@ def import_(
         Draw what was found: bodies, and necks with how sure each is. (.svg, .png or .pdf)
     """
     from flexstage.report.figures.drawn_stage import draw_found
-    from flexstage.stage.drawing.blanks import stage_file_text
-    from flexstage.stage.drawing.drawn_stage import read_drawing
+    from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 
     drawn = read_drawing(drawing, taken)
     path = stage_file(out, f"{file_name(drawn.stage.name)}.yaml", force=force)

@@ -50,8 +50,7 @@ def part(
         Draw the part from both sides, with the names of its faces. (.svg, .png or .pdf)
     """
     from flexstage.fem.part import read_step
-    from flexstage.fem.part_analysis import analyse_part, named_faces
-    from flexstage.fem.part_materials import materials_of
+    from flexstage.fem.part_analysis import analyse_part, materials_of, named_faces
 
     read = read_step(file, solid="all" if "all" in request.solids else request.solids)
     of = materials_of(read, request.material)

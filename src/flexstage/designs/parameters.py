@@ -10,7 +10,7 @@ from flexstage.files.format import dimension_of, field_types, members, optional_
 from flexstage.files.schema import field_texts
 from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE
 from flexstage.units import readable_text
 
 

@@ -14,7 +14,7 @@ from flexstage.files.decoder import Decoder
 from flexstage.files.format import field_types, required
 from flexstage.files.nodes import Given, node_of
 from flexstage.stage import Stage
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE
 
 # designs that a message names
 _SHOWN = 3

@@ -24,7 +24,7 @@ from flexstage.files.nodes import plain, read_text
 from flexstage.files.parameters import require_known, settings_of
 from flexstage.stage import Stage
 from flexstage.stage.drawing import DRAWINGS
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE
 from flexstage.units import DIMENSIONS
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from flexstage.files.parameters import require_known
 from flexstage.files.yaml_text import flow_text
 from flexstage.stage import Stage, stage_from_text, stage_to_text
 from flexstage.stage.drawing import DRAWINGS
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE
 from flexstage.units import to_text
 
 # a key with its value, plain or in quotes, and the comment behind it

@@ -12,9 +12,14 @@ if TYPE_CHECKING:
     from flexstage.explore.optimise.ladder import SearchOptions, find_optimum
     from flexstage.explore.optimise.optimum import Optimum
     from flexstage.explore.optimise.problem import Goal, Problem
-    from flexstage.explore.sampling import SweepPlan, saltelli_points, usual_plan
+    from flexstage.explore.sampling import (
+        SobolIndices,
+        SweepPlan,
+        saltelli_points,
+        sobol_indices,
+        usual_plan,
+    )
     from flexstage.explore.sensitivity import Sensitivities, sensitivities
-    from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
     from flexstage.explore.sweep import Sweep, sweep
     from flexstage.explore.tolerance import ToleranceStudy, tolerance
     from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances

@@ -17,7 +17,7 @@ from distributed.comm.core import connect
 
 from flexstage.errors import FlexstageError, WorkerError
 from flexstage.explore.batches import Job, deadly, versions
-from flexstage.explore.pool import ONE_THREAD
+from flexstage.explore.workers import ONE_THREAD
 
 #: Batches that a worker has been given at a time: one that it computes, and the next.
 _AHEAD = 2

@@ -16,8 +16,8 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.front import Front
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import Problem
+from flexstage.explore.sampling import SobolIndices
 from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sobol_indices import SobolIndices
 from flexstage.explore.spread import Shares, Spread, Yield
 from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy

@@ -15,9 +15,10 @@ from flexstage.explore.batches import Job, batch_size
 from flexstage.explore.family import Family, evaluate
 from flexstage.explore.figures import ROUNDING, Figure
 from flexstage.explore.sampling import (
+    SobolIndices,
     SweepPlan,
+    sobol_indices,
 )
-from flexstage.explore.sobol_indices import SobolIndices, sobol_indices
 from flexstage.explore.variables import Variable
 from flexstage.explore.workers import Workers
 from flexstage.provenance import Provenance, provenance

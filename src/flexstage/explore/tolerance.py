@@ -14,8 +14,7 @@ from flexstage.explore.batches import Job
 from flexstage.explore.deviations import draw, drawn_kinds, flat, parts
 from flexstage.explore.family import batched_figures
 from flexstage.explore.figures import Figure, Requirement
-from flexstage.explore.made_stages import Process, lot_figures, process_of
-from flexstage.explore.notch_table import THINNEST, TOLERANCE
+from flexstage.explore.made_stages import THINNEST, TOLERANCE, Process, lot_figures, process_of
 from flexstage.explore.spread import (
     Shares,
     Spread,
@@ -25,7 +24,7 @@ from flexstage.explore.spread import (
     yield_of,
 )
 from flexstage.explore.workers import Workers
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.progress import hand_over, subtask
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr

@@ -16,15 +16,18 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import StageFaces
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.necks import NeckPoints, neck_points, neck_stress
-from flexstage.fem.ports import (
+from flexstage.fem.stage_system import (
+    Ports,
     Supports,
     attached_masses,
     body_motion,
     drive_vector,
+    lifted_probes,
     probe_vector,
     rigid_regions,
+    side_by_side,
+    stage_system,
 )
-from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side, stage_system
 from flexstage.short_repr import short_repr
 from flexstage.stage import MassProperties, Stage, mass_properties
 from flexstage.system import MechanicalSystem

@@ -1,12 +1,27 @@
-"""A stage as a mechanical system: what acts on its coordinates, and what is read of them."""
+"""A stage as a mechanical system, and where its mesh is pushed, read and loaded."""
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
+import ngsolve as ng
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.stage import Force, Stage
+from flexstage.elasticity import AttachedMass, Continuum
+from flexstage.elasticity.shapes import METRE
+from flexstage.errors import ModelError
+from flexstage.fem.geometry import (
+    DrivePatch,
+    body_region,
+    either,
+    exactly,
+    notch_region,
+    patch_edge,
+)
+from flexstage.hinges import Profile
+from flexstage.stage import Drive, Force, Hinge, Probe, Stage
 from flexstage.stage.outline import Point
 from flexstage.system import MechanicalSystem
 from flexstage.system.mechanical import (
@@ -17,6 +32,176 @@ from flexstage.system.mechanical import (
     ProbePort,
 )
 from flexstage.system.stress_map import StressMap
+
+# a notch of constant thickness is a leaf from this many of its thicknesses on
+_LEAF = 4.0
+
+#: Whether the fixed bodies give way under the drives that react on them.
+Supports = Literal["rigid", "elastic"]
+
+
+def body_regions(stage: Stage, body: str) -> str:
+    """Return the expression of the regions of a body with its half notches."""
+    return _regions(stage, body, stage.hinges)
+
+
+def rigid_regions(stage: Stage, body: str) -> str:
+    """Return the expression of the regions of a body that move as one.
+
+    A half notch bends at its neck alone and goes along with its body; half of a leaf does not.
+    """
+    return _regions(stage, body, (h for h in stage.hinges if not _is_leaf(h.profile)))
+
+
+def _is_leaf(profile: Profile) -> bool:
+    return profile.flat_length > _LEAF * profile.neck_thickness
+
+
+def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
+    own = [body_region(body)]
+    for hinge in hinges:
+        own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
+    return either(own)
+
+
+def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
+    """Return displacement and rotation of a body in the plane, about a point.
+
+    x, y [m] and rotation [rad], shape (3, n): the rigid motion nearest to the body's. The middle
+    plane is at z = 0.
+    """
+    centre = at if continuum.dimension == 2 else (*at, 0.0)
+    _, motion = continuum.rigid_motion(rigid_regions(stage, body), centre)
+    return motion if continuum.dimension == 2 else motion[[0, 1, 5]]
+
+
+def body_path(
+    continuum: Continuum, stage: Stage, body: str, at: tuple[float, float], u: Array
+) -> Array:
+    r"""Return displacement and rotation of a body about a point for rotations of any size.
+
+    The mean displacement s of the middle of the body is that of a rigid motion; the rotation that
+    fits :math:`(R - I) r` best is the sine of the angle.
+
+    x, y [m] and rotation [rad], shape (k, 3), of displacements of a plane mesh, shape (k, n).
+    """
+    middle, rows = continuum.rigid_motion(rigid_regions(stage, body))
+    x, y, sine = (u @ rows.T).T
+    angle = np.arcsin(sine)
+    arm, less = (at[0] - middle[0], at[1] - middle[1]), np.cos(angle) - 1.0
+    moved = (x + less * arm[0] - sine * arm[1], y + sine * arm[0] + less * arm[1], angle)
+    return np.stack(moved, axis=1)
+
+
+def _patch_vector(
+    continuum: Continuum,
+    stage: Stage,
+    patch: DrivePatch,
+    direction: tuple[float, float],
+    reach: float,
+) -> Array:
+    """Mean displacement of a patch along a direction."""
+    if patch.ends is not None:
+        return continuum.mean(exactly(patch_edge(patch.drive, patch.which)), direction)
+    # no edge to push on: a disc about the point, with a weight that fades towards its rim
+    r2 = sum((c - METRE * p) ** 2 for c, p in zip((ng.x, ng.y), patch.at, strict=True))
+    weight = ng.IfPos((METRE * reach) ** 2 - r2, 1.0 - r2 / (METRE * reach) ** 2, 0.0)
+    region = exactly(body_region(patch.body))
+    where = continuum.mesh.Materials(region)
+    v = continuum.space.TestFunction()
+    pushed = direction[0] * v[0] + direction[1] * v[1]
+    form = ng.LinearForm(continuum.space)
+    form += weight * pushed * ng.dx(region, bonus_intorder=6)
+    form.Assemble()
+    # what the same points of integration make of a shift by one, so that the body as a whole is
+    # read without error, however coarse its elements are beside the disc
+    shift = ng.GridFunction(continuum.space)
+    shift.Set(ng.CF((*direction, 0.0)[: continuum.dimension]), definedon=where)
+    total = float(ng.InnerProduct(form.vec, shift.vec))
+    if total <= 0.0:
+        raise ModelError(
+            f"drive '{patch.drive}' acts at {patch.at} m, where body '{patch.body}' has no "
+            "material: put the point on its edge"
+        )
+    return form.vec.FV().NumPy() / total
+
+
+def drive_vector(
+    continuum: Continuum,
+    stage: Stage,
+    drive: Drive,
+    patches: Iterable[DrivePatch],
+    supports: Supports = "rigid",
+) -> Array:
+    r"""Return the elongation of a drive, :math:`d^T (\bar u_{push} - \bar u_{react})`.
+
+    The bars are means over the patches. Where the reacting patch lies beside the line of action
+    the rotation of its body carries it there, as force and reaction share one line.
+
+    Shape (n,). `patches` may be those of all drives; with `supports` ``rigid`` a drive that reacts
+    on a fixed body stands on the ground, with ``elastic`` that body gives way under it.
+    """
+    along = (math.cos(drive.direction), math.sin(drive.direction))
+    aside = (-along[1], along[0])
+    total = np.zeros(continuum.size)
+    for patch in patches:
+        grounded = supports == "rigid" and stage.body(patch.body).fixed
+        if patch.drive != drive.name or grounded:
+            continue
+        sign = 1.0 if patch.which == 0 else -1.0
+        total += sign * _patch_vector(continuum, stage, patch, along, drive.patch_half_width)
+        offset = sum(c * (p - q) for c, p, q in zip(aside, patch.at, drive.at[0], strict=True))
+        if patch.which == 1 and abs(offset) > 1e-9:
+            turn = body_motion(continuum, stage, patch.body, patch.at)[2]
+            # a turn moves the point on the line by -aside * offset more than the patch, along it
+            total += sign * offset * turn
+    return total
+
+
+def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
+    """Return the reading of a probe.
+
+    It is the displacement of the point that it names. Where the body has no material there, such
+    as in its aperture, what it reads rides on the body and follows its mean motion; so does a
+    rotation.
+    """
+    reading = _reading(continuum, stage, probe.body, probe)
+    if probe.relative_to is not None:
+        reading = reading - _reading(continuum, stage, probe.relative_to, probe)
+    return reading
+
+
+def _reading(continuum: Continuum, stage: Stage, body: str, probe: Probe) -> Array:
+    mesh, at = continuum.mesh, probe.at
+    place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
+    if probe.direction is not None and mesh.Contains(*place):
+        element = ng.ElementId(ng.VOL, mesh(*place).nr)
+        own = mesh.Materials(body_regions(stage, body)).Mask()
+        if own[mesh[element].index]:
+            return continuum.point((*at, 0.0)[: continuum.dimension], probe.along)
+    return np.array(probe.row) @ body_motion(continuum, stage, body, at)
+
+
+def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
+    """Return what is mounted on the bodies of a stage and is not of the plate.
+
+    Each rides on the mean motion of its body.
+    """
+    riders = []
+    for body in stage.bodies:
+        if body.fixed:
+            continue
+        for extra in body.extra_masses:
+            motion = body_motion(continuum, stage, body.name, extra.at)
+            inertia = np.array([extra.mass, extra.mass, extra.inertia])
+            if continuum.dimension == 3:
+                _, whole = continuum.rigid_motion(rigid_regions(stage, body.name), (*extra.at, 0.0))
+                # how it is spread out of the plane is not described: it counts as a point there
+                motion = whole[[0, 1, 2, 5]]
+                inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])
+            riders.append(AttachedMass(motion=motion, inertia=inertia))
+    return riders
+
 
 _LIFTED = " out of plane"
 

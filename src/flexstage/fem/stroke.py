@@ -14,7 +14,7 @@ from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem
-from flexstage.fem.ports import Supports, body_motion, body_path, drive_vector
+from flexstage.fem.stage_system import Supports, body_motion, body_path, drive_vector
 from flexstage.fem.whole_stage import plane_model
 from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr

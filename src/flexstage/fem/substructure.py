@@ -1,19 +1,26 @@
-"""A body with its half notches as a part of its own: all that its condensation depends on."""
+"""A stage cut at its necks into bodies with their half notches, each a part of its own.
+
+A part holds all that its condensation depends on.
+"""
 
 import hashlib
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import metadata, resources
 from pathlib import Path
+from typing import Literal
 
 from flexstage.cache.memory import source_hash
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.stage_system import Supports
 from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.hinges import Profile
+from flexstage.hinges import Profile, plane_state
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
 from flexstage.material import Material
-from flexstage.stage import Body, Circle, Force, Hinge, Loop, Probe, Stage
+from flexstage.stage import Body, Circle, Drive, Force, Hinge, Loop, Probe, Stage
 from flexstage.stage.outline import Point
 
 #: Name of the body in the stage that a substructure is meshed as.
@@ -181,3 +188,202 @@ def _software() -> str:
         source_hash(package / room) for room in ("cache", "elasticity", "fem", "hinges", "stage")
     ]
     return " ".join((str(_ALGORITHM), metadata.version("ngsolve"), *sources))
+
+
+_LAYER = 2.0  # depth below the faces of plane stress at a notch, in the thinnest necks
+# Modes of a body in space, with held necks: plates that many necks hold have low ones.
+# In the plane they are stiffer, and fewer are enough.
+_BY_NECK, _MOST_IN_PLANE, _MOST = 3, 12, 15
+_DIGITS = 12  # coordinates are rounded to a picometre, so that copies at other places are equal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A substructure at its place in a stage."""
+
+    body: Body
+    """The body that it is."""
+    part: Substructure
+    """The substructure."""
+    origin: Point
+    """Where its reference point lies [m]."""
+    hinges: tuple[int, ...]
+    """Number of the hinge of each of its necks."""
+    patches: tuple[tuple[tuple[str, int], ...], ...]
+    """The drives' names and sides (0 pushed, 1 reacting) of each of its patches."""
+    readings: tuple[tuple[tuple[str, float], ...], ...]
+    """Each probe's name and sign of each of its readings."""
+
+
+def notch_states(stage: Stage, plane: PlaneState | Literal["auto"]) -> tuple[PlaneState, ...]:
+    """Choose plane stress or plane strain for every notch.
+
+    One for each hinge; ``auto`` is by width against neck.
+    """
+    return tuple(
+        plane_state(stage.thickness, h.profile.neck_thickness, plane) for h in stage.hinges
+    )
+
+
+def cut_free(
+    stage: Stage,
+    settings: MeshSettings,
+    *,
+    plane: PlaneState | Literal["auto"] = "auto",
+    modes: int,
+    supports: Supports = "rigid",
+) -> tuple[Placed, ...]:
+    """Cut a stage at its necks.
+
+    `modes` are those of each body with held interfaces; with `supports` ``rigid`` a drive that
+    reacts on a fixed body stands on the ground.
+
+    Examples
+    --------
+    The eight guide legs of this stage are of four kinds, its four links of two:
+
+    >>> from flexstage.designs import design
+    >>> bodies = cut_free(design("vgtu-piezo"), MeshSettings(), modes=3)
+    >>> len(bodies), len({b.part.key() for b in bodies})
+    (21, 15)
+    """
+    states = notch_states(stage, plane)
+    thickness = _preferred(stage.thickness)
+    cut = []
+    for body in stage.bodies:
+        x0, y0 = origin = body.outline.points[0]
+
+        def near(p: Point, x0: float = x0, y0: float = y0) -> Point:
+            # adding nothing turns a negative zero, which would be another hash, into zero
+            return round(p[0] - x0, _DIGITS) + 0.0, round(p[1] - y0, _DIGITS) + 0.0
+
+        hinges = [i for i, h in enumerate(stage.hinges) if body.name in h.bodies]
+        touched = _touched(stage, body, near, supports)
+        read = _read(stage, body, near)
+        part = Substructure(
+            outline=_moved_loop(body.outline, near),
+            holes=tuple(
+                _moved_circle(h, near) if isinstance(h, Circle) else _moved_loop(h, near)
+                for h in body.holes
+            ),
+            mounting_holes=tuple(_moved_circle(h, near) for h in body.mounting_holes),
+            held=body.fixed,
+            necks=tuple(_neck(stage.hinges[i], body, near, states[i]) for i in hinges),
+            patches=tuple(touched),
+            readings=tuple(read),
+            poissons_ratio=stage.material.poissons_ratio,
+            thickness=thickness,
+            mesh=settings,
+            modes=modes,
+            through=ThroughThickness(thickness=thickness),
+        )
+        cut.append(
+            Placed(
+                body=body,
+                part=part,
+                origin=origin,
+                hinges=tuple(hinges),
+                patches=tuple(map(tuple, touched.values())),
+                readings=tuple(map(tuple, read.values())),
+            )
+        )
+    return tuple(cut)
+
+
+def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...], ...]:
+    """Return the bodies of a stage as those of a plate in space: in the plane and out of it.
+
+    The depth of the layer below its faces is a preferred number (ISO 3, series R5), so that the
+    bodies stay what they are where a neck changes a little.
+    """
+    thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
+    layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
+    found = []
+    for out_of_plane, most in ((False, _MOST_IN_PLANE), (True, _MOST)):
+        through = ThroughThickness(
+            thickness=stage.thickness, layer=layer, out_of_plane=out_of_plane
+        )
+        found.append(
+            tuple(
+                replace(
+                    p,
+                    part=replace(
+                        p.part,
+                        through=through,
+                        necks=tuple(replace(n, plane="stress") for n in p.part.necks),
+                        modes=min(max(p.part.modes, _BY_NECK * len(p.hinges)), most),
+                        # the edges of drives stay, so that both motions have one mesh
+                        readings=() if out_of_plane else p.part.readings,
+                    ),
+                    patches=() if out_of_plane else p.patches,
+                    readings=() if out_of_plane else p.readings,
+                )
+                for p in placed
+            )
+        )
+    return tuple(found)
+
+
+_Move = Callable[[Point], Point]
+
+
+def _touched(
+    stage: Stage, body: Body, near: _Move, supports: Supports
+) -> dict[LoadPatch, list[tuple[str, int]]]:
+    """Find the patches of a body; drives that touch it alike share one."""
+    found: dict[LoadPatch, list[tuple[str, int]]] = {}
+    if body.fixed and supports == "rigid":
+        return found
+    for drive in stage.drives:
+        for which in (0, 1):
+            if _side(drive, which) == body.name:
+                patch = LoadPatch(
+                    at=near(drive.at[which]),
+                    direction=drive.direction,
+                    half_width=drive.patch_half_width,
+                )
+                found.setdefault(patch, []).append((drive.name, which))
+    return found
+
+
+def _side(drive: Drive, which: int) -> str:
+    return (drive.pushes, drive.reacts)[which]
+
+
+def _read(stage: Stage, body: Body, near: _Move) -> dict[PointReading, list[tuple[str, float]]]:
+    """Find the readings of a body, each with the probes that use it and their sign."""
+    found: dict[PointReading, list[tuple[str, float]]] = {}
+    for probe in stage.probes:
+        reading = PointReading(at=near(probe.at), direction=probe.direction)
+        for name, sign in ((probe.body, 1.0), (probe.relative_to, -1.0)):
+            if name == body.name:
+                found.setdefault(reading, []).append((probe.name, sign))
+    return found
+
+
+def _moved_loop(loop: Loop, near: _Move) -> Loop:
+    return replace(loop, points=tuple(map(near, loop.points)))
+
+
+def _moved_circle(circle: Circle, near: _Move) -> Circle:
+    return replace(circle, centre=near(circle.centre))
+
+
+def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> CutNeck:
+    return CutNeck(
+        at=near(hinge.at),
+        direction=hinge.direction,
+        which=hinge.bodies.index(body.name),
+        profile=hinge.profile,
+        contour=hinge.profile.contour(),
+        plane=plane,
+    )
+
+
+def _preferred(thickness: float, series: int = 10) -> float:
+    """Return the preferred number nearest to a thickness (ISO 3, of a series R5, R10, ...).
+
+    The thickness of a plate sets the largest element. Taken from a series it leaves the mesh alone
+    where the thickness changes a little, and the same mesh serves.
+    """
+    return float(f"{10.0 ** (round(series * math.log10(thickness)) / series):.3g}")

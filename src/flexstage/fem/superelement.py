@@ -15,11 +15,9 @@ from flexstage.errors import ModelError
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
-from flexstage.fem.cutting import Placed, cut_free, in_space
 from flexstage.fem.mesh import MeshSettings
-from flexstage.fem.ports import Supports
-from flexstage.fem.stage_system import stage_system
-from flexstage.fem.substructure import Substructure
+from flexstage.fem.stage_system import Supports, stage_system
+from flexstage.fem.substructure import Placed, Substructure, cut_free, in_space
 from flexstage.fem.whole_stage import common_validity
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.short_repr import short_repr
@@ -130,7 +128,7 @@ def superelement_model(
     near : SuperelementModel, optional
         A model of a stage that differs little. Its bodies that are the same are taken from it, and
         where others differ in the thickness of their necks alone, what these change is computed in
-        a block about each (see `flexstage.fem.changed_necks.with_other_necks`).
+        a block about each (see `flexstage.fem.condensed_bodies.with_other_necks`).
 
     Returns
     -------

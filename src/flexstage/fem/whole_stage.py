@@ -5,11 +5,11 @@ from typing import Literal
 from flexstage import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
-from flexstage.fem.cutting import notch_states
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
 from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh, sound_mesh
 from flexstage.fem.model import StageModel, assemble
-from flexstage.fem.ports import Supports
+from flexstage.fem.stage_system import Supports
+from flexstage.fem.substructure import notch_states
 from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage

@@ -13,11 +13,12 @@ if TYPE_CHECKING:
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
     from flexstage.lumped.sheet import equation_sheet
-    from flexstage.lumped.stage_arrays import StageArrays, stage_arrays
-    from flexstage.lumped.stage_tangents import (
+    from flexstage.lumped.stage_arrays import (
+        StageArrays,
         StageTangents,
         hinge_tangents,
         parameter_tangents,
+        stage_arrays,
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
     from flexstage.lumped.time_integration import Motion, motion

@@ -10,8 +10,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import lumped_system
-from flexstage.lumped.stage_arrays import StageArrays
-from flexstage.lumped.stage_tangents import StageTangents
+from flexstage.lumped.stage_arrays import StageArrays, StageTangents
 from flexstage.stage import Stage
 from flexstage.system.batch import SystemBatch, namespace_of, samples_first, samples_last
 from flexstage.system.batch_analysis import batch_characteristics

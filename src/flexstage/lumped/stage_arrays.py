@@ -1,7 +1,9 @@
-r"""What the lumped model of many stages of one topology is made of.
+r"""What the lumped model of many stages of one topology is made of, and how that changes.
 
 Masses, where hinges and drives are, what hinges are as springs, with a leading axis of samples. It
-comes from stages, or from anything that changes these numbers.
+comes from stages, or from anything that changes these numbers. Where parameters change it, the
+description (integrals over bodies, quadratures of notches) is differentiated by central differences
+of fourth order; from there on everything is analytic (`system_tangents`).
 """
 
 import math
@@ -12,12 +14,17 @@ from typing import Any, Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.errors import FlexstageError, ModelError
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.lumped.assemble import cached_stress_rows, hinge_springs
+from flexstage.lumped.assemble import (
+    WITH_ROOTS,
+    cached_compliance,
+    cached_stress_rows,
+    hinge_springs,
+)
 from flexstage.short_repr import short_repr
-from flexstage.stage import Force, Stage, mass_properties
-from flexstage.stage.mass import outer_size
+from flexstage.stage import Force, Hinge, Stage, mass_properties, root_widths
+from flexstage.stage.mass import body_mass, outer_size
 from flexstage.system.batch import arrays_of
 from flexstage.system.characteristics import pulsating_limit
 
@@ -262,3 +269,277 @@ def described(
         numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
         numbers(outer_size(stage)),
     )
+
+
+# Steps of differences by their order, of the value that is changed. What fourth order leaves out is
+# some hundred times the fourth power; what rounding adds is 1e-13 of the description over the step.
+_STEPS = {2: 2e-5, 4: 5e-4}
+# Steps of hinges in place [m] and direction [rad]: twice as far they still grow from their edges.
+_STEP_PLACE, _STEP_DIRECTION = 2e-7, 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StageTangents:
+    """Derivatives of what the lumped model of a stage is made of, by some parameters."""
+
+    names: tuple[str, ...]
+    """The parameters; p of them."""
+    arrays: StageArrays
+    """What it is made of, one sample."""
+    slopes: StageArrays
+    """The derivatives, with a leading axis of p; of 1 where they are zero."""
+
+    def joined(self, *others: "StageTangents") -> "StageTangents":
+        """Return these parameters and those of others, of the same stage.
+
+        Parameters
+        ----------
+        *others : StageTangents
+            The others.
+
+        Returns
+        -------
+        StageTangents
+            All of them.
+        """
+        every = (self, *others)
+
+        def column(field: str) -> Array:
+            parts = [(len(t.names), getattr(t.slopes, field)) for t in every]
+            return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for n, x in parts])
+
+        return StageTangents(
+            names=tuple(name for t in every for name in t.names),
+            arrays=self.arrays,
+            slopes=replace(self.slopes, **{field: column(field) for field in FIELDS}),
+        )
+
+
+def parameter_tangents(
+    build: Callable[[float], Stage],
+    value: float,
+    *,
+    name: str = "parameter",
+    step: float | None = None,
+    order: Literal[2, 4] = 4,
+    arrays: StageArrays | None = None,
+) -> StageTangents:
+    r"""Return the derivatives of what the lumped model is made of by a parameter.
+
+    .. math:: f'(x) = \frac{8(f(x+h) - f(x-h)) - (f(x+2h) - f(x-2h))}{12 h} + O(h^4)
+
+    of the description alone: no model is solved. Where it ends on one side, five values on the
+    other one serve (B. Fornberg, Math. Comp. 51 (1988) 699, tables 1 and 3).
+
+    Parameters
+    ----------
+    build : callable
+        From a value of the parameter to a stage.
+    value : float
+        The value at which it is changed.
+    name : str
+        The name of the parameter.
+    step : float, optional
+        The step h; 1/2000 of the value where not given, of second order 1/50 000.
+    order : int
+        Order of the difference: 4, or 2 for half of the work and still some 1e-8 of the derivative.
+    arrays : StageArrays, optional
+        What the stage is made of at `value`, where it is known.
+
+    Returns
+    -------
+    StageTangents
+        The derivatives, by one parameter.
+
+    Raises
+    ------
+    ModelError
+        The step is zero, or the topology changes with the parameter.
+    FlexstageError
+        A stage cannot be built a few steps from the value, to neither side.
+
+    Notes
+    -----
+    Validity: hinges stay in the plane state that they have at the value. Where the description has
+    a kink there, as a root at the middle of its edge, it is the mean of both sides.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from flexstage.designs import design
+    >>> stage = design("parallelogram")
+    >>> found = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)
+    >>> per_thickness = found.slopes.hinge_stiffness * stage.thickness
+    >>> bool(np.allclose(per_thickness, found.arrays.hinge_stiffness))
+    True
+    """
+    h = _STEPS[order] * abs(value) if step is None else step
+    if not h > 0.0:
+        raise ModelError(f"the step of parameter '{name}' must be positive, got {h!r}: give one")
+    if arrays is None:
+        arrays = stage_arrays([build(value)])
+    nominal = arrays.stage
+    planes: list[PlaneState] = [
+        s.plane for s in hinge_springs(nominal, method=arrays.method, plane=arrays.plane)
+    ]
+
+    def values(k: int) -> tuple[Array, ...]:
+        stage = build(value + k * h)
+        require_topology(nominal, stage)
+        owner, found = described(stage, arrays.method, arrays.plane, planes)
+        if owner != arrays.stress_owner:
+            raise ModelError(
+                f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
+                "choose another value, or a shorter step"
+            )
+        return tuple(
+            _unwound(x, getattr(arrays, field)[0]) if field.endswith("direction") else x
+            for field, x in zip(FIELDS, found, strict=True)
+        )
+
+    found, weights = _around(values, order)
+    slopes = {
+        field: _difference([part[i] for part in found], weights, h)[None]
+        for i, field in enumerate(FIELDS)
+    }
+    return StageTangents(names=(name,), arrays=arrays, slopes=replace(arrays, **slopes))
+
+
+# Weights of values so many steps away, by order: to both sides, and ahead of the value.
+_CENTRAL = {2: {1: 0.5, -1: -0.5}, 4: {1: 8 / 12, -1: -8 / 12, 2: -1 / 12, -2: 1 / 12}}
+_AHEAD = {
+    2: {0: -1.5, 1: 2.0, 2: -0.5},
+    4: {0: -25 / 12, 1: 48 / 12, 2: -36 / 12, 3: 16 / 12, 4: -3 / 12},
+}
+
+
+def _around(
+    values: Callable[[int], tuple[Array, ...]], order: int
+) -> tuple[list[tuple[Array, ...]], Array]:
+    """Values some steps to both sides, or to one where there are none on the other; weights."""
+    ahead = _AHEAD[order]
+    refused: list[FlexstageError] = []
+    for weights in (_CENTRAL[order], {-k: -w for k, w in ahead.items()}, ahead):
+        try:
+            return [values(k) for k in weights], np.array(list(weights.values()))
+        except FlexstageError as error:
+            refused.append(error)
+    raise refused[0]
+
+
+def _difference(values: Sequence[Array], weights: Array, h: float) -> Array:
+    """Derivative from values some steps away."""
+    with np.errstate(invalid="ignore"):
+        slope = sum(w * x for w, x in zip(weights, values, strict=True)) / h
+    # what is infinite or unknown stays so
+    return np.where(np.isfinite(slope), slope, 0.0)
+
+
+def _unwound(angle: Array, about: Array) -> Array:
+    """Angles as near to others as whole turns allow."""
+    return angle - 2.0 * np.pi * np.round((angle - about) / (2.0 * np.pi))
+
+
+def hinge_tangents(stage: Stage, *, method: str = "wedge") -> StageTangents:
+    """Return derivatives by what each hinge, the plate and its material are on their own.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    method : str
+        How the stiffness of hinges is found, as in `flexstage.lumped.lumped_system`.
+
+    Returns
+    -------
+    StageTangents
+        By the ``thickness`` of the plate [m], ``youngs_modulus`` [Pa] and ``density`` [kg/m^3],
+        then by hinge ``NAME.neck_thickness`` [m], ``NAME.x`` and ``NAME.y`` of its place [m] and
+        ``NAME.direction`` [rad].
+
+    Notes
+    -----
+    Validity: outlines of bodies stay; the half notches, which belong to them, go with the hinge,
+    and so does the width behind its roots.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> hinge_tangents(design("parallelogram")).names[:5]
+    ('thickness', 'youngs_modulus', 'density', 'left-lower.neck_thickness', 'left-lower.x')
+    """
+    arrays = stage_arrays([stage], method=method)
+    material = stage.material
+
+    def of_material(name: str) -> StageTangents:
+        return parameter_tangents(
+            lambda v: replace(stage, material=replace(material, **{name: v})),
+            getattr(material, name),
+            name=name,
+            arrays=arrays,
+        )
+
+    whole = parameter_tangents(
+        lambda t: replace(stage, thickness=t), stage.thickness, name="thickness", arrays=arrays
+    ).joined(of_material("youngs_modulus"), of_material("density"))
+    springs = hinge_springs(stage, method=method)
+    owner = np.array(arrays.stress_owner)
+    bodies = {body.name: i for i, body in enumerate(stage.bodies)}
+    elastic = material.youngs_modulus, material.poissons_ratio
+
+    def changed(i: int, hinge: Hinge) -> tuple[Array, ...]:
+        """What belongs to a hinge and to its two bodies."""
+        plane = springs[i].plane
+        roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
+        spring = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
+        hinges = [*stage.hinges[:i], hinge, *stage.hinges[i + 1 :]]
+        masses = [body_mass(stage, name, hinges) for name in hinge.bodies]
+        return (
+            spring.stiffness,
+            cached_stress_rows(hinge.profile, stage.thickness, elastic[1], plane),
+            np.array([m.mass for m in masses]),
+            np.array([m.inertia for m in masses]),
+            np.array([m.centre for m in masses]),
+            np.array(hinge.at),
+            np.array(hinge.direction),
+        )
+
+    names: list[str] = []
+    central = np.array(list(_CENTRAL[4].values()))
+    count = 4 * len(stage.hinges)
+    slopes = {name: np.zeros((count, *x.shape[1:])) for name, x in arrays_of(arrays).items()}
+    for i, hinge in enumerate(stage.hinges):
+        joined = [bodies[name] for name in hinge.bodies]
+        for parameter, step, change in _changes(hinge):
+            p = len(names)
+            names.append(f"{hinge.name}.{parameter}")
+            parts = [changed(i, change(k * step)) for k in _CENTRAL[4]]
+            slope = [_difference(values, central, step) for values in zip(*parts, strict=True)]
+            slopes["hinge_stiffness"][p, i] = slope[0]
+            slopes["stress_rows"][p, owner == i] = slope[1]
+            slopes["mass"][p, joined] = slope[2]
+            slopes["inertia"][p, joined] = slope[3]
+            slopes["centre"][p, joined] = slope[4]
+            slopes["hinge_at"][p, i] = slope[5]
+            slopes["hinge_direction"][p, i] = slope[6]
+    if not names:
+        return whole
+    return whole.joined(
+        StageTangents(names=tuple(names), arrays=arrays, slopes=replace(arrays, **slopes))
+    )
+
+
+def _changes(hinge: Hinge) -> list[tuple[str, float, Callable[[float], Hinge]]]:
+    """Parameters of a hinge, a step of each, and the hinge with it changed by so much."""
+    profile, (x, y) = hinge.profile, hinge.at
+    neck = profile.neck_thickness
+    return [
+        (
+            "neck_thickness",
+            _STEPS[4] * neck,
+            lambda d: replace(hinge, profile=replace(profile, neck_thickness=neck + d)),
+        ),
+        ("x", _STEP_PLACE, lambda d: replace(hinge, at=(x + d, y))),
+        ("y", _STEP_PLACE, lambda d: replace(hinge, at=(x, y + d))),
+        ("direction", _STEP_DIRECTION, lambda d: replace(hinge, direction=hinge.direction + d)),
+    ]

@@ -11,7 +11,7 @@ import numpy as np
 import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.explore.sobol_indices import SobolIndices
+from flexstage.explore.sampling import SobolIndices
 from flexstage.explore.sweep import Sweep
 from flexstage.lazy import require_extra
 from flexstage.report.figures.style import CYCLE, INK, PAPER

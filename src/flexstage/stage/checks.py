@@ -8,13 +8,12 @@ import numpy as np
 
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import StageError
-from flexstage.stage.clearance import overlaps, slots_between, slots_within
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.mobility import free_motion, reachable_bodies
 from flexstage.stage.model import Body, Hinge, Stage
-from flexstage.stage.narrowest import wall_of
+from flexstage.stage.narrowest import overlaps, slots_between, slots_within, wall_of
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
 #: How far a drive or probe may be off its body [m].

@@ -6,8 +6,7 @@ from flexstage.characteristic import Characteristics
 from flexstage.provenance import Provenance, provenance
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
-from flexstage.system.axis_states import axis_states
-from flexstage.system.characteristics import MODES_SEARCHED, every_characteristic
+from flexstage.system.characteristics import MODES_SEARCHED, axis_states, every_characteristic
 from flexstage.system.coupled_axes import CoupledAxes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 from flexstage.system.modes import Modes, modes

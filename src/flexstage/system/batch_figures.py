@@ -18,9 +18,9 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
-from flexstage.system.axis_states import axis_states
 from flexstage.system.batch_modes import start_shapes
-from flexstage.system.coupled_axes import CoupledAxes
+from flexstage.system.characteristics import axis_states
+from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes
 from flexstage.system.figure_source import (
     AxisMeasures,
     Key,
@@ -41,7 +41,6 @@ from flexstage.system.forward_mode import (
     where_larger,
 )
 from flexstage.system.mechanical import MechanicalSystem
-from flexstage.system.reachable_area import MOST_DRIVES
 from flexstage.system.statics import AxisAnalysis, probe_stiffness
 
 

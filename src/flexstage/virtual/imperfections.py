@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.stage import Stage

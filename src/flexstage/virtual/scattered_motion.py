@@ -13,7 +13,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hinges import compliance
 from flexstage.hinges.compliance import out_of_plane_compliance
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import hinge_springs, mechanism
 from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.rigid_bodies import Mechanism, Sight

@@ -16,6 +16,7 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.optimise.ladder import SearchOptions, find_optimum, start_notes
 from flexstage.explore.optimise.local_search import (
     FEASIBLE,
+    Bools,
     LocalOptimum,
     local_search,
     violation_of,
@@ -23,7 +24,6 @@ from flexstage.explore.optimise.local_search import (
 from flexstage.explore.optimise.optimum import Optimum
 from flexstage.explore.optimise.problem import HeldGoal, Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn
-from flexstage.explore.optimise.walls import Bools
 from flexstage.explore.workers import Workers
 from flexstage.lazy import require_extra
 from flexstage.short_repr import short_repr

@@ -18,6 +18,7 @@ from flexstage.explore.optimise.local_search import (
     FEASIBLE,
     Iterate,
     LocalOptimum,
+    Wall,
     local_search,
     violation_of,
 )
@@ -33,7 +34,6 @@ from flexstage.explore.optimise.optimum import (
 )
 from flexstage.explore.optimise.problem import Correction, Problem, StageProgram
 from flexstage.explore.optimise.rounding import drawn, drawn_point, is_drawn
-from flexstage.explore.optimise.walls import Wall
 from flexstage.provenance import provenance
 from flexstage.stage import check
 from flexstage.studies.models import known_model

@@ -10,8 +10,7 @@ from flexstage.arrays import Array
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.explore.family import Family, evaluate, jacobian
 from flexstage.explore.figures import Figure, Requirement
-from flexstage.explore.optimise.local_search import Program
-from flexstage.explore.optimise.walls import Bools
+from flexstage.explore.optimise.local_search import Bools, Program
 from flexstage.stage import check
 
 

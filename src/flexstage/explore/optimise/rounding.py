@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.explore.optimise.local_search import LocalOptimum, violation_of
+from flexstage.explore.optimise.local_search import MARGIN, LocalOptimum, violation_of
 from flexstage.explore.optimise.problem import Problem, StageProgram
-from flexstage.explore.optimise.walls import MARGIN
 from flexstage.explore.variables import Variable, is_data_sheet
 from flexstage.units import parse
 

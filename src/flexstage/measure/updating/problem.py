@@ -12,7 +12,7 @@ from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.estimate import Estimate
-from flexstage.hinges.other_notch import with_neck_thickness
+from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Hinge, Stage
 from flexstage.system import (
     AxisAnalysis,

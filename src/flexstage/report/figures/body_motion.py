@@ -28,7 +28,7 @@ from flexstage.report.figures.style import (
 )
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
-from flexstage.system.reachable_area import ReachableArea
+from flexstage.system.coupled_axes import ReachableArea
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,7 +1,11 @@
-"""A stage out of a drawing: names by place, what is held, and what the drawing does not say."""
+"""A stage out of a drawing: names by place, what is held, and what the drawing does not say.
+
+The stage file of it has what the drawing does not say as marked blanks.
+"""
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,14 +14,14 @@ from flexstage.errors import StageError
 from flexstage.files.names import file_name
 from flexstage.material import Material, material
 from flexstage.stage.drawing import DRAWINGS, DXF, STEP
-from flexstage.stage.drawing.bodies import DrawnBody, bodies_of
+from flexstage.stage.drawing.bodies import DrawnBody, bodies_of, certainty, find_necks
 from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
 from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
-from flexstage.stage.drawing.necks import certainty, find_necks
 from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.stage.drawing.step_plate import read_step_plate
+from flexstage.stage.file import stage_to_text
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop
 
@@ -348,3 +352,57 @@ def _hinges(
             )
         )
     return hinges, told
+
+
+#: What marks a blank.
+BLANK = "# FILL IN"
+
+_TEXTS = {
+    "thickness": "thickness of the plate, such as 10 mm",
+    "material": "name of the material, such as Al 7075-T6",
+}
+_DRIVES = """\
+{blank}: what drives the stage, such as
+# drives:
+#   x:
+#     kind: piezo
+#     pushes: body-1
+#     reacts: {held}
+#     at: [[10, 0], [46, 0]]  # on the edge of the pushed body, on that of the other
+#     direction: 180 deg
+#     free_stroke: 38 um
+#     stiffness: 50 N/um
+"""
+_PROBES = """\
+{blank}: where its motion is read, and which drive belongs to which probe, such as
+# probes:
+#   x: {{body: body-1, at: [0, 0], direction: 0 deg}}
+# axes:
+#   x: {{drive: x, probe: x}}
+"""
+
+
+def stage_file_text(drawn: DrawnStage) -> str:
+    """Return the text of a stage file; `BLANK` stands where something has to be filled in.
+
+    A file whose thickness or material is blank is refused, with its line, until it is filled in.
+    """
+    text = stage_to_text(drawn.stage, shared=True)
+    for key, what in _TEXTS.items():
+        if key in drawn.blanks:
+            text = re.sub(
+                rf"^{key}:.*\n((?:[ -].*\n)*)", f"{key}:  {BLANK}: {what}\n", text, flags=re.M
+            )
+    for drive in drawn.stage.drives:
+        if drive.name in drawn.blanks:
+            text = text.replace(
+                f"  {drive.name}:\n    kind: force\n",
+                f"  {drive.name}:  {BLANK}: its actuator; a force of 1 N stands in\n"
+                "    kind: force\n",
+            )
+    held = next(b.name for b in drawn.stage.bodies if b.fixed)
+    if "drives" in drawn.blanks:
+        text += _DRIVES.format(blank=BLANK, held=held)
+    if "probes" in drawn.blanks:
+        text += _PROBES.format(blank=BLANK)
+    return text

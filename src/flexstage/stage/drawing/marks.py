@@ -10,7 +10,7 @@ from flexstage.files.decoder import read
 from flexstage.stage.drawing.entities import DRIVES_LAYER, PROBES_LAYER, Sheet
 from flexstage.stage.drawing.strokes import Pair
 from flexstage.stage.drive import Drive, Force
-from flexstage.stage.format import STAGE_FILE
+from flexstage.stage.file import STAGE_FILE
 from flexstage.stage.model import Body, Probe, Stage
 
 #: Force of a drive whose actuator nobody has named [N].
