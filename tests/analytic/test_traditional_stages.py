@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flexstage.designs import design
-from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
+from flexstage.designs.two_guides import SideBySideXYParameters, side_by_side_xy
 from flexstage.errors import ModelError
 from flexstage.report.page import sections_html
 from flexstage.report.traditional import claim_table, drift_table, error_table, other_table

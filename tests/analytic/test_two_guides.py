@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from flexstage.designs.pieces import Leg
-from flexstage.designs.side_by_side_xy import SideBySideXYParameters, joined, side_by_side_xy
-from flexstage.designs.single_axis import SingleAxisParameters
-from flexstage.designs.stacked_xy import StackedXYParameters, plates, stacked_xy
+from flexstage.designs.two_guides import (
+    SideBySideXYParameters,
+    SingleAxisParameters,
+    StackedXYParameters,
+    joined,
+    plates,
+    side_by_side_xy,
+    stacked_xy,
+)
 from flexstage.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs.bridge import BridgeParameters, bridge
+from flexstage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
 from flexstage.designs.pieces import round_leaf
-from flexstage.designs.rhombus import RhombusParameters, rhombus
 from flexstage.fem import superelement_model
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.lumped import hinge_springs, lumped_system

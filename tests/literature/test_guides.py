@@ -14,21 +14,23 @@ import numpy as np
 import pytest
 
 from flexstage.arrays import Array
-from flexstage.designs.cartwheel import CartwheelParameters, cartwheel
-from flexstage.designs.compound_parallelogram import compound_parallelogram
 from flexstage.designs.double_parallelogram import (
     DoubleParallelogramParameters,
-    double_parallelogram,
-)
-from flexstage.designs.gantry import GantryParameters, gantry
-from flexstage.designs.linked_parallelogram import (
     LinkedParallelogramParameters,
+    compound_parallelogram,
+    double_parallelogram,
     linked_parallelogram,
 )
+from flexstage.designs.gantry import GantryParameters, gantry
 from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
-from flexstage.designs.pivot_pieces import PivotParameters
-from flexstage.designs.trapezoidal_pivot import TrapezoidalPivotParameters, trapezoidal_pivot
+from flexstage.designs.pivots import (
+    CartwheelParameters,
+    PivotParameters,
+    TrapezoidalPivotParameters,
+    cartwheel,
+    trapezoidal_pivot,
+)
 from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.errors import StageError
 from flexstage.fem import MeshSettings, plane_model

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from flexstage.designs.bridge import BridgeParameters, bridge
+from flexstage.designs.amplifiers import BridgeParameters, bridge
 from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
 from flexstage.designs.pieces import round_leaf
 from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr

@@ -9,11 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flexstage.designs import build
-from flexstage.designs.bridge import BridgeParameters, bridge
+from flexstage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
 from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
 from flexstage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
 from flexstage.designs.pieces import Leg, round_leaf
-from flexstage.designs.rhombus import RhombusParameters, rhombus
 from flexstage.designs.scott_russell import ScottRussellParameters, scott_russell
 from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr
 from flexstage.errors import StageError

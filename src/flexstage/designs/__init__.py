@@ -1,4 +1,4 @@
-"""Parametric stages, one family to a file, and the built-in stages made from them."""
+"""Families of stages by parameters, and the built-in stages made from them."""
 
 from flexstage.designs.parameters import StageParameter
 from flexstage.designs.registry import DESIGNS, build, design

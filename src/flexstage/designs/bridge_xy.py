@@ -4,8 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from flexstage.designs.amplifier_frame import ACROSS, AmplifierFrame
-from flexstage.designs.bridge import BridgeParameters, bridge_amplifier
+from flexstage.designs.amplifiers import ACROSS, AmplifierFrame, BridgeParameters, bridge_amplifier
 from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import (
     Leg,
@@ -67,9 +66,9 @@ def bridge_xy(p: BridgeXYParameters) -> Stage:
 
     A square platform hangs between four blocks, on two leaves to each: stiff along the leaves, soft
     across. Each block is guided along its leaves. The blocks on the right and on top are the
-    outputs of bridge amplifiers (`flexstage.designs.bridge.bridge`), which pull them away from the
-    platform as the drive grows; those on the left and below only guide, and make the guides of the
-    platform the same on opposite sides.
+    outputs of bridge amplifiers (`flexstage.designs.amplifiers.bridge`), which pull them away from
+    the platform as the drive grows; those on the left and below only guide, and make the guides of
+    the platform the same on opposite sides.
 
     Bodies are ``base`` (the frame, fixed), ``platform``, those of the bridges with ``x-`` and
     ``y-`` before their names, and ``left`` and ``bottom``; drives, probes and axes are ``x`` and
@@ -178,7 +177,7 @@ def _frame(p: BridgeXYParameters, window: list[Pair]) -> Body:
     )
 
 
-TOPOLOGY = Topology(
+BRIDGE_XY = Topology(
     name="bridge-xy",
     title="XY stage with bridge amplifiers",
     source="Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645",

@@ -177,7 +177,7 @@ def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool)
     return moved(drive, turn, turned if axis == "y" else None)
 
 
-TOPOLOGY = Topology(
+GANTRY = Topology(
     name="gantry",
     title="XY gantry: a platform between four carriages that does not turn, drives on the frame",
     source="S. Awtar, A. H. Slocum, Constraint-based design of parallel kinematic XY flexure "

@@ -289,7 +289,7 @@ def lever_chain(p: LeverChainParameters) -> Stage:
     )
 
 
-TOPOLOGY = Topology(
+LEVER_CHAIN = Topology(
     name="lever-chain",
     title="levers in a row with a guided output",
     source="M. Y. Jouaneh, R. Yang, Precis. Eng. 27 (2003) 407",

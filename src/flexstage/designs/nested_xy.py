@@ -298,7 +298,7 @@ def check_aperture(parameters: NestedXYParameters, layout: AxisLayout) -> None:
         )
 
 
-TOPOLOGY = Topology(
+NESTED_XY = Topology(
     name="nested-xy",
     title="nested, decoupled XY stage with symmetric levers",
     source="the two stages of the study that flexstage is measured by; their geometry is a "

@@ -133,7 +133,7 @@ def parallelogram(p: ParallelogramParameters) -> Stage:
     )
 
 
-TOPOLOGY = Topology(
+PARALLELOGRAM = Topology(
     name="parallelogram",
     title="parallelogram guide on two legs of notches or leaves",
     source="S. T. Smith, Flexures: Elements of Elastic Mechanisms, Gordon and Breach, 2000; "

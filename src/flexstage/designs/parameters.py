@@ -16,7 +16,7 @@ from flexstage.units import readable_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topology:
-    """A family of stages that differ in their dimensions; its file ends with one, ``TOPOLOGY``."""
+    """A family of stages that differ in their dimensions."""
 
     name: str
     """Its name in stage files."""

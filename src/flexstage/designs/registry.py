@@ -3,11 +3,25 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 from flexstage.choose import did_you_mean
+from flexstage.designs.amplifiers import BRIDGE, RHOMBUS
+from flexstage.designs.bridge_xy import BRIDGE_XY
+from flexstage.designs.double_parallelogram import (
+    COMPOUND_PARALLELOGRAM,
+    DOUBLE_PARALLELOGRAM,
+    LINKED_PARALLELOGRAM,
+)
+from flexstage.designs.gantry import GANTRY
+from flexstage.designs.lever_chain import LEVER_CHAIN
+from flexstage.designs.nested_xy import NESTED_XY
+from flexstage.designs.parallelogram import PARALLELOGRAM
 from flexstage.designs.parameters import ParameterSet, Topology
+from flexstage.designs.pivots import CARTWHEEL, TRAPEZOIDAL_PIVOT
+from flexstage.designs.scott_russell import SCOTT_RUSSELL
+from flexstage.designs.three_rrr import THREE_RRR
+from flexstage.designs.two_guides import SIDE_BY_SIDE_XY, STACKED_XY
 from flexstage.designs.vgtu import MECHANICAL, PIEZO
 from flexstage.errors import StageError
 from flexstage.files.decoder import Decoder
@@ -19,30 +33,27 @@ from flexstage.stage.file import STAGE_FILE
 # designs that a message names
 _SHOWN = 3
 
-# a family is a module with a TOPOLOGY
-_FAMILIES = (
-    "nested_xy",
-    "parallelogram",
-    "double_parallelogram",
-    "compound_parallelogram",
-    "linked_parallelogram",
-    "gantry",
-    "cartwheel",
-    "trapezoidal_pivot",
-    "side_by_side_xy",
-    "stacked_xy",
-    "bridge",
-    "rhombus",
-    "bridge_xy",
-    "scott_russell",
-    "lever_chain",
-    "three_rrr",
-)
-
 #: Parametric families.
 TOPOLOGIES: dict[str, Topology] = {
     topology.name: topology
-    for topology in (import_module(f"flexstage.designs.{f}").TOPOLOGY for f in _FAMILIES)
+    for topology in (
+        NESTED_XY,
+        PARALLELOGRAM,
+        DOUBLE_PARALLELOGRAM,
+        COMPOUND_PARALLELOGRAM,
+        LINKED_PARALLELOGRAM,
+        GANTRY,
+        CARTWHEEL,
+        TRAPEZOIDAL_PIVOT,
+        SIDE_BY_SIDE_XY,
+        STACKED_XY,
+        BRIDGE,
+        RHOMBUS,
+        BRIDGE_XY,
+        SCOTT_RUSSELL,
+        LEVER_CHAIN,
+        THREE_RRR,
+    )
 }
 
 #: Built-in stages for stage files to start from: two that are known, and the usual one of a family.

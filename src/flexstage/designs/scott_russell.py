@@ -216,7 +216,7 @@ def _base(p: ScottRussellParameters, near: float, far: float) -> Body:
     )
 
 
-TOPOLOGY = Topology(
+SCOTT_RUSSELL = Topology(
     name="scott-russell",
     title="Scott-Russell linkage",
     source="Y. Tian, B. Shirinzadeh, D. Zhang, G. Alici, Mech. Syst. Signal Process. 23 (2009) "

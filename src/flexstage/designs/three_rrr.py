@@ -242,7 +242,7 @@ def _around(third: list[Pair], turns: list[PlaneMotion]) -> Loop:
     return Loop(tuple(turn.point(point) for turn in turns for point in third))
 
 
-TOPOLOGY = Topology(
+THREE_RRR = Topology(
     name="three-rrr",
     title="3-RRR stage with three drives",
     source="B.-J. Yi, G. B. Chung, H. Y. Na, W. K. Kim, I. H. Suh, IEEE Trans. Robot. Autom. 19 "

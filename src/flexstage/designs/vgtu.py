@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from flexstage.characteristic import Characteristic
-from flexstage.designs.nested_xy import TOPOLOGY, NestedXYParameters, nested_xy
+from flexstage.designs.nested_xy import NESTED_XY, NestedXYParameters, nested_xy
 from flexstage.designs.nested_xy_axis import AxisParameters
 from flexstage.designs.parameters import ParameterSet
 from flexstage.quantities import QUANTITIES
@@ -102,7 +102,7 @@ def _known(
             notes=(*_RECONSTRUCTED, *notes),
         )
 
-    return ParameterSet(name=name, topology=TOPOLOGY, parameters=parameters, construct=construct)
+    return ParameterSet(name=name, topology=NESTED_XY, parameters=parameters, construct=construct)
 
 
 #: The screw-driven reduction stage.

@@ -8,9 +8,13 @@ from flexstage.designs.nested_xy import NestedXYParameters
 from flexstage.designs.nested_xy_axis import AxisParameters
 from flexstage.designs.pieces import Leg
 from flexstage.designs.registry import PARAMETER_SETS
-from flexstage.designs.side_by_side_xy import SideBySideXYParameters, side_by_side_xy
-from flexstage.designs.single_axis import SingleAxisParameters
-from flexstage.designs.stacked_xy import StackedXYParameters, plates
+from flexstage.designs.two_guides import (
+    SideBySideXYParameters,
+    SingleAxisParameters,
+    StackedXYParameters,
+    plates,
+    side_by_side_xy,
+)
 from flexstage.errors import ModelError
 from flexstage.hinges import RightCircular
 from flexstage.stage import Stage
