@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexstage.lumped import StageTangents, parameter_tangents
 from flexstage.quantities import QUANTITIES
 from flexstage.stage import Stage
 
@@ -39,3 +40,19 @@ def varied(stage: Stage, seed: int, share: float = 0.02) -> Stage:
             density=material.density * (1.0 + share * draw.uniform(-1.0, 1.0)),
         ),
     )
+
+
+def tangents_of_necks(stage: Stage, count: int = 4) -> StageTangents:
+    """Return derivatives by the thickness of the plate, and by the necks of some hinges."""
+
+    def with_neck(i: int, t: float) -> Stage:
+        hinge = stage.hinges[i]
+        changed = replace(hinge, profile=replace(hinge.profile, neck_thickness=t))
+        return replace(stage, hinges=(*stage.hinges[:i], changed, *stage.hinges[i + 1 :]))
+
+    necks = [
+        parameter_tangents(lambda t, i=i: with_neck(i, t), hinge.profile.neck_thickness)
+        for i, hinge in enumerate(stage.hinges[:count])
+    ]
+    thickness = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)
+    return thickness.joined(*necks)

@@ -16,7 +16,6 @@ from flexstage.explore.figures import Figure
 from flexstage.explore.variables import every_variable
 from flexstage.lumped import (
     assemble_batch,
-    hinge_tangents,
     lumped_system,
     parameter_tangents,
     stage_arrays,
@@ -25,7 +24,7 @@ from flexstage.lumped import (
 from flexstage.stage import Stage
 from flexstage.system import analyse, characteristic_derivatives, modes
 from flexstage.system.characteristics import MODES_SEARCHED, axis_states, every_characteristic
-from tests.varied_stages import rounding, varied
+from tests.varied_stages import rounding, tangents_of_necks, varied
 
 # What is asked for, of the derivative or of the figure over the parameter, whichever is larger.
 _ASKED = 1e-6
@@ -157,13 +156,15 @@ def test_derivatives_by_every_parameter_of_every_design(name: str) -> None:
 
 def _every_hinge(name: str, chosen: slice) -> None:
     stage = varied(design(name), 3)
-    tangents = hinge_tangents(stage)
-    slopes = characteristic_derivatives(*system_tangents(tangents))
+    arrays = stage_arrays([stage])
     shown = open_ = 0
 
-    def one(parameter: str) -> dict[tuple[str, str], float]:
-        p = tangents.names.index(parameter)
-        return {key: float(value[p]) for key, value in slopes.items()}
+    def one(
+        build: Callable[[float], Stage], value: float, step: float | None = None
+    ) -> dict[tuple[str, str], float]:
+        tangents = parameter_tangents(build, value, step=step, arrays=arrays)
+        slopes = characteristic_derivatives(*system_tangents(tangents))
+        return {key: float(slope[0]) for key, slope in slopes.items()}
 
     def put(i: int, **changed: object) -> Stage:
         hinges = list(stage.hinges)
@@ -193,7 +194,7 @@ def _every_hinge(name: str, chosen: slice) -> None:
         }
         for parameter, (build, value, scale, steps) in ways.items():
             a, b = _compare(
-                one(f"{hinge.name}.{parameter}"),
+                one(build, value, None if parameter == "neck_thickness" else steps[1]),
                 _Differences(build, value, steps),
                 scale,
                 f"{hinge.name}.{parameter}",
@@ -209,7 +210,7 @@ def _every_hinge(name: str, chosen: slice) -> None:
             return replace(stage, material=replace(stage.material, **{parameter: v}))
 
         by = _Differences(build, value, [1e-3 * value, 5e-4 * value])
-        a, b = _compare(one(parameter), by, value, parameter)
+        a, b = _compare(one(build, value), by, value, parameter)
         shown, open_ = shown + a, open_ + b
     assert open_ <= 0.25 * (shown + open_)
 
@@ -231,7 +232,7 @@ def test_of_two_modes_of_one_frequency_any_mixture_gives_the_same(monkeypatch) -
     stage = design("gantry")
     modes = analyse(stage, lumped_system(stage)).modes["removed"].frequency_hz
     assert modes[0] == pytest.approx(modes[1], rel=1e-9)
-    batch, slopes = system_tangents(hinge_tangents(stage))
+    batch, slopes = system_tangents(tangents_of_necks(stage))
     keys = [(name, axis) for name in ("natural_frequency_hz", "effective_mass") for axis in "xy"]
     found = characteristic_derivatives(batch, slopes, keys)
 
@@ -250,7 +251,7 @@ def test_of_two_modes_of_one_frequency_any_mixture_gives_the_same(monkeypatch) -
 
 def test_derivatives_are_those_of_one_stage_and_of_figures_that_are_known() -> None:
     stage = design("parallelogram")
-    batch, slopes = system_tangents(hinge_tangents(stage))
+    batch, slopes = system_tangents(tangents_of_necks(stage))
     with pytest.raises(ModelError, match="those of one stage, got 2 samples"):
         characteristic_derivatives(assemble_batch(stage_arrays([stage, stage])), slopes)
     with pytest.raises(ModelError, match="knows no stroke of x"):

@@ -29,6 +29,11 @@ _LASTS = 1.0
 #: So many batches at least, where there are as many samples, so that many workers share them.
 _FEWEST = 32
 
+#: Workers are the parallelism, and threads of a library in each would only wait for one another.
+ONE_THREAD = {
+    f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
+}
+
 Arrays = Mapping[str, np.ndarray]
 
 

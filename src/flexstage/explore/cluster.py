@@ -16,8 +16,7 @@ from distributed import Client, Future, KilledWorker, Security, WorkerPlugin, ge
 from distributed.comm.core import connect
 
 from flexstage.errors import FlexstageError, WorkerError
-from flexstage.explore.batches import Job, deadly, versions
-from flexstage.explore.workers import ONE_THREAD
+from flexstage.explore.batches import ONE_THREAD, Job, deadly, versions
 
 #: Batches that a worker has been given at a time: one that it computes, and the next.
 _AHEAD = 2

@@ -21,7 +21,7 @@ import numpy as np
 
 from flexstage.elasticity.resources import cores
 from flexstage.errors import FlexstageError, ModelError, WorkerError
-from flexstage.explore.batches import FinishedBatch, Job, KeptBatches, deadly, joined
+from flexstage.explore.batches import ONE_THREAD, FinishedBatch, Job, KeptBatches, deadly, joined
 from flexstage.lazy import require_extra
 from flexstage.progress import hand_over, update
 
@@ -34,11 +34,6 @@ _STARTS = 60.0
 
 #: Processes that a batch may end before it is to blame.
 _TRIES = 3
-
-#: Workers are the parallelism, and threads of a library in each would only wait for one another.
-ONE_THREAD = {
-    f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
-}
 
 
 class _Worker:

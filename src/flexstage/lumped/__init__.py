@@ -16,17 +16,14 @@ if TYPE_CHECKING:
     from flexstage.lumped.stage_arrays import (
         StageArrays,
         StageTangents,
-        hinge_tangents,
         parameter_tangents,
         stage_arrays,
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
-    from flexstage.lumped.time_integration import Motion, motion
     from flexstage.lumped.transfer import TransferFunction, transfer_function
 
 __all__ = [
     "Mechanism",
-    "Motion",
     "RigidBody",
     "Sight",
     "SpringHinge",
@@ -39,12 +36,10 @@ __all__ = [
     "equation_sheet",
     "equilibrium",
     "hinge_springs",
-    "hinge_tangents",
     "lumped_characteristics",
     "lumped_system",
     "mathml",
     "mechanism",
-    "motion",
     "nonlinear",
     "parameter_tangents",
     "reduce_by_symmetry",

@@ -1,7 +1,7 @@
 r"""The lumped model of many stages of one topology at once: systems, figures and derivatives."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -12,21 +12,16 @@ from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import lumped_system
 from flexstage.lumped.stage_arrays import StageArrays, StageTangents
 from flexstage.stage import Stage
-from flexstage.system.batch import SystemBatch, namespace_of, samples_first, samples_last
+from flexstage.system.batch import (
+    StageNumbers,
+    SystemBatch,
+    arrays_of,
+    namespace_of,
+    samples_first,
+    samples_last,
+)
 from flexstage.system.batch_analysis import batch_characteristics
 from flexstage.system.mechanical import STANDARD_GRAVITY, MechanicalSystem
-
-#: Fields that the system has as its description has them.
-AS_DESCRIBED = (
-    "drive_at",
-    "probe_at",
-    "drive_stiffness",
-    "stroke",
-    "smallest_displacement",
-    "largest_force",
-    "strength",
-    "size",
-)
 
 
 @lru_cache(maxsize=16)
@@ -118,7 +113,6 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
     own = taken(mass, moving)
     diagonal = _stacked(xp, (own, own, taken(inertia, moving)), 1)
     return SystemBatch(
-        stage=stage,
         nominal=nominal,
         mass=samples_first(xp, xp.reshape(diagonal, (3 * len(free), -1))),
         stiffness=samples_first(xp, _stacked(xp, list(blocks.values()), 0)),
@@ -132,7 +126,7 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         weight=samples_first(xp, own * STANDARD_GRAVITY),
         weight_direction=samples_first(xp, along),
         body_mass=arrays.mass,
-        **{name: getattr(arrays, name) for name in AS_DESCRIBED},
+        **_as_described(arrays),
     )
 
 
@@ -273,11 +267,10 @@ def lumped_characteristics(
 def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
     r"""Return the system of a stage, and its derivatives by the parameters.
 
-    By the product rule of the assembly: with the deformation :math:`e = Bq` of a hinge,
+    The assembly is analytic in what it is made of, so its value at an imaginary step h gives them
+    to rounding (W. Squire, G. Trapp, SIAM Review 40 (1998) 110):
 
-    .. math::
-
-        \dot K = \sum \dot B^T k B + B^T \dot k B + B^T k \dot B
+    .. math:: \dot K = \operatorname{Im} K(x + \mathrm{i} h \dot x) / h
 
     Parameters
     ----------
@@ -297,120 +290,24 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.lumped import hinge_tangents
-    >>> system, slopes = system_tangents(hinge_tangents(design("parallelogram")))
-    >>> system.stiffness.shape[0], slopes.stiffness.shape[0]
-    (1, 19)
+    >>> from flexstage.lumped import parameter_tangents
+    >>> stage = design("parallelogram")
+    >>> by_thickness = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)
+    >>> system, slopes = system_tangents(by_thickness)
+    >>> bool(np.allclose(slopes.mass * stage.thickness, system.mass))
+    True
     """
     a, d, count = tangents.arrays, tangents.slopes, len(tangents.names)
-    batch, stage = assemble_batch(a), a.stage
-    every = {body.name: i for i, body in enumerate(stage.bodies)}
-    moving = [i for i, body in enumerate(stage.bodies) if not body.fixed]
-
-    def arms(at: Array, at_slope: Array, names: Sequence[str]) -> tuple[Array, Array]:
-        bodies = [every[name] for name in names]
-        return at - a.centre[:, bodies], at_slope - d.centre[:, bodies]
-
-    stiffness = np.zeros((count, *batch.stiffness.shape[1:]))
-    stress = np.zeros((count, *batch.stress.shape[1:]))
-    if stage.hinges:
-        sides = [
-            arms(a.hinge_at, d.hinge_at, [h.bodies[side] for h in stage.hinges]) for side in (0, 1)
-        ]
-        b, b_slope = _deformations(a.hinge_direction, d.hinge_direction, sides)
-        k, k_slope = a.hinge_stiffness, d.hinge_stiffness
-        force, force_slope = k @ b, k_slope @ b + k @ b_slope
-        part = _turned(b_slope) @ force + _turned(b) @ force_slope
-        stiffness += _scattered(batch, stage, np.broadcast_to(part, (count, *part.shape[1:])))
-        owner = list(a.stress_owner)
-        if owner:
-            rows, rows_slope = a.stress_rows[:, :, None, :], d.stress_rows[:, :, None, :]
-            found = rows_slope @ force[:, owner] + rows @ force_slope[:, owner]
-            stress += found.reshape(*found.shape[:2], 2, 3)
-    drive = np.zeros((count, *batch.drive.shape[1:]))
-    if stage.drives:
-        for side, name in enumerate(("pushes", "reacts")):
-            pair = arms(a.drive_at, d.drive_at, [getattr(x, name) for x in stage.drives])
-            row = _row_slope(a.drive_direction, d.drive_direction, *pair)
-            drive[:, :, side] += (1.0, -1.0)[side] * row
-    probe = np.zeros((count, *batch.probe.shape[1:]))
-    along = np.zeros((count, *batch.weight_direction.shape[1:]))
-    for i, p in enumerate(stage.probes):
-        if p.unit == "rad":
-            continue
-        phi, turn = a.probe_direction[:, i], d.probe_direction[:, i]
-        along[:, i] = np.stack((-np.sin(phi) * turn, np.cos(phi) * turn), axis=-1)
-        for side, name in enumerate((p.body, p.relative_to)):
-            if name is not None:
-                pair = arms(a.probe_at[:, [i]], d.probe_at[:, [i]], [name])
-                row = _row_slope(phi[:, None], turn[:, None], *pair)
-                probe[:, i, side] = (1.0, -1.0)[side] * row[:, 0]
-    mass = np.stack((d.mass, d.mass, d.inertia), axis=-1)[:, moving]
-    return batch, replace(
-        batch,
-        mass=mass.reshape(mass.shape[0], -1),
-        stiffness=stiffness,
-        drive=drive,
-        probe=probe,
-        stress=stress,
-        weight=d.mass[:, moving] * STANDARD_GRAVITY,
-        weight_direction=along,
-        body_mass=d.mass,
-        **{name: getattr(d, name) for name in AS_DESCRIBED},
+    step = 1e-30  # nothing is subtracted: the smaller, the nearer
+    changed = {name: x + 1j * step * getattr(d, name) for name, x in arrays_of(a).items()}
+    batch, beside = assemble_batch(a), assemble_batch(replace(a, **changed))
+    slopes = {name: x.imag / step for name, x in arrays_of(beside).items()}
+    slopes["stiffness"] = np.broadcast_to(
+        slopes["stiffness"], (count, *slopes["stiffness"].shape[1:])
     )
+    return batch, replace(batch, **slopes | _as_described(d))
 
 
-def _turned(x: Array) -> Array:
-    return np.swapaxes(x, -1, -2)
-
-
-def _deformations(
-    angle: Array, turn: Array, sides: Sequence[tuple[Array, Array]]
-) -> tuple[Array, Array]:
-    """Deformation of each hinge for the coordinates of its bodies, and its derivatives.
-
-    Shapes (1, h, 3, 6) and (p, h, 3, 6).
-    """
-    c, s = np.cos(angle), np.sin(angle)
-    frame, frame_slope = np.zeros((*angle.shape, 3, 3)), np.zeros((*angle.shape, 3, 3))
-    frame[..., 0, 0], frame[..., 0, 1], frame[..., 1, 0], frame[..., 1, 1] = c, s, -s, c
-    frame[..., 2, 2] = 1.0
-    frame_slope[..., :2, :2] = np.stack(
-        (np.stack((-s, c), axis=-1), np.stack((-c, -s), axis=-1)), axis=-2
-    )
-    frame_slope = frame_slope * turn[..., None, None]
-    value, slope = [], []
-    for sign, (arm, arm_slope) in zip((-1.0, 1.0), sides, strict=True):
-        point = np.zeros((*arm.shape[:2], 3, 3))
-        point[..., 0, 0] = point[..., 1, 1] = point[..., 2, 2] = 1.0
-        point[..., 0, 2], point[..., 1, 2] = -arm[..., 1], arm[..., 0]
-        point_slope = np.zeros((*arm_slope.shape[:2], 3, 3))
-        point_slope[..., 0, 2], point_slope[..., 1, 2] = -arm_slope[..., 1], arm_slope[..., 0]
-        value.append(sign * (frame @ point))
-        slope.append(sign * (frame_slope @ point + frame @ point_slope))
-    return np.concatenate(value, axis=-1), np.concatenate(slope, axis=-1)
-
-
-def _scattered(batch: SystemBatch, stage: Stage, part: Array) -> Array:
-    """Add 6 x 6 parts of hinges, (p, h, 6, 6), to the blocks of a batch."""
-    free = [body.name for body in stage.bodies if not body.fixed]
-    number = {name: i for i, name in enumerate(free)}
-    place = {at: i for i, at in enumerate(batch.blocks)}
-    out = np.zeros((part.shape[0], len(place), 3, 3))
-    for h, hinge in enumerate(stage.hinges):
-        at = [number.get(name, -1) for name in hinge.bodies]
-        for i in range(2):
-            for j in range(2):
-                # below the diagonal; both of a body with itself stand on it
-                if min(at[i], at[j]) >= 0 and (at[i] > at[j] or i == j):
-                    block = part[:, h, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
-                    out[:, place[at[i], at[j]]] += block
-    return out
-
-
-def _row_slope(angle: Array, turn: Array, arm: Array, arm_slope: Array) -> Array:
-    """Derivatives of the row (c, s, s X - c Y) for the coordinates of a body."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = arm[..., 0], arm[..., 1]
-    moment = turn * (c * x + s * y) + s * arm_slope[..., 0] - c * arm_slope[..., 1]
-    return np.stack(np.broadcast_arrays(-s * turn, c * turn, moment), axis=-1)
+def _as_described(arrays: StageNumbers) -> dict[str, Any]:
+    """Return what a system has as its description has it."""
+    return {f.name: getattr(arrays, f.name) for f in fields(StageNumbers)}

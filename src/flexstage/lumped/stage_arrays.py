@@ -17,27 +17,19 @@ from flexstage.arrays import Array
 from flexstage.errors import FlexstageError, ModelError
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import (
-    WITH_ROOTS,
-    cached_compliance,
     cached_stress_rows,
     hinge_springs,
 )
-from flexstage.short_repr import short_repr
-from flexstage.stage import Force, Hinge, Stage, mass_properties, root_widths
-from flexstage.stage.mass import body_mass, outer_size
-from flexstage.system.batch import arrays_of
+from flexstage.stage import Force, Stage, mass_properties
+from flexstage.stage.mass import outer_size
+from flexstage.system.batch import StageNumbers, arrays_of
 from flexstage.system.characteristics import pulsating_limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StageArrays:
-    """What the lumped model is made of, of many stages of one topology.
+class StageArrays(StageNumbers):
+    """What the lumped model is made of, of many stages of one topology."""
 
-    An array that is the same for all samples may have a leading axis of 1.
-    """
-
-    stage: Stage
-    """The nominal stage: names, and what is decided once for all samples."""
     method: str
     """How the stiffness of hinges is found, of the nominal stage."""
     plane: PlaneState | Literal["auto"]
@@ -60,35 +52,10 @@ class StageArrays:
     """
     stress_owner: tuple[int, ...]
     """The hinge of each place, as a number; r of them."""
-    drive_at: Array
-    """Pushed point of each drive [m], shape (S, d, 2)."""
     drive_direction: Array
     """Direction of each drive [rad], shape (S, d)."""
-    drive_stiffness: Array
-    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
-    stroke: Array
-    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
-    smallest_displacement: Array
-    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
-    largest_force: Array
-    """Largest force of each drive that is a pure force [N]; else not a number; shape (S, d)."""
-    probe_at: Array
-    """Point of each probe [m], shape (S, p, 2)."""
     probe_direction: Array
     """Direction of each probe [rad]; not used of a rotation; shape (S, p)."""
-    strength: Array
-    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
-    unknown; shape (S, 2).
-    """
-    size: Array
-    """Width, height and thickness of the plate [m], shape (S, 3)."""
-
-    __repr__ = short_repr
-
-    @property
-    def samples(self) -> int:
-        """Number of samples S."""
-        return max(x.shape[0] for x in arrays_of(self).values())
 
     def mapped(self, change: Callable[[Array], Any]) -> "StageArrays":
         """Return the same with every array changed, say into that of another library.
@@ -175,36 +142,13 @@ def stage_arrays(
             f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
             "others, so that its stress is read at other places: analyse these one by one"
         )
-    columns = zip(*(values for _, values in found), strict=True)
     return StageArrays(
         stage=nominal,
         method=method,
         plane=plane,
         stress_owner=owners.pop(),
-        **dict(zip(FIELDS, (np.stack(column) for column in columns), strict=True)),
+        **{field: np.stack([values[field] for _, values in found]) for field in found[0][1]},
     )
-
-
-#: The arrays of `StageArrays`, in the order of `described`.
-FIELDS = (
-    "mass",
-    "inertia",
-    "centre",
-    "hinge_at",
-    "hinge_direction",
-    "hinge_stiffness",
-    "stress_rows",
-    "drive_at",
-    "drive_direction",
-    "drive_stiffness",
-    "stroke",
-    "smallest_displacement",
-    "largest_force",
-    "probe_at",
-    "probe_direction",
-    "strength",
-    "size",
-)
 
 
 def require_topology(nominal: Stage, stage: Stage) -> None:
@@ -231,8 +175,8 @@ def described(
     method: str,
     plane: PlaneState | Literal["auto"],
     planes: Sequence[PlaneState] | None = None,
-) -> tuple[tuple[int, ...], tuple[Array, ...]]:
-    """Owner of each place of stress, and the arrays of `FIELDS` of one stage.
+) -> tuple[tuple[int, ...], dict[str, Array]]:
+    """Return the owner of each place of stress, and the arrays of one stage by field.
 
     With `planes` the hinges are in these plane states, whatever `plane` would choose.
     """
@@ -250,32 +194,32 @@ def described(
         return np.array(found, dtype=np.float64).reshape(-1, *shape)
 
     drives = stage.drives
-    return owner, (
-        numbers([m.mass for m in masses]),
-        numbers([m.inertia for m in masses]),
-        numbers([v for m in masses for v in m.centre], 2),
-        numbers([v for h in stage.hinges for v in h.at], 2),
-        numbers([h.direction for h in stage.hinges]),
-        np.array([s.stiffness for s in springs]).reshape(-1, 3, 3),
-        np.concatenate([np.zeros((0, 3)), *rows]),
-        numbers([v for d in drives for v in d.at[0]], 2),
-        numbers([d.direction for d in drives]),
-        numbers([math.inf if d.spring is None else d.spring for d in drives]),
-        numbers([d.stroke for d in drives]),
-        numbers([d.smallest_displacement for d in drives]),
-        numbers([d.largest_force if isinstance(d, Force) else None for d in drives]),
-        numbers([v for p in stage.probes for v in p.at], 2),
-        numbers([p.direction or 0.0 for p in stage.probes]),
-        numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
-        numbers(outer_size(stage)),
-    )
+    return owner, {
+        "mass": numbers([m.mass for m in masses]),
+        "inertia": numbers([m.inertia for m in masses]),
+        "centre": numbers([v for m in masses for v in m.centre], 2),
+        "hinge_at": numbers([v for h in stage.hinges for v in h.at], 2),
+        "hinge_direction": numbers([h.direction for h in stage.hinges]),
+        "hinge_stiffness": np.array([s.stiffness for s in springs]).reshape(-1, 3, 3),
+        "stress_rows": np.concatenate([np.zeros((0, 3)), *rows]),
+        "drive_at": numbers([v for d in drives for v in d.at[0]], 2),
+        "drive_direction": numbers([d.direction for d in drives]),
+        "drive_stiffness": numbers([math.inf if d.spring is None else d.spring for d in drives]),
+        "stroke": numbers([d.stroke for d in drives]),
+        "smallest_displacement": numbers([d.smallest_displacement for d in drives]),
+        "largest_force": numbers(
+            [d.largest_force if isinstance(d, Force) else None for d in drives]
+        ),
+        "probe_at": numbers([v for p in stage.probes for v in p.at], 2),
+        "probe_direction": numbers([p.direction or 0.0 for p in stage.probes]),
+        "strength": numbers([stage.material.yield_strength, pulsating_limit(stage.material)]),
+        "size": numbers(outer_size(stage)),
+    }
 
 
 # Steps of differences by their order, of the value that is changed. What fourth order leaves out is
 # some hundred times the fourth power; what rounding adds is 1e-13 of the description over the step.
 _STEPS = {2: 2e-5, 4: 5e-4}
-# Steps of hinges in place [m] and direction [rad]: twice as far they still grow from their edges.
-_STEP_PLACE, _STEP_DIRECTION = 2e-7, 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -311,7 +255,9 @@ class StageTangents:
         return StageTangents(
             names=tuple(name for t in every for name in t.names),
             arrays=self.arrays,
-            slopes=replace(self.slopes, **{field: column(field) for field in FIELDS}),
+            slopes=replace(
+                self.slopes, **{field: column(field) for field in arrays_of(self.slopes)}
+            ),
         )
 
 
@@ -383,7 +329,7 @@ def parameter_tangents(
         s.plane for s in hinge_springs(nominal, method=arrays.method, plane=arrays.plane)
     ]
 
-    def values(k: int) -> tuple[Array, ...]:
+    def values(k: int) -> dict[str, Array]:
         stage = build(value + k * h)
         require_topology(nominal, stage)
         owner, found = described(stage, arrays.method, arrays.plane, planes)
@@ -392,16 +338,20 @@ def parameter_tangents(
                 f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
                 "choose another value, or a shorter step"
             )
-        return tuple(
-            _unwound(x, getattr(arrays, field)[0]) if field.endswith("direction") else x
-            for field, x in zip(FIELDS, found, strict=True)
-        )
+        for field in ("hinge_direction", "drive_direction", "probe_direction"):
+            # as near to the nominal angle as whole turns allow
+            turns = (found[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
+            found[field] = found[field] - 2.0 * np.pi * np.round(turns)
+        return found
 
     found, weights = _around(values, order)
-    slopes = {
-        field: _difference([part[i] for part in found], weights, h)[None]
-        for i, field in enumerate(FIELDS)
-    }
+    slopes = {}
+    for field in found[0]:
+        with np.errstate(invalid="ignore"):
+            parts = zip(weights, (part[field] for part in found), strict=True)
+            slope = sum(w * x for w, x in parts) / h
+        # what is infinite or unknown stays so
+        slopes[field] = np.where(np.isfinite(slope), slope, 0.0)[None]
     return StageTangents(names=(name,), arrays=arrays, slopes=replace(arrays, **slopes))
 
 
@@ -414,8 +364,8 @@ _AHEAD = {
 
 
 def _around(
-    values: Callable[[int], tuple[Array, ...]], order: int
-) -> tuple[list[tuple[Array, ...]], Array]:
+    values: Callable[[int], dict[str, Array]], order: int
+) -> tuple[list[dict[str, Array]], Array]:
     """Values some steps to both sides, or to one where there are none on the other; weights."""
     ahead = _AHEAD[order]
     refused: list[FlexstageError] = []
@@ -425,121 +375,3 @@ def _around(
         except FlexstageError as error:
             refused.append(error)
     raise refused[0]
-
-
-def _difference(values: Sequence[Array], weights: Array, h: float) -> Array:
-    """Derivative from values some steps away."""
-    with np.errstate(invalid="ignore"):
-        slope = sum(w * x for w, x in zip(weights, values, strict=True)) / h
-    # what is infinite or unknown stays so
-    return np.where(np.isfinite(slope), slope, 0.0)
-
-
-def _unwound(angle: Array, about: Array) -> Array:
-    """Angles as near to others as whole turns allow."""
-    return angle - 2.0 * np.pi * np.round((angle - about) / (2.0 * np.pi))
-
-
-def hinge_tangents(stage: Stage, *, method: str = "wedge") -> StageTangents:
-    """Return derivatives by what each hinge, the plate and its material are on their own.
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage.
-    method : str
-        How the stiffness of hinges is found, as in `flexstage.lumped.lumped_system`.
-
-    Returns
-    -------
-    StageTangents
-        By the ``thickness`` of the plate [m], ``youngs_modulus`` [Pa] and ``density`` [kg/m^3],
-        then by hinge ``NAME.neck_thickness`` [m], ``NAME.x`` and ``NAME.y`` of its place [m] and
-        ``NAME.direction`` [rad].
-
-    Notes
-    -----
-    Validity: outlines of bodies stay; the half notches, which belong to them, go with the hinge,
-    and so does the width behind its roots.
-
-    Examples
-    --------
-    >>> from flexstage.designs import design
-    >>> hinge_tangents(design("parallelogram")).names[:5]
-    ('thickness', 'youngs_modulus', 'density', 'left-lower.neck_thickness', 'left-lower.x')
-    """
-    arrays = stage_arrays([stage], method=method)
-    material = stage.material
-
-    def of_material(name: str) -> StageTangents:
-        return parameter_tangents(
-            lambda v: replace(stage, material=replace(material, **{name: v})),
-            getattr(material, name),
-            name=name,
-            arrays=arrays,
-        )
-
-    whole = parameter_tangents(
-        lambda t: replace(stage, thickness=t), stage.thickness, name="thickness", arrays=arrays
-    ).joined(of_material("youngs_modulus"), of_material("density"))
-    springs = hinge_springs(stage, method=method)
-    owner = np.array(arrays.stress_owner)
-    bodies = {body.name: i for i, body in enumerate(stage.bodies)}
-    elastic = material.youngs_modulus, material.poissons_ratio
-
-    def changed(i: int, hinge: Hinge) -> tuple[Array, ...]:
-        """What belongs to a hinge and to its two bodies."""
-        plane = springs[i].plane
-        roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        spring = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
-        hinges = [*stage.hinges[:i], hinge, *stage.hinges[i + 1 :]]
-        masses = [body_mass(stage, name, hinges) for name in hinge.bodies]
-        return (
-            spring.stiffness,
-            cached_stress_rows(hinge.profile, stage.thickness, elastic[1], plane),
-            np.array([m.mass for m in masses]),
-            np.array([m.inertia for m in masses]),
-            np.array([m.centre for m in masses]),
-            np.array(hinge.at),
-            np.array(hinge.direction),
-        )
-
-    names: list[str] = []
-    central = np.array(list(_CENTRAL[4].values()))
-    count = 4 * len(stage.hinges)
-    slopes = {name: np.zeros((count, *x.shape[1:])) for name, x in arrays_of(arrays).items()}
-    for i, hinge in enumerate(stage.hinges):
-        joined = [bodies[name] for name in hinge.bodies]
-        for parameter, step, change in _changes(hinge):
-            p = len(names)
-            names.append(f"{hinge.name}.{parameter}")
-            parts = [changed(i, change(k * step)) for k in _CENTRAL[4]]
-            slope = [_difference(values, central, step) for values in zip(*parts, strict=True)]
-            slopes["hinge_stiffness"][p, i] = slope[0]
-            slopes["stress_rows"][p, owner == i] = slope[1]
-            slopes["mass"][p, joined] = slope[2]
-            slopes["inertia"][p, joined] = slope[3]
-            slopes["centre"][p, joined] = slope[4]
-            slopes["hinge_at"][p, i] = slope[5]
-            slopes["hinge_direction"][p, i] = slope[6]
-    if not names:
-        return whole
-    return whole.joined(
-        StageTangents(names=tuple(names), arrays=arrays, slopes=replace(arrays, **slopes))
-    )
-
-
-def _changes(hinge: Hinge) -> list[tuple[str, float, Callable[[float], Hinge]]]:
-    """Parameters of a hinge, a step of each, and the hinge with it changed by so much."""
-    profile, (x, y) = hinge.profile, hinge.at
-    neck = profile.neck_thickness
-    return [
-        (
-            "neck_thickness",
-            _STEPS[4] * neck,
-            lambda d: replace(hinge, profile=replace(profile, neck_thickness=neck + d)),
-        ),
-        ("x", _STEP_PLACE, lambda d: replace(hinge, at=(x + d, y))),
-        ("y", _STEP_PLACE, lambda d: replace(hinge, at=(x, y + d))),
-        ("direction", _STEP_DIRECTION, lambda d: replace(hinge, direction=hinge.direction + d)),
-    ]

@@ -16,18 +16,51 @@ from flexstage.system.mechanical import MechanicalSystem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SystemBatch:
-    r"""Stages of one topology as systems of rigid bodies, with a leading axis of samples.
+class StageNumbers:
+    """What is the same in the description of many stages and in their systems.
 
-    Free bodies have three coordinates each, in the order of the stage: x, y, rotation. An array
-    that is the same for all samples may have a leading axis of 1. Bodies are numbered among the
-    free ones, and -1 is the ground.
+    With a leading axis of samples S; an array that is the same for all may have one of 1.
     """
 
     stage: Stage
     """The nominal stage: names, and what is decided once for all samples."""
+    drive_at: Array
+    """Pushed point of each drive [m], shape (S, d, 2)."""
+    probe_at: Array
+    """Point of each probe [m], shape (S, p, 2)."""
+    drive_stiffness: Array
+    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
+    stroke: Array
+    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
+    smallest_displacement: Array
+    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
+    largest_force: Array
+    """Largest force of each drive that is a pure force [N]; else not a number; shape (S, d)."""
+    strength: Array
+    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
+    unknown; shape (S, 2).
+    """
+    size: Array
+    """Width, height and thickness of the plate [m], shape (S, 3)."""
+
+    __repr__ = short_repr
+
+    @property
+    def samples(self) -> int:
+        """Number of samples S."""
+        return max(x.shape[0] for x in arrays_of(self).values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SystemBatch(StageNumbers):
+    r"""Stages of one topology as systems of rigid bodies, with a leading axis of samples.
+
+    Free bodies have three coordinates each, in the order of the stage: x, y, rotation. Bodies are
+    numbered among the free ones, and -1 is the ground.
+    """
+
     nominal: MechanicalSystem
-    """Its system."""
+    """The system of the nominal stage."""
     mass: Array
     """Diagonal of the mass matrix [kg, kg m^2], shape (S, n)."""
     stiffness: Array
@@ -56,33 +89,8 @@ class SystemBatch:
     """Mass of each free body in standard gravity [N], shape (S, n/3)."""
     weight_direction: Array
     """Direction of each probe in the plane, zero for a rotation, shape (S, p, 2)."""
-    drive_at: Array
-    """Pushed point of each drive [m], shape (S, d, 2)."""
-    probe_at: Array
-    """Point of each probe [m], shape (S, p, 2)."""
-    drive_stiffness: Array
-    """Stiffness of each drive [N/m]; infinite if rigid, 0 for a pure force; shape (S, d)."""
-    stroke: Array
-    """Largest free displacement of each drive [m]; not a number for a force; shape (S, d)."""
-    smallest_displacement: Array
-    """Smallest commanded change of each drive [m]; not a number where unknown; shape (S, d)."""
-    largest_force: Array
-    """Largest force of each drive that is a pure force [N]; shape (S, d)."""
-    strength: Array
-    """Yield strength, and the largest pulsating stress that fatigue allows [Pa]; not a number where
-    unknown; shape (S, 2).
-    """
     body_mass: Array
     """Mass of every body, fixed ones too [kg], shape (S, b)."""
-    size: Array
-    """Width, height and thickness of the plate [m], shape (S, 3)."""
-
-    __repr__ = short_repr
-
-    @property
-    def samples(self) -> int:
-        """Number of samples S."""
-        return max(x.shape[0] for x in arrays_of(self).values())
 
 
 def arrays_of(batch: Any) -> dict[str, Array]:

@@ -82,15 +82,17 @@ def characteristic_derivatives(
 
     Examples
     --------
+    >>> from dataclasses import replace
     >>> from flexstage.designs import design
-    >>> from flexstage.lumped import hinge_tangents, system_tangents
+    >>> from flexstage.lumped import parameter_tangents, system_tangents
     >>> stage = design("parallelogram")
-    >>> tangents = hinge_tangents(stage)
-    >>> batch, slopes = system_tangents(tangents)
+    >>> modulus = stage.material.youngs_modulus
+    >>> tangents = parameter_tangents(
+    ...     lambda e: replace(stage, material=replace(stage.material, youngs_modulus=e)), modulus
+    ... )
     >>> key = ("natural_frequency_hz", "x")
-    >>> found = characteristic_derivatives(batch, slopes, [key])[key]
-    >>> per_modulus = found[tangents.names.index("youngs_modulus")]
-    >>> print(f"{2.0 * per_modulus * stage.material.youngs_modulus:.2f} Hz")
+    >>> found = characteristic_derivatives(*system_tangents(tangents), [key])[key]
+    >>> print(f"{2.0 * found[0] * modulus:.2f} Hz")
     193.66 Hz
     """
     if batch.samples != 1:
