@@ -63,6 +63,13 @@ def parallelogram(
     )
 
 
+def response(function: TransferFunction, frequency_hz: float) -> complex:
+    """A transfer function on the imaginary axis."""
+    above, below = function.coefficients()
+    s = 2j * math.pi * frequency_hz
+    return complex(np.polyval(above, s) / np.polyval(below, s))
+
+
 class Derived(NamedTuple):
     """Equations in symbols, and what was made of them."""
 

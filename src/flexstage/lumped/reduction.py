@@ -4,14 +4,13 @@
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
-from scipy.linalg import eigh, qr
+from scipy.linalg import qr
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
@@ -209,28 +208,18 @@ def reduce_by_symmetry(
     )
 
 
-def condense(
-    model: SymbolicModel,
-    *,
-    masters: Sequence[str] | None = None,
-    mode_count: int | None = None,
-) -> ReducedModel:
-    r"""Condense a stage to a few coordinates, in numbers.
+def condense(model: SymbolicModel) -> ReducedModel:
+    r"""Condense a stage to its drives and probes, in numbers.
 
     Static condensation (R. J. Guyan, AIAA J. 3 (1965) 380) in its general form: the coordinates z
     are elongations of drives and readings of probes, :math:`z = W^T q`, and the rest follows as in
     statics, :math:`q = K^{-1}W(W^TK^{-1}W)^{-1}z`. Static behaviour between them is exact;
-    frequencies are slightly too high. With `mode_count` the lowest modes are kept instead: their
-    frequencies are exact, statics lacks the higher modes.
+    frequencies are slightly too high.
 
     Parameters
     ----------
     model : SymbolicModel
         The equations.
-    masters : Sequence of str, optional
-        Names of drives, probes or coordinates (``x_3``); all drives and probes where not given.
-    mode_count : int, optional
-        Number of modes to keep instead.
 
     Returns
     -------
@@ -240,32 +229,23 @@ def condense(
     Raises
     ------
     ModelError
-        A master does not exist, or the stage can move freely.
+        The stage has neither drives nor probes, or can move freely.
     """
     M, K, C = model.numbers(model.M), model.numbers(model.K), model.numbers(model.C)
-    if mode_count is not None:
-        count = min(max(mode_count, 1), model.order)
-        omega2, shapes = eigh(K, M, subset_by_index=(0, count - 1))
-        basis, symbols = shapes, [sp.Symbol(f"eta_{i + 1}", real=True) for i in range(count)]
-        how = f"{count} lowest modes, drives removed"
-        reduced_m, reduced_k = np.eye(count), np.diag(omega2)
-    else:
-        chosen = _masters(model, masters)
-        w = np.stack([v for _, v in chosen], axis=1)
-        try:
-            flexible = np.linalg.solve(K, w)
-            between = w.T @ flexible
-        except np.linalg.LinAlgError as error:
-            raise ModelError("the stage can move without deforming a hinge") from error
-        basis = np.linalg.solve(between.T, flexible.T).T
-        symbols = [symbol for symbol, _ in chosen]
-        kinds = {"d": "drive ", "p": "probe "}
-        how = "static condensation to " + ", ".join(
-            kinds.get(x.name.split("_{\\mathrm{")[0], "")
-            + x.name.split("mathrm{")[-1].rstrip("}").replace(r"\_", "_")
-            for x in symbols
-        )
-        reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
+    chosen = _masters(model)
+    w = np.stack([v for _, v in chosen], axis=1)
+    try:
+        flexible = np.linalg.solve(K, w)
+        between = w.T @ flexible
+    except np.linalg.LinAlgError as error:
+        raise ModelError("the stage can move without deforming a hinge") from error
+    basis = np.linalg.solve(between.T, flexible.T).T
+    kinds = {"d": "drive ", "p": "probe "}
+    how = "static condensation to " + ", ".join(
+        kinds[x.name[0]] + x.name.split("mathrm{")[-1].rstrip("}").replace(r"\_", "_")
+        for x, _ in chosen
+    )
+    reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
     Mr, Kr = (_floats(0.5 * (a + a.T)) for a in (reduced_m, reduced_k))
     if model.damping == "rayleigh":
         alpha, beta = (next(x for x in model.values if x.name == n) for n in ("alpha", "beta"))
@@ -279,7 +259,7 @@ def condense(
     return ReducedModel(
         name=model.name,
         how=how,
-        coordinates=tuple(symbols),
+        coordinates=tuple(symbol for symbol, _ in chosen),
         M=Mr,
         C=Cr,
         K=Kr,
@@ -291,25 +271,18 @@ def condense(
     )
 
 
-def _masters(model: SymbolicModel, names: Sequence[str] | None) -> list[tuple[sp.Symbol, Array]]:
-    """Vectors of the masters that say something new."""
+def _masters(model: SymbolicModel) -> list[tuple[sp.Symbol, Array]]:
+    """Vectors of the drives and probes that say something new."""
     ports = [("d", p) for p in model.drives] + [("p", p) for p in model.probes]
-    coordinates = {x.name: i for i, x in enumerate(model.coordinates)}
     out: list[tuple[sp.Symbol, Array]] = []
     # a drive and a probe may share a name: both are meant
-    for name in dict.fromkeys(p.name for _, p in ports) if names is None else names:
-        found = [(letter, p) for letter, p in ports if p.name == name]
-        for letter, port in found:
-            symbol = sp.Symbol(f"{letter}_{{{upright(name)}}}", real=True)
-            out.append((symbol, model.numbers(port.vector)[:, 0]))
-        if not found:
-            if name not in coordinates:
-                have = ", ".join([*(p.name for _, p in ports), *list(coordinates)[:6]])
-                raise ModelError(f"no drive, probe or coordinate '{name}': there are {have}, ...")
-            at = coordinates[name]
-            out.append((model.coordinates[at], np.eye(model.order)[at]))
+    for name in dict.fromkeys(p.name for _, p in ports):
+        for letter, port in ports:
+            if port.name == name:
+                symbol = sp.Symbol(f"{letter}_{{{upright(name)}}}", real=True)
+                out.append((symbol, model.numbers(port.vector)[:, 0]))
     if not out:
-        raise ModelError("condensation needs a drive, a probe or a coordinate to keep")
+        raise ModelError("condensation needs a drive or a probe to keep")
     # one that repeats the others, such as a probe in line with a drive, is left out
     whole = np.stack([v for _, v in out], axis=1)
     kept: list[int] = []

@@ -317,11 +317,9 @@ def _reduced(reduced: ReducedModel) -> SheetSection:
 def _transfer(transfer: Sequence[TransferFunction]) -> SheetSection:
     items: list[Item] = []
     for tf in transfer:
-        unit = "m/N" if tf.input_kind == "force" else "1"
         items.append(
             Paragraph(
-                text=f"From the {tf.input_kind} of drive {tf.drive} to the reading of probe "
-                f"{tf.probe} [{unit}]:"
+                text=f"From the force of drive {tf.drive} to the reading of probe {tf.probe} [m/N]:"
             )
         )
         symbolic = (tf.numerator.free_symbols | tf.denominator.free_symbols) - {tf.s}

@@ -1,17 +1,15 @@
-r"""Transfer functions from a drive to a probe, symbolic for models of few coordinates.
+r"""Transfer functions from the force of a drive to a probe, symbolic for models of few coordinates.
 
 With the dynamic stiffness :math:`A(s) = Ms^2 + Cs + K`, the vector w of the drive and p of the
 probe,
 
 .. math::
 
-    N_p = p^T\operatorname{adj}(A)\,w,\qquad N_w = w^T\operatorname{adj}(A)\,w,\qquad D = \det A
+    N_p = p^T\operatorname{adj}(A)\,w,\qquad D = \det A
 
-give every case: a force, :math:`N_p/D`; the free displacement of a drive of stiffness k,
-:math:`kN_p/(D + kN_w)`; of a rigid one, :math:`N_p/N_w`. The adjugate is never formed: each N is
-a bordered determinant. With Rayleigh damping :math:`A = aM + bK`, :math:`a = s^2+\alpha s`,
-:math:`b = 1+\beta s`, so the determinants are
-those of the undamped stage with :math:`s^2` replaced.
+give :math:`N_p/D`. The adjugate is never formed: N is a bordered determinant. With Rayleigh damping
+:math:`A = aM + bK`, :math:`a = s^2+\alpha s`, :math:`b = 1+\beta s`, so the determinants are those
+of the undamped stage with :math:`s^2` replaced.
 """
 
 # SymPy's own annotations are partial and contradict what its functions return.
@@ -19,17 +17,15 @@ those of the undamped stage with :math:`s^2` replaced.
 # pyright: reportCallIssue=false, reportOptionalMemberAccess=false, reportIndexIssue=false
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from sympy.polys.matrices import DomainMatrix
 
 from flexstage.errors import ModelError
 from flexstage.lumped.symbolic import Equations
-
-InputKind = Literal["force", "free displacement"]
 
 #: Coordinates beyond which determinants are too long to read.
 LARGEST_ORDER = 6
@@ -37,14 +33,15 @@ LARGEST_ORDER = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TransferFunction:
-    """A ratio of polynomials in Laplace's variable s."""
+    """A ratio of polynomials in Laplace's variable s, of a reading over the force of a drive."""
+
+    input_kind: ClassVar[str] = "force"
+    """What the drive gives [N]."""
 
     drive: str
     """Name of the drive."""
     probe: str
     """Name of the probe."""
-    input_kind: InputKind
-    """``force`` [N] or ``free displacement`` of the drive [m]."""
     s: sp.Symbol
     """Laplace's variable."""
     numerator: sp.Expr
@@ -92,47 +89,9 @@ class TransferFunction:
         """
         return _roots(self.coefficients()[1])
 
-    def zeros(self) -> NDArray[np.complex128]:
-        """Return the roots of the numerator.
 
-        Returns
-        -------
-        numpy.ndarray
-            Zeros [rad/s], smallest first.
-        """
-        return _roots(self.coefficients()[0])
-
-    def response(self, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Evaluate on the imaginary axis.
-
-        Parameters
-        ----------
-        frequency_hz : ArrayLike
-            Frequencies [Hz], shape (k,).
-
-        Returns
-        -------
-        numpy.ndarray
-            Complex response, shape (k,).
-        """
-        top, bottom = self.coefficients()
-        # s in units that make the coefficients alike
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
-        unit = _unit(bottom)
-        return np.polyval(_scaled(top, unit), s / unit) / np.polyval(
-            _scaled(bottom, unit), s / unit
-        )
-
-
-def transfer_function(
-    model: Equations,
-    drive: str,
-    probe: str,
-    *,
-    input_kind: InputKind = "force",
-    locked: tuple[str, ...] = (),
-) -> TransferFunction:
-    """Derive the transfer function from a drive to a probe.
+def transfer_function(model: Equations, drive: str, probe: str) -> TransferFunction:
+    """Derive the transfer function from the force of a drive to a probe, all drives removed.
 
     Parameters
     ----------
@@ -142,10 +101,6 @@ def transfer_function(
         Name of the drive.
     probe : str
         Name of the probe.
-    input_kind : str
-        ``force``, with the drive itself removed, or ``free displacement``, with it in place.
-    locked : tuple of str
-        Drives that are held at their length; the others are removed.
 
     Returns
     -------
@@ -155,22 +110,15 @@ def transfer_function(
     Raises
     ------
     ModelError
-        Too many coordinates, an unknown kind of input, or a port that the model does not have.
+        Too many coordinates, or a port that the model does not have.
     """
     if model.order > LARGEST_ORDER:
         raise ModelError(
             f"a transfer function in symbols needs at most {LARGEST_ORDER} coordinates, got "
             f"{model.order}: reduce the model by symmetry or by condensation first"
         )
-    if input_kind not in ("force", "free displacement"):
-        raise ModelError(f"unknown input '{input_kind}': expected force or free displacement")
     s = sp.Symbol("s")
-    port = model.drive(drive)
-    if input_kind == "free displacement" and port.stiffness == 0:
-        raise ModelError(f"drive '{drive}' is a force: it has no free displacement")
-    w, p = sp.Matrix(port.vector), sp.Matrix(model.probe(probe).vector)
-    held = [sp.Matrix(model.drive(name).vector) for name in locked]
-    n, m = model.order, len(held)
+    w, p = sp.Matrix(model.drive(drive).vector), sp.Matrix(model.probe(probe).vector)
     if model.damping == "hinge":
         dynamic, a, b = sp.Matrix(model.M * s**2 + model.C * s + model.K), s, sp.S.One
         variable = s
@@ -182,7 +130,6 @@ def transfer_function(
         if model.damping == "rayleigh":
             alpha, beta = _named(model.values, "alpha"), _named(model.values, "beta")
             a, b = s**2 + alpha * s, 1 + beta * s
-    whole = _bordered(dynamic, held)
 
     def homogeneous(polynomial: sp.Expr, degree: int) -> sp.Expr:
         if model.damping == "hinge":
@@ -190,39 +137,14 @@ def transfer_function(
         terms = sp.Poly(polynomial, variable).all_coeffs()[::-1]
         return sp.Add(*(c * a**i * b ** (degree - i) for i, c in enumerate(terms)))
 
-    # each held drive takes one power of A from every determinant
-    D = homogeneous(_determinant(whole), n - m)
-    N_p = homogeneous(-_determinant(_edged(whole, w, p)), n - m - 1)
-    if input_kind == "force":
-        top, bottom = N_p, D
-    else:
-        N_w = homogeneous(-_determinant(_edged(whole, w, w)), n - m - 1)
-        k = port.stiffness
-        top, bottom = (N_p, N_w) if k is None else (k * N_p, D + k * N_w)
+    edged = sp.Matrix(sp.BlockMatrix([[dynamic, w], [p.T, sp.zeros(1, 1)]]))
     return TransferFunction(
         drive=drive,
         probe=probe,
-        input_kind=input_kind,
         s=s,
-        numerator=top,
-        denominator=bottom,
+        numerator=homogeneous(-_determinant(edged), model.order - 1),
+        denominator=homogeneous(_determinant(dynamic), model.order),
         values=model.values,
-    )
-
-
-def _bordered(matrix: sp.Matrix, columns: list[sp.Matrix]) -> sp.Matrix:
-    for k, column in enumerate(columns):
-        edge = sp.Matrix.vstack(column, sp.zeros(k, 1))
-        matrix = _edged(matrix, edge, edge)
-    return matrix
-
-
-def _edged(matrix: sp.Matrix, column: sp.Matrix, row: sp.Matrix) -> sp.Matrix:
-    size = matrix.rows
-    column = sp.Matrix.vstack(column, sp.zeros(size - column.rows, 1))
-    row = sp.Matrix.vstack(row, sp.zeros(size - row.rows, 1))
-    return sp.Matrix.vstack(
-        sp.Matrix.hstack(matrix, column), sp.Matrix.hstack(row.T, sp.zeros(1, 1))
     )
 
 
@@ -258,27 +180,18 @@ def _named(values: dict[sp.Symbol, float], name: str) -> sp.Symbol:
     return next(symbol for symbol in values if symbol.name == name)
 
 
-def _unit(polynomial: NDArray[np.float64]) -> float:
-    """Size of s that makes the first and last coefficient alike."""
-    degree = polynomial.size - 1
-    if degree < 1 or polynomial[-1] == 0.0:
-        return 1.0
-    return float(np.exp(np.log(abs(polynomial[-1] / polynomial[0])) / degree))
-
-
-def _scaled(polynomial: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    return polynomial * unit ** np.arange(polynomial.size - 1, -1, -1.0)
-
-
 def _roots(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:
-    if polynomial.size < 2:
+    degree = polynomial.size - 1
+    if degree < 1:
         return np.zeros(0, dtype=complex)
-    unit = _unit(polynomial)
+    # in units that make the first and the last coefficient alike
+    ends = abs(polynomial[-1] / polynomial[0])
+    unit = float(np.exp(np.log(ends) / degree)) if ends else 1.0
+    scaled = polynomial * unit ** np.arange(degree, -1, -1.0)
     # an undamped stage has even powers only: half the degree, twice the digits
-    if not polynomial[1::2].any() and polynomial.size % 2:
-        squares = np.roots(_scaled(polynomial, unit)[::2]).astype(complex)
-        half = np.sqrt(squares)
+    if not polynomial[1::2].any() and degree % 2 == 0:
+        half = np.sqrt(np.roots(scaled[::2]).astype(complex))
         roots = np.concatenate((half, -half))
     else:
-        roots = np.roots(_scaled(polynomial, unit)).astype(complex)
+        roots = np.roots(scaled).astype(complex)
     return (unit * roots[np.argsort(np.abs(roots), kind="stable")]).astype(np.complex128)
