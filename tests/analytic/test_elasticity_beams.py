@@ -165,8 +165,6 @@ def test_columns_buckle_as_euler_says(locked, expected):
     shear = 1.2 * euler / (G * B * height)
     assert found.positive[0] == pytest.approx(euler / (1 + shear), rel=5e-4)
     assert found.negative.size == 0  # pulled, it never buckles
-    for row in rows:
-        assert abs(row @ found.positive_shapes[:, 0]) < 1e-9 * np.abs(found.positive_shapes).max()
 
 
 def test_a_square_column_buckles_both_ways():

@@ -38,7 +38,6 @@ from flexstage.system import (
     analyse_axis,
     modes,
     probe_stiffness,
-    static_displacements,
     static_forces,
     static_loads,
 )
@@ -316,22 +315,6 @@ def test_frequencies_of_hinged_bars(bars: SuperelementModel, whole: StageModel) 
     np.testing.assert_allclose(mine[2:], other[2:], rtol=5e-3)
     more = superelement_model(hinged_bars(), FINE, modes=12, cache=False)
     np.testing.assert_allclose(modes(more.system, count=5).frequency_hz[2:], other[2:], rtol=7e-4)
-
-
-def test_the_interface_system_is_the_same_stage() -> None:
-    few = superelement_model(hinged_bars(), kept=7, cache=False)
-    large = few.interface_system()
-    assert large.order == len(few.joint.coordinates) > few.system.order
-    for condition in ("removed", "in place", "locked"):
-        mine, other = (
-            modes(s, drives=condition, count=3).frequency_hz for s in (few.system, large)
-        )
-        # the static responses make up for the modes that are left out, but for their inertia
-        np.testing.assert_allclose(mine, other, rtol=1e-4)
-    mine, other = (static_displacements(s, {"push": 4e-6}) for s in (few.system, large))
-    assert mine.readings == pytest.approx(other.readings, rel=1e-7, abs=1e-15)
-    largest = max(other.hinge_stress.values())
-    assert mine.hinge_stress == pytest.approx(other.hinge_stress, abs=1e-6 * largest)
 
 
 def test_a_frame_that_gives_way_under_its_drive(bars: SuperelementModel) -> None:

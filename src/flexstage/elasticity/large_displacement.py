@@ -133,7 +133,7 @@ class _Path:
                 return u, force, compliance, made, True
         return u, force, compliance, made, False
 
-    def follow(self, values: Sequence[float] | Array, most_halvings: int) -> Equilibria:
+    def follow(self, values: Sequence[float] | Array, most_halvings: int = 6) -> Equilibria:
         """Go from rest to each value in turn, in smaller steps where a whole one fails."""
         u, force, at, share = np.zeros(self.free.size), 0.0, 0.0, 0.0
         found: list[tuple[Array, float, float, int]] = []
@@ -256,8 +256,6 @@ def follow_load(
     continuum: Continuum,
     load: Array,
     factors: Sequence[float] | Array,
-    *,
-    most_halvings: int = 6,
 ) -> Equilibria:
     """Return the equilibria of a part under multiples of a load, with finite displacements.
 
@@ -269,8 +267,6 @@ def follow_load(
         The load, which keeps its direction [N], shape (n,).
     factors : sequence of float
         What it is multiplied by in turn [1], from rest.
-    most_halvings : int
-        How often the way to a factor may be halved.
 
     Returns
     -------
@@ -290,4 +286,4 @@ def follow_load(
     imposed motion can follow it.
     """
     path = _Path(continuum, load, driven=False)
-    return path.follow(factors, most_halvings)
+    return path.follow(factors)

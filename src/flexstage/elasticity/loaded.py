@@ -167,12 +167,8 @@ class BucklingFactors:
     """Factors of the load as it acts, the smallest first [1]; empty where it cannot buckle the
     part, shape (k,).
     """
-    positive_shapes: Array
-    """Their shapes, of unit strain energy times two, shape (n, k)."""
     negative: Array
     """Factors of the reversed load, the smallest magnitude first [1], shape (m,)."""
-    negative_shapes: Array
-    """Their shapes, shape (n, m)."""
 
 
 def buckling(
@@ -205,8 +201,7 @@ def buckling(
     Returns
     -------
     BucklingFactors
-        The factors and their shapes; those beyond 100 times the smallest of both signs are left
-        out.
+        The factors; those beyond 100 times the smallest of both signs are left out.
 
     Raises
     ------
@@ -252,13 +247,9 @@ def buckling(
     solve = continuum.solve
     if locked is not None:
         solve = holding(solve, np.atleast_2d(locked))
-    inverse, shapes = _extremes(-geometric, solve, count)
-    up, down = inverse > 0.0, inverse < 0.0
+    inverse = _extremes(-geometric, solve, count)
     return BucklingFactors(
-        positive=1.0 / inverse[up],
-        positive_shapes=shapes[:, up],
-        negative=1.0 / inverse[down],
-        negative_shapes=shapes[:, down],
+        positive=1.0 / inverse[inverse > 0.0], negative=1.0 / inverse[inverse < 0.0]
     )
 
 
@@ -284,8 +275,8 @@ def _extremes(
     matrix: sp.csr_matrix,
     solve: Callable[[Array], Array],
     count: int,
-) -> tuple[Array, Array]:
-    """Eigenvalues of a matrix against the stiffness at both ends, and their vectors.
+) -> Array:
+    """Eigenvalues of a matrix against the stiffness at both ends.
 
     Lanczos' method with two starting vectors, so that a double factor is found as such, orthogonal
     in the energy. A vector is kept with the load that makes it, v = K^-1 g: the stiffness itself is
@@ -328,7 +319,7 @@ def _extremes(
             wrong[outer] = np.linalg.norm(rest, axis=0)
         chosen = _chosen(values, wrong, count)
         if chosen is not None:
-            return values[chosen], vectors[: i + 1].T @ turns[:, chosen]
+            return values[chosen]
     raise ConvergenceError(
         f"the buckling factors were not found in {_MOST} iterations: ask for fewer of them"
     )

@@ -239,15 +239,15 @@ class Process:
 
 # a lot, the search for its tolerances and other lots of the same stage begin with the same one
 @lru_cache(maxsize=16)
-def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Process:
-    """Prepare a stage and its process: `reach` is how many standard deviations are covered.
+def process_of(stage: Stage, scatter: Scatter) -> Process:
+    """Prepare a stage and its process, for deviations of up to `REACH` standard deviations.
 
     Raises
     ------
     ModelError
         The process is so coarse that a notch cannot be made.
     """
-    necks = reach * math.hypot(scatter.neck_common, scatter.neck_own)
+    necks = REACH * math.hypot(scatter.neck_common, scatter.neck_own)
     found: dict[object, int] = {}
     tables: list[NotchTable] = []
     table_of = []
@@ -257,7 +257,7 @@ def process_of(stage: Stage, scatter: Scatter, *, reach: float = REACH) -> Proce
         key = (profile, spring.plane, rounded)
         if key not in found:
             found[key] = len(tables)
-            tables.append(_table(stage, spring, necks, reach * scatter.radius))
+            tables.append(_table(stage, spring, necks, REACH * scatter.radius))
         table_of.append(found[key])
     bare = replace(
         stage, hinges=(), bodies=tuple(replace(body, extra_masses=()) for body in stage.bodies)

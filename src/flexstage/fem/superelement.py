@@ -63,19 +63,6 @@ class SuperelementModel:
         """Number of elements of all meshes together."""
         return sum(c.elements for c in self.condensed)
 
-    def interface_system(self) -> MechanicalSystem:
-        """Return the system whose coordinates are the motions of the interfaces.
-
-        Those of each neck (three in a plane model), one for each patch of a drive, the modes of the
-        bodies and the inner responses to loads: larger than `system`.
-        """
-        joint, said = self.joint, (self.system.validity, self.system.settings)
-        stress = joined_stress(
-            self.stage, joint, self.placed, self.condensed, np.eye(len(joint.coordinates))
-        )
-        coordinates = joint.M, joint.K, joint.coordinates
-        return stage_system(self.stage, joint.ports, coordinates, stress, said)
-
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
         """Return the system of the same stage with its bodies condensed otherwise."""
         said = self.system.validity, self.system.settings

@@ -323,8 +323,6 @@ class SurfaceStress:
     """Factor on N/(b t) where it is largest along the surface, wherever that is [1]."""
     largest_bending: tuple[float, float]
     """The same on 6 M/(b t^2) [1]."""
-    largest_shear: tuple[float, float]
-    """Largest factor on V/(b t) of a shear force that has no moment about the neck [1]."""
 
 
 def condensed_compliance(
@@ -414,9 +412,9 @@ def surface_stress(
     # more threads are no faster on so few elements
     with parallel(1):
         model = _Model(profile, poisson, plane, body, order=STRESS_ORDER, fineness=STRESS_FINENESS)
-        stress = {(n, side): model.surface_stress(n, side) for n in "NMV" for side in _SIDES}
+        stress = {(n, side): model.surface_stress(n, side) for n in "NM" for side in _SIDES}
     t = model.block.neck
-    nominal = {"N": 1.0 / t, "M": 6.0 / t**2, "V": 1.0 / t}
+    nominal = {"N": 1.0 / t, "M": 6.0 / t**2}
 
     def factors(name: str, place: int) -> tuple[float, float]:
         left, right = (stress[name, side][place] / nominal[name] for side in _SIDES)
@@ -428,7 +426,6 @@ def surface_stress(
         bending=factors("M", place),
         largest_axial=factors("N", 1),
         largest_bending=factors("M", 1),
-        largest_shear=factors("V", 1),
     )
 
 

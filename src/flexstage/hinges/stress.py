@@ -237,7 +237,6 @@ def largest_rotation(
     width: float,
     *,
     plane: PlaneState | Literal["auto"] = "auto",
-    method: str = "wedge",
 ) -> LargestRotation:
     """Return the rotation under a pure moment at which a hinge yields, and at which it fatigues.
 
@@ -251,8 +250,6 @@ def largest_rotation(
         Width b of the hinge [m].
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
-    method : str
-        How the compliance is found, one of `flexstage.hinges.compliance.METHODS`.
 
     Returns
     -------
@@ -262,7 +259,7 @@ def largest_rotation(
     Raises
     ------
     HingeError
-        The method is unknown, or the width is not positive.
+        The width is not positive.
 
     Examples
     --------
@@ -274,7 +271,7 @@ def largest_rotation(
     23.68
     """
     e, nu = material.youngs_modulus, material.poissons_ratio
-    spring = compliance(profile, e, nu, width, method=method, plane=plane)
+    spring = compliance(profile, e, nu, width, plane=plane)
     rows = stress_rows(profile, width, nu, plane)
     per_rotation = float(np.max(np.abs(rows[:, 2])) / spring.matrix[2, 2])
 

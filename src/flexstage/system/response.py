@@ -57,17 +57,17 @@ class TimeResponse:
     __repr__ = short_repr
 
 
-def default_frequencies_hz(result: Modes, count: int = 600, modes_shown: int = 6) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance.
+# Frequencies that are spread evenly in the logarithm, and modes that are to be seen.
+_SPREAD, _MODES_SHOWN = 600, 6
 
-    `count` is the number of evenly spread ones (in the logarithm), `modes_shown` that of the modes
-    that are to be seen.
-    """
-    shown = result.frequency_hz[:modes_shown]
+
+def default_frequencies_hz(result: Modes) -> Array:
+    """Return frequencies that show the lowest modes, denser at each resonance."""
+    shown = result.frequency_hz[:_MODES_SHOWN]
     shown = shown[shown > 0.0]
     if shown.size == 0:
-        return np.geomspace(1.0, 1e4, count)
-    spread = np.geomspace(shown[0] / 30.0, shown[-1] * 1.5, count)
+        return np.geomspace(1.0, 1e4, _SPREAD)
+    spread = np.geomspace(shown[0] / 30.0, shown[-1] * 1.5, _SPREAD)
     width = np.maximum(result.damping_ratio[: shown.size], 1e-4)[:, None]
     near = shown[:, None] * (1.0 + width * np.linspace(-6.0, 6.0, 61))
     return np.unique(np.concatenate((spread, near[near > 0.0].ravel())))

@@ -164,17 +164,13 @@ def static_loads(
     return found
 
 
-def load_readings(
-    system: MechanicalSystem, *, drives: DriveCondition = "removed"
-) -> dict[str, dict[str, float]]:
-    """Return what every load on the whole stage does to every probe.
+def load_readings(system: MechanicalSystem) -> dict[str, dict[str, float]]:
+    """Return what every load on the whole stage does to every probe, drives removed.
 
     Parameters
     ----------
     system : MechanicalSystem
         The system.
-    drives : str
-        ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -186,10 +182,7 @@ def load_readings(
     ModelError
         The stage is a mechanism.
     """
-    return {
-        load.name: static_loads(system, {load.name: 1.0}, drives=drives).readings
-        for load in system.loads
-    }
+    return {load.name: static_loads(system, {load.name: 1.0}).readings for load in system.loads}
 
 
 def drive_stiffness(

@@ -1,7 +1,7 @@
 """Search from a start for the best point nearby, by slopes, and how far a stage is possible."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -197,8 +197,6 @@ class LocalOptimum(Iterate):
     """Walls met on the way, beyond which points are impossible."""
     converged: bool
     """Whether no better point is near; else the number of steps was used up."""
-    iterates: tuple[Iterate, ...] = field(default=(), repr=False)
-    """The points on the way, from the start."""
 
     @property
     def feasible(self) -> bool:
@@ -286,7 +284,6 @@ def local_search(
         slopes=search.place.slopes,
         walls=search.walls,
         converged=converged,
-        iterates=tuple(path),
     )
 
 

@@ -168,10 +168,8 @@ def _stiffest(stage: Stage, axis: str) -> float | None:
     return min(limits, default=None)
 
 
-def published_targets(
-    stage: Stage, known: Collection[tuple[str, str]], origin: str = "published-fem"
-) -> tuple[Requirement, ...]:
-    """Return the figures that were published of a stage, as values to match.
+def published_targets(stage: Stage, known: Collection[tuple[str, str]]) -> tuple[Requirement, ...]:
+    """Return the figures of finite elements that were published of a stage, as values to match.
 
     Without what a drive is given, and without what follows from others that were published: the
     ratio and the resolution beside the displacement.
@@ -179,7 +177,7 @@ def published_targets(
     Raises
     ------
     ModelError
-        Nothing was published of it from this origin.
+        None were published of it.
 
     Examples
     --------
@@ -189,7 +187,7 @@ def published_targets(
     >>> [target.text for target in published_targets(stage, known)][:2]
     ['output_displacement.x = 64.6 µm', 'output_displacement.y = 62.71 µm']
     """
-    rows = [row for row in stage.published if row.origin == origin]
+    rows = [row for row in stage.published if row.origin == "published-fem"]
     published = {(row.quantity, row.axis) for row in rows}
     targets = tuple(
         Requirement(
