@@ -20,6 +20,10 @@ from flexstage.material import Material
 _COMPONENTS = "xyz"
 
 
+# The coordinates that each rotation turns into one another, by the dimension.
+_TURNS = {2: [(0, 1)], 3: [(1, 2), (2, 0), (0, 1)]}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttachedMass:
     """Something heavy that rides on a part and does not stiffen it."""
@@ -513,14 +517,7 @@ class Continuum:
         if volume <= 0.0:
             raise ModelError(f"the mesh has no region called '{region}'")
         middle = [float(first / volume) for first in firsts]
-        units = np.eye(d)
-        fields = [ng.CoefficientFunction(tuple(units[i])) for i in range(d)]
-        arm = [c - m for c, m in zip(x, middle, strict=True)]
-        pairs = [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]
-        for a, b in pairs:
-            parts: list[object] = [ng.CoefficientFunction(0.0)] * d
-            parts[a], parts[b] = -arm[b], arm[a]
-            fields.append(ng.CoefficientFunction(tuple(parts)))
+        fields = rigid_fields(middle)
         count = len(fields)
         gram = over([ng.InnerProduct(p, q) for p in fields for q in fields]).reshape(count, count)
         v = self.space.TestFunction()
@@ -531,7 +528,7 @@ class Continuum:
         at = tuple(middle) if centre is None else tuple(float(c) for c in centre)[:d]
         offset = np.array(at) - np.array(middle)
         turned = motion.copy()
-        for k, (a, b) in enumerate(pairs):
+        for k, (a, b) in enumerate(_TURNS[d]):
             turned[a] -= offset[b] * motion[d + k]
             turned[b] += offset[a] * motion[d + k]
         return at, turned
@@ -626,3 +623,15 @@ class Continuum:
 
 def _regions(mesh: ng.Mesh) -> int:
     return len(mesh.GetMaterials())
+
+
+def rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:
+    """Return the rigid motions about a point, three in a plane or six [m, or m/rad]."""
+    d = len(at)
+    arm = [c / METRE - float(a) for c, a in zip((ng.x, ng.y, ng.z)[:d], at, strict=True)]
+    fields = [ng.CoefficientFunction(tuple(row)) for row in np.eye(d).tolist()]
+    for a, b in _TURNS[d]:
+        parts: list[object] = [ng.CoefficientFunction(0.0)] * d
+        parts[a], parts[b] = -arm[b], arm[a]
+        fields.append(ng.CoefficientFunction(tuple(parts)))
+    return fields

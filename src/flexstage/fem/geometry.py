@@ -17,6 +17,7 @@ from flexstage.errors import StageError
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
 from flexstage.stage.contour import body_contour, inner_notch
+from flexstage.stage.curve import beside_line
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
 
@@ -128,9 +129,7 @@ def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | 
             length = math.dist(a, b)
             if bulge or length < _NEAR:
                 continue
-            ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-            along = (at[0] - a[0]) * ux + (at[1] - a[1]) * uy
-            aside = (at[1] - a[1]) * ux - (at[0] - a[0]) * uy
+            along, aside, (ux, uy) = beside_line(at, a, b)
             # as far to either side, so that the resultant goes through the point
             w = min(half_width, along, length - along)
             if abs(aside) < ON_BODY and w > _NEAR:
@@ -151,12 +150,9 @@ def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
         length = math.dist(a, b)
         if bulge or length < _NEAR:
             continue
-        ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+        beside = [(*beside_line(p, a, b)[:2], p) for p in wanted]
         inside = sorted(
-            (s, p)
-            for p in wanted
-            if _NEAR < (s := (p[0] - a[0]) * ux + (p[1] - a[1]) * uy) < length - _NEAR
-            and abs((p[1] - a[1]) * ux - (p[0] - a[0]) * uy) < _NEAR
+            (s, p) for s, aside, p in beside if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
         )
         for _, p in inside:
             if math.dist(p, points[-1]) > _NEAR:
@@ -303,11 +299,8 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
 
 
 def _between(p: Point, a: Point, b: Point) -> bool:
-    length = math.dist(a, b)
-    ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-    along = (p[0] - a[0]) * ux + (p[1] - a[1]) * uy
-    aside = (p[1] - a[1]) * ux - (p[0] - a[0]) * uy
-    return abs(aside) < _NEAR and 0.0 < along < length
+    along, aside, _ = beside_line(p, a, b)
+    return abs(aside) < _NEAR and 0.0 < along < math.dist(a, b)
 
 
 def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
@@ -356,6 +349,6 @@ def _distance_to(edge: TopoDS_Shape, p: Point) -> float:
     length = math.dist(a, b)
     if length < _NEAR:
         return math.dist(_middle(edge), p)
-    ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-    along = min(max((p[0] - a[0]) * ux + (p[1] - a[1]) * uy, 0.0), length)
+    along, _, (ux, uy) = beside_line(p, a, b)
+    along = min(max(along, 0.0), length)
     return math.dist(p, (a[0] + along * ux, a[1] + along * uy))

@@ -7,25 +7,13 @@ import ngsolve as ng
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.elasticity import Continuum
+from flexstage.elasticity import Continuum, rigid_fields
 from flexstage.elasticity.resources import parallel, require_memory
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
 
-_PAIRS = ((1, 2), (2, 0), (0, 1))
 _STEPS = 60
 _TOLERANCE = 1e-8  # of eigenvalues of a part with mean interfaces
-
-
-def _rigid_fields(at: Sequence[float]) -> list[ng.CoefficientFunction]:
-    """Return the six rigid motions about a point [m, or m/rad]."""
-    arm = [c / METRE - float(a) for c, a in zip((ng.x, ng.y, ng.z), at, strict=True)]
-    fields = [ng.CoefficientFunction(tuple(row)) for row in np.eye(3).tolist()]
-    for a, b in _PAIRS:
-        parts: list[object] = [ng.CoefficientFunction(0.0)] * 3
-        parts[a], parts[b] = -arm[b], arm[a]
-        fields.append(ng.CoefficientFunction(tuple(parts)))
-    return fields
 
 
 def _check(continuum: Continuum, boundary: str) -> None:
@@ -54,7 +42,7 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
     metres, and `boundary` a regular expression.
     """
     _check(continuum, boundary)
-    fields = _rigid_fields(at)
+    fields = rigid_fields(at)
     where = continuum.mesh.Boundaries(boundary)
     area = float(ng.Integrate(ng.CoefficientFunction(1.0), continuum.mesh, definedon=where))
     gram = np.array(
@@ -142,7 +130,7 @@ def _rigid_stiffness(
     columns, forces = [], []
     for name, at in moving:
         where = continuum.mesh.Boundaries(name)
-        for motion in _rigid_fields(at):
+        for motion in rigid_fields(at):
             prescribed = ng.GridFunction(continuum.space)
             prescribed.Set(motion, definedon=where)
             given = prescribed.vec.FV().NumPy().copy()
@@ -334,7 +322,7 @@ def _floating(continuum: Continuum, load: Array) -> Array:
 def _rigid_basis(continuum: Continuum) -> Array:
     """Return the rigid motions, made orthonormal with the mass, shape (n, 6)."""
     columns = []
-    for motion in _rigid_fields((0.0, 0.0, 0.0)):
+    for motion in rigid_fields((0.0, 0.0, 0.0)):
         function = ng.GridFunction(continuum.space)
         function.Set(motion)
         columns.append(function.vec.FV().NumPy().copy())

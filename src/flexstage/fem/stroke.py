@@ -17,50 +17,28 @@ from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.stage_system import Supports, body_motion, body_path, drive_vector
 from flexstage.fem.whole_stage import plane_model
 from flexstage.quantities import QUANTITIES
-from flexstage.short_repr import short_repr
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.characteristics import axis_mode
+from flexstage.system.statics import StrokeMotion
 
 _STEPS = 7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FiniteStroke:
-    """Motion of a platform over the stroke of a drive, with finite displacements."""
+class FiniteStroke(StrokeMotion):
+    """Motion of a platform over the stroke of a drive, from nothing, with finite displacements."""
 
     axis: str
     """Name of the axis."""
-    displacement: Array
-    """Elongation of the drive, from nothing to the stroke [m], shape (k,)."""
     force: Array
     """Force that it takes [N], shape (k,)."""
-    along: Array
-    """Motion of the platform along the axis [m], shape (k,)."""
-    across: Array
-    """Its motion to the left of it [m], shape (k,)."""
-    rotation: Array
-    """Its rotation [rad], shape (k,)."""
     frequency_hz: float
     """Natural frequency of the axis' mode at full stroke, drives removed [Hz]."""
     buckling_factor: float
     """Smallest factor of the load of the full stroke at which the stage buckles, the drive held at
     its length [1]; infinite where it does not.
     """
-
-    __repr__ = short_repr
-
-    @property
-    def deviation(self) -> Array:
-        """Distance of the path from its least-squares straight line [m], shape (k,)."""
-        design = np.stack((np.ones_like(self.along), self.along), axis=1)
-        fit, *_ = np.linalg.lstsq(design, self.across, rcond=None)
-        return (self.across - design @ fit) / np.hypot(1.0, fit[1])
-
-    @property
-    def straightness(self) -> float:
-        """Largest less smallest deviation from the least-squares straight line [m]."""
-        return float(np.ptp(self.deviation))
 
     @property
     def ratio_change(self) -> float:

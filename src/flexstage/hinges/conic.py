@@ -55,7 +55,25 @@ class RightCircular(Profile):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Elliptical(CurvedProfile):
+class _ToTheRoot(CurvedProfile):
+    """Notch that is given by where its root is."""
+
+    half_length: Length
+    """Distance from the neck to the root [m]."""
+    notch_depth: Length
+    """Depth of the notch at the root, on a side [m]."""
+
+    @property
+    def length(self) -> float:
+        return 2.0 * self.half_length
+
+    @property
+    def depth(self) -> float:
+        return self.notch_depth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elliptical(_ToTheRoot):
     """Notch of half ellipses.
 
     Examples
@@ -71,14 +89,6 @@ class Elliptical(CurvedProfile):
     """Semi-axis of the ellipse along the hinge [m]."""
     notch_depth: Length
     """Semi-axis of the ellipse across the hinge, the depth of the notch on a side [m]."""
-
-    @property
-    def length(self) -> float:
-        return 2.0 * self.half_length
-
-    @property
-    def depth(self) -> float:
-        return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
@@ -109,7 +119,7 @@ class Elliptical(CurvedProfile):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Parabolic(CurvedProfile):
+class Parabolic(_ToTheRoot):
     """Notch whose depth grows with the square of the distance from the neck.
 
     Examples
@@ -120,19 +130,6 @@ class Parabolic(CurvedProfile):
     """
 
     kind: ClassVar[str] = "parabolic"
-
-    half_length: Length
-    """Distance from the neck to the root [m]."""
-    notch_depth: Length
-    """Depth of the notch at the root, on a side [m]."""
-
-    @property
-    def length(self) -> float:
-        return 2.0 * self.half_length
-
-    @property
-    def depth(self) -> float:
-        return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
@@ -149,7 +146,7 @@ class Parabolic(CurvedProfile):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hyperbolic(CurvedProfile):
+class Hyperbolic(_ToTheRoot):
     r"""Notch between the branches of a hyperbola.
 
     .. math::
@@ -173,14 +170,6 @@ class Hyperbolic(CurvedProfile):
     """Distance l from the neck to the root [m]."""
     notch_depth: Length
     """Depth c of the notch at the root, on a side [m]."""
-
-    @property
-    def length(self) -> float:
-        return 2.0 * self.half_length
-
-    @property
-    def depth(self) -> float:
-        return self.notch_depth
 
     @property
     def neck_radius(self) -> float:
@@ -208,7 +197,7 @@ class Hyperbolic(CurvedProfile):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PowerFunction(CurvedProfile):
+class PowerFunction(_ToTheRoot):
     """Notch of depth ``notch_depth * (x / half_length)**exponent``.
 
     Raises
@@ -227,10 +216,6 @@ class PowerFunction(CurvedProfile):
 
     kind: ClassVar[str] = "power"
 
-    half_length: Length
-    """Distance from the neck to the root [m]."""
-    notch_depth: Length
-    """Depth of the notch at the root, on a side [m]."""
     exponent: float
     """The power n, 2 to 32 [1]; 2 is the parabola, and a large one comes near a leaf."""
 
@@ -239,14 +224,6 @@ class PowerFunction(CurvedProfile):
             raise HingeError(
                 f"power notch: exponent must lie between 2 and 32, got {self.exponent!r}"
             )
-
-    @property
-    def length(self) -> float:
-        return 2.0 * self.half_length
-
-    @property
-    def depth(self) -> float:
-        return self.notch_depth
 
     @property
     def neck_radius(self) -> float:

@@ -10,6 +10,16 @@ from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 from flexstage.units import DIMENSIONS
 
 
+def _flat(half: float) -> Piece:
+    """Return the straight piece of a contour at the neck."""
+
+    def piece(u: Array) -> tuple[Array, Array, Array, Array]:
+        zero = np.zeros_like(u)
+        return half * u, zero, zero, np.full_like(u, half)
+
+    return piece
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaf(Profile):
     """Strip of constant thickness that ends at sharp steps.
@@ -49,13 +59,7 @@ class Leaf(Profile):
         return self.notch_depth
 
     def pieces(self) -> tuple[Piece, ...]:
-        half = 0.5 * self.leaf_length
-
-        def flat(u: Array) -> tuple[Array, Array, Array, Array]:
-            zero = np.zeros_like(u)
-            return half * u, zero, zero, np.full_like(u, half)
-
-        return (flat,)
+        return (_flat(0.5 * self.leaf_length),)
 
     def contour(self) -> tuple[Vertex, ...]:
         half = 0.5 * self.leaf_length
@@ -111,16 +115,12 @@ class CornerFilleted(Profile):
     def pieces(self) -> tuple[Piece, ...]:
         half, r = 0.5 * self.flat_length, self.fillet_radius
 
-        def flat(u: Array) -> tuple[Array, Array, Array, Array]:
-            zero = np.zeros_like(u)
-            return half * u, zero, zero, np.full_like(u, half)
-
         def fillet(u: Array) -> tuple[Array, Array, Array, Array]:
             angle = 0.5 * np.pi * u
             depth = 2.0 * r * np.sin(0.5 * angle) ** 2
             return half + r * np.sin(angle), depth, angle, np.full_like(u, 0.5 * np.pi * r)
 
-        return (flat, fillet) if half > 0.0 else (fillet,)
+        return (_flat(half), fillet) if half > 0.0 else (fillet,)
 
     def contour(self) -> tuple[Vertex, ...]:
         half, r = 0.5 * self.flat_length, self.fillet_radius

@@ -22,9 +22,9 @@ from flexstage.hinges.hinge_spring import PlaneState, plane_moduli
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism, mechanism
-from flexstage.short_repr import short_repr
 from flexstage.stage.model import Stage
 from flexstage.system.linalg import solve_stiffness
+from flexstage.system.statics import StrokeMotion
 
 _ITERATIONS = 30
 # part of the elastic energy that a last correction may still carry: displacements to 1e-12
@@ -46,39 +46,17 @@ class Equilibrium:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StrokePath:
+class StrokePath(StrokeMotion):
     """Motion of a probe's point over the stroke of a drive."""
 
     drive: str
     """Name of the drive."""
     probe: str
     """Name of the probe."""
-    displacement: Array
-    """Elongation of the drive [m], shape (k,)."""
     drive_force: Array
     """Force that it takes [N], shape (k,)."""
-    along: Array
-    """Displacement along the probe's direction [m], shape (k,)."""
-    across: Array
-    """Displacement to the left of it [m], shape (k,)."""
-    rotation: Array
-    """Rotation of the probed body [rad], shape (k,)."""
     q: Array
     """Coordinates, shape (k, n)."""
-
-    __repr__ = short_repr
-
-    @property
-    def deviation(self) -> Array:
-        """Distance of the path from its least-squares straight line [m], shape (k,)."""
-        design = np.stack((np.ones_like(self.along), self.along), axis=1)
-        fit, *_ = np.linalg.lstsq(design, self.across, rcond=None)
-        return (self.across - design @ fit) / np.hypot(1.0, fit[1])
-
-    @property
-    def straightness(self) -> float:
-        """Largest less smallest deviation from the least-squares straight line [m]."""
-        return float(np.ptp(self.deviation))
 
     @property
     def parasitic_rotation(self) -> float:

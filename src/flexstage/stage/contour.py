@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 from flexstage.errors import StageError
 from flexstage.hinges.profile import Vertex
+from flexstage.stage.curve import beside_line
 from flexstage.stage.hinge_attachment import TOLERANCE, root_line
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
+
+_Pair = tuple[float, float]
 
 
 def half_notch(hinge: Hinge, which: int) -> Loop:
@@ -35,21 +38,30 @@ def _from_neck(hinge: Hinge, which: int, contour: Sequence[Vertex]) -> Loop:
 
     It runs along the left side from the neck to the end, across, and back along the right side.
     """
+    (left, bent), (right, right_bent) = _both_sides(hinge, which, contour)
+    bulges = (*bent, 0.0, *right_bent, 0.0)
+    return Loop((*left, *right), bulges if any(bulges) else ())
+
+
+def _both_sides(
+    hinge: Hinge, which: int, contour: Sequence[Vertex]
+) -> tuple[tuple[list[_Pair], list[float]], tuple[list[_Pair], list[float]]]:
+    """Return points and bulges of the left side outward, then of the right one back."""
     half_neck = 0.5 * hinge.profile.neck_thickness
     side = (-1.0, 1.0)[which]
     left = [(side * v.x, half_neck + v.depth) for v in contour]
     bent = [side * v.bulge for v in contour[:-1]]
     if hinge.profile.one_sided:
-        points = [*left, (side * contour[-1].x, -half_neck), (0.0, -half_neck)]
-        bulges = [*bent, 0.0, 0.0, 0.0]
+        right = [(side * contour[-1].x, -half_neck), (side * contour[0].x, -half_neck)]
+        right_bent = [0.0]
     else:
-        points = [*left, *((x, -y) for x, y in reversed(left))]
+        right = [(x, -y) for x, y in reversed(left)]
         # mirrored and run backwards, an arc turns to the same side
-        bulges = [*bent, 0.0, *reversed(bent), 0.0]
-    return Loop(tuple(hinge.to_plane(*p) for p in points), tuple(bulges) if any(bulges) else ())
+        right_bent = bent[::-1]
+    on_left, on_right = ([hinge.to_plane(*p) for p in points] for points in (left, right))
+    return (on_left, bent), (on_right, right_bent)
 
 
-_Pair = tuple[float, float]
 _SAME = 1e-9  # two points are one [m]
 
 
@@ -95,19 +107,8 @@ def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], l
 
     Right and left are those of the hinge's direction. Bulges belong to the step that follows.
     """
-    half_neck = 0.5 * hinge.profile.neck_thickness
-    side = (-1.0, 1.0)[which]
-    left = [(side * v.x, half_neck + v.depth) for v in outer]
-    bent = [v.bulge * side for v in outer[:-1]]
-    if hinge.profile.one_sided:
-        right = [(side * outer[-1].x, -half_neck), (side * outer[0].x, -half_neck)]
-        right_bent = [0.0]
-    else:
-        right = [(x, -y) for x, y in reversed(left)]
-        # mirrored and walked backwards an arc turns to the same side
-        right_bent = list(reversed(bent))
-    points = [hinge.to_plane(*p) for p in (*right, *left)]
-    return points, [*right_bent, 0.0, *bent]
+    (left, bent), (right, right_bent) = _both_sides(hinge, which, outer)
+    return [*right, *left], [*right_bent, 0.0, *bent]
 
 
 def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
@@ -205,9 +206,7 @@ def _segment_at(segments: list[tuple[_Pair, _Pair, float]], end: _Pair, other: _
         length = math.dist(a, b)
         if bulge or length < _SAME:
             continue
-        ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-        along = (end[0] - a[0]) * ux + (end[1] - a[1]) * uy
-        aside = (end[1] - a[1]) * ux - (end[0] - a[0]) * uy
+        along, aside, (ux, uy) = beside_line(end, a, b)
         if abs(aside) > TOLERANCE or not -TOLERANCE <= along <= length + TOLERANCE:
             continue
         towards = (other[0] - end[0]) * ux + (other[1] - end[1]) * uy

@@ -269,6 +269,34 @@ def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) ->
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StrokeMotion:
+    """Motion over the stroke of a drive, by a model with finite rotations."""
+
+    displacement: Array
+    """Elongation of the drive [m], shape (k,)."""
+    along: Array
+    """Displacement along the axis [m], shape (k,)."""
+    across: Array
+    """Displacement to the left of it [m], shape (k,)."""
+    rotation: Array
+    """Rotation of the body [rad], shape (k,)."""
+
+    __repr__ = short_repr
+
+    @property
+    def deviation(self) -> Array:
+        """Distance of the path from its least-squares straight line [m], shape (k,)."""
+        design = np.stack((np.ones_like(self.along), self.along), axis=1)
+        fit, *_ = np.linalg.lstsq(design, self.across, rcond=None)
+        return (self.across - design @ fit) / np.hypot(1.0, fit[1])
+
+    @property
+    def straightness(self) -> float:
+        """Largest less smallest deviation from the least-squares straight line [m]."""
+        return float(np.ptp(self.deviation))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisAnalysis:
     """The full stroke of an axis: of its drive, the others removed, or of all drives together."""
 

@@ -186,8 +186,10 @@ def _material(name: str | None) -> Material:
 # ----------------------------------------------------------------------------------- names
 
 
-def _reading_order(places: Sequence[tuple[float, float]], height: float) -> list[int]:
+def _reading_order(places: Sequence[tuple[float, float]], part: DrawnPart) -> list[int]:
     """Return the order of places by rows from above, each from the left."""
+    corners = part.outline.loop.polyline(1e-5)
+    height = float(corners[:, 1].max() - corners[:, 1].min())
     by_height = sorted(range(len(places)), key=lambda k: -places[k][1])
     rows: list[list[int]] = []
     for k in by_height:
@@ -206,9 +208,7 @@ def _named_bodies(
     for body in drawn:
         a = body.outline.integrals()
         centres.append((a.x / a.area, a.y / a.area))
-    corners = part.outline.loop.polyline(1e-5)
-    height = float(corners[:, 1].max() - corners[:, 1].min())
-    order = _reading_order(centres, height)
+    order = _reading_order(centres, part)
     own_layers = any(c.layer.upper() == _HOLES_LAYER for c in part.openings)
     made: list[Body] = []
     for k in order:
@@ -315,9 +315,7 @@ def _hinges(
     for k, body in enumerate(drawn):
         for root in body.roots:
             owner[root] = place[k]
-    corners = part.outline.loop.polyline(1e-5)
-    height = float(corners[:, 1].max() - corners[:, 1].min())
-    order = _reading_order([n.frame.at for n in necks], height)
+    order = _reading_order([n.frame.at for n in necks], part)
     hinges, told = [], []
     for number, n in enumerate(order, start=1):
         neck = necks[n]
