@@ -16,7 +16,7 @@ from flexstage.system import (
     modes,
     state_space,
 )
-from flexstage.system.state_space import imposed_shape
+from flexstage.system.response import imposed_shape
 
 _SCREWS = lumped_system(design("vgtu-mechanical"))
 

@@ -14,15 +14,16 @@ import numpy as np
 import pytest
 
 from flexstage.arrays import Array
-from flexstage.designs.double_parallelogram import (
+from flexstage.designs.gantry import GantryParameters, gantry
+from flexstage.designs.parallelogram import (
     DoubleParallelogramParameters,
     LinkedParallelogramParameters,
+    ParallelogramParameters,
     compound_parallelogram,
     double_parallelogram,
     linked_parallelogram,
+    parallelogram,
 )
-from flexstage.designs.gantry import GantryParameters, gantry
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.pieces import Leg
 from flexstage.designs.pivots import (
     CartwheelParameters,

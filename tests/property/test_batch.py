@@ -27,7 +27,7 @@ from flexstage.system import (
     characteristic_derivatives,
 )
 from flexstage.system.characteristics import strongest
-from flexstage.system.linalg import solve_stiffness
+from flexstage.system.statics import solve_stiffness
 from tests.varied_stages import rounding, tangents_of_necks, varied
 
 

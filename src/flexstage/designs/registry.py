@@ -8,15 +8,15 @@ from typing import Any
 from flexstage.choose import did_you_mean
 from flexstage.designs.amplifiers import BRIDGE, RHOMBUS
 from flexstage.designs.bridge_xy import BRIDGE_XY
-from flexstage.designs.double_parallelogram import (
-    COMPOUND_PARALLELOGRAM,
-    DOUBLE_PARALLELOGRAM,
-    LINKED_PARALLELOGRAM,
-)
 from flexstage.designs.gantry import GANTRY
 from flexstage.designs.lever_chain import LEVER_CHAIN
 from flexstage.designs.nested_xy import NESTED_XY
-from flexstage.designs.parallelogram import PARALLELOGRAM
+from flexstage.designs.parallelogram import (
+    COMPOUND_PARALLELOGRAM,
+    DOUBLE_PARALLELOGRAM,
+    LINKED_PARALLELOGRAM,
+    PARALLELOGRAM,
+)
 from flexstage.designs.parameters import ParameterSet, Topology
 from flexstage.designs.pivots import CARTWHEEL, TRAPEZOIDAL_PIVOT
 from flexstage.designs.scott_russell import SCOTT_RUSSELL

@@ -5,11 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
-from flexstage.designs.double_parallelogram import (
+from flexstage.designs.parallelogram import (
     DoubleParallelogramParameters,
+    ParallelogramParameters,
     double_parallelogram,
+    parallelogram,
 )
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.designs.parameters import Topology
 from flexstage.designs.pieces import Leg, PlateParameters, box, fine_screw, plate
 from flexstage.errors import StageError

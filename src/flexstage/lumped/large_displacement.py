@@ -23,8 +23,7 @@ from flexstage.lumped.assemble import hinge_springs
 from flexstage.lumped.finite_rotation import NonlinearMechanism, nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism, mechanism
 from flexstage.stage.model import Stage
-from flexstage.system.linalg import solve_stiffness
-from flexstage.system.statics import StrokeMotion
+from flexstage.system.statics import StrokeMotion, solve_stiffness
 
 _ITERATIONS = 30
 # part of the elastic energy that a last correction may still carry: displacements to 1e-12

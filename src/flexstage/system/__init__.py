@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from flexstage.system.modes import Modes, modes
     from flexstage.system.response import (
         FrequencyResponse,
+        StateSpace,
         TimeResponse,
         frequency_response,
+        state_space,
         time_response,
     )
-    from flexstage.system.state_space import StateSpace, state_space
     from flexstage.system.statics import (
         AxisAnalysis,
         StaticSolution,

@@ -19,8 +19,8 @@ from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
 from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED
 from flexstage.system.forward_mode import array_namespace, root
-from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
+from flexstage.system.modes import generalized_modes
 
 # A subspace of more than this part of all coordinates costs more than all modes.
 _LARGEST_SHARE = 0.25

@@ -17,9 +17,8 @@ from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes, coupled_axes
 from flexstage.system.figure_source import AxisMeasures, axis_figures, axis_quantity, stress_figures
-from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import MechanicalSystem
-from flexstage.system.modes import Modes
+from flexstage.system.modes import Modes, generalized_modes
 from flexstage.system.statics import (
     AxisAnalysis,
     analyse_axis,

@@ -41,7 +41,7 @@ from flexstage.system.batch_figures import StageFigures, decisions
 from flexstage.system.characteristics import ALIKE, MODES_SEARCHED, strongest
 from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import Dual, root
-from flexstage.system.linalg import solve_stiffness
+from flexstage.system.statics import solve_stiffness
 
 # Squared frequencies closer than this are one but for rounding, of which stiff directions that
 # cancel in a soft mode leave some.

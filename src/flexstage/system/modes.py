@@ -3,10 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import LinAlgError, eigh, null_space
 
 from flexstage.arrays import Array
+from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
-from flexstage.system.linalg import generalized_modes
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
 
@@ -92,3 +93,45 @@ def modes(
         shapes=shapes,
         damping_ratio=ratio,
     )
+
+
+def generalized_modes(
+    stiffness: Array, mass: Array, held: Array, count: int | None = None
+) -> tuple[Array, Array]:
+    """Solve K phi = omega^2 M phi, lowest first.
+
+    K and M are symmetric, and each column v of `held` gives v^T phi = 0. Returns omega [rad/s],
+    shape (k,), and shapes with phi^T M phi = 1, shape (n, k); all modes where `count` is None.
+    """
+    basis = null_space(held.T) if held.shape[1] else None
+    if basis is not None:
+        stiffness, mass = basis.T @ stiffness @ basis, basis.T @ mass @ basis
+    n = stiffness.shape[0]
+    last = n if count is None else min(count, n)
+    if last == 0:
+        return np.zeros(0), np.zeros((held.shape[0], 0))
+    values, vectors = _softest_modes(stiffness, mass)
+    omega = np.sqrt(np.clip(values[:last], 0.0, None))
+    shapes = vectors[:, :last]
+    return omega, shapes if basis is None else basis @ shapes
+
+
+def _softest_modes(stiffness: Array, mass: Array) -> tuple[Array, Array]:
+    """All eigenvalues of K against M and shapes, the lowest as exact as rounding lets them be.
+
+    A solver errs by rounding of the largest eigenvalue that it finds: of M against K that is the
+    softest mode, of K against M the stiffest, which may be 1e8 times as high. Only a stage that is
+    held allows the first.
+    """
+    try:
+        # the divide-and-conquer driver is the fast one, and a subset costs more than all of a few
+        inverse, vectors = eigh(mass, stiffness, driver="gvd", check_finite=False)
+        if inverse[0] > 0.0:
+            values = 1.0 / inverse[::-1]
+            return values, vectors[:, ::-1] * np.sqrt(values)
+    except LinAlgError:
+        pass  # a stage that can move without deforming anything
+    try:
+        return eigh(stiffness, mass, driver="gvd", check_finite=False)
+    except LinAlgError as error:
+        raise ModelError("a body has no mass, so the stage has no natural frequencies") from error
