@@ -1,5 +1,6 @@
 """Characteristics of many stages at once, by the names and with the values of a single analysis."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from functools import cached_property
 from typing import Any
@@ -123,7 +124,36 @@ def _sure(figures: StageFigures, source: "_Values") -> Array:
     return xp.logical_and(fine, coupled if nominal.coupled else xp.logical_not(coupled))
 
 
-class _Values:
+class FieldSource(ABC):
+    """What figures are made of that is a field of a batch."""
+
+    batch: SystemBatch
+
+    @abstractmethod
+    def last(self, name: str) -> Any:
+        """Return a field of the batch with samples last."""
+
+    def of_drive(self, field: str, drive: int) -> Any:
+        return self.last(field)[drive, ...]
+
+    def strength(self, which: int) -> Any:
+        return self.last("strength")[which, ...]
+
+    def length(self, drives: tuple[int, ...], probe: int) -> Any:
+        at, to = self.last("drive_at"), self.last("probe_at")[probe, ...]
+        apart = [at[j, ...] - to for j in drives]
+        squares = [d[0, ...] * d[0, ...] + d[1, ...] * d[1, ...] for d in apart]
+        return added([root(square) for square in squares]) / len(drives)
+
+    def masses(self) -> list[Any]:
+        mass = self.last("body_mass")
+        return [mass[i, ...] for i in range(self.batch.body_mass.shape[1])]
+
+    def size(self, which: int) -> Any:
+        return self.last("size")[which, ...]
+
+
+class _Values(FieldSource):
     """What figures are made of, over the samples of a batch."""
 
     figures: StageFigures
@@ -135,7 +165,6 @@ class _Values:
         self._stress: dict[int, Array] = {}
 
     def last(self, name: str) -> Array:
-        """A field of the batch with samples last."""
         if name not in self._last:
             self._last[name] = samples_last(self.xp, getattr(self.batch, name))
         return self._last[name]
@@ -266,25 +295,6 @@ class _Values:
     def mode(self, axis: int) -> tuple[Array, Array]:
         squared, shown = self._modes
         return squared[axis], shown[axis]
-
-    def of_drive(self, field: str, drive: int) -> Array:
-        return self.last(field)[drive, ...]
-
-    def strength(self, which: int) -> Array:
-        return self.last("strength")[which, ...]
-
-    def length(self, drives: tuple[int, ...], probe: int) -> Array:
-        at, to = self.last("drive_at"), self.last("probe_at")[probe, ...]
-        apart = [at[j, ...] - to for j in drives]
-        squares = [d[0, ...] * d[0, ...] + d[1, ...] * d[1, ...] for d in apart]
-        return added([root(square) for square in squares]) / len(drives)
-
-    def masses(self) -> list[Array]:
-        mass = self.last("body_mass")
-        return [mass[i, ...] for i in range(mass.shape[0])]
-
-    def size(self, which: int) -> Array:
-        return self.last("size")[which, ...]
 
     def fine(self) -> Array:
         return self.factor.regular

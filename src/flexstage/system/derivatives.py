@@ -28,19 +28,18 @@ alike, the mean of the derivatives to either side.
 
 from collections.abc import Collection
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.system.batch import SystemBatch
-from flexstage.system.batch_analysis import require_known
+from flexstage.system.batch import SystemBatch, samples_last
+from flexstage.system.batch_analysis import FieldSource, require_known
 from flexstage.system.batch_figures import StageFigures, decisions
 from flexstage.system.characteristics import ALIKE, MODES_SEARCHED, strongest
 from flexstage.system.figure_source import Key, added
-from flexstage.system.forward_mode import Dual, root
+from flexstage.system.forward_mode import Dual
 from flexstage.system.statics import solve_stiffness
 
 # Squared frequencies closer than this are one but for rounding, of which stiff directions that
@@ -106,7 +105,7 @@ def characteristic_derivatives(
     return {key: np.broadcast_to(figures.rows[key]().tangent, (count,)).copy() for key in chosen}
 
 
-class _Slopes:
+class _Slopes(FieldSource):
     """What figures are made of, with derivatives."""
 
     figures: StageFigures
@@ -116,6 +115,9 @@ class _Slopes:
         self.order = batch.mass.shape[1]
         self._drive = [self._vector("drive", j) for j in range(len(batch.drive_bodies))]
         self._probe = [self._vector("probe", p) for p in range(len(batch.probe_bodies))]
+
+    def last(self, name: str) -> Dual:
+        return Dual(*(samples_last(np, getattr(b, name)) for b in (self.batch, self.slopes)))
 
     def _vector(self, kind: str, which: int) -> tuple[Array, Array]:
         """A drive or a probe as a vector of all coordinates, and its derivatives."""
@@ -286,28 +288,6 @@ class _Slopes:
         values, vectors = np.linalg.eigh(0.5 * (change + np.swapaxes(change, 1, 2)))
         share = np.abs(np.einsum("a,pab->pb", p, vectors) * np.einsum("a,pab->pb", d, vectors))
         return np.take_along_axis(values, np.argmax(share, axis=1)[:, None], axis=1)[:, 0]
-
-    def of_drive(self, field: str, drive: int) -> Dual:
-        return Dual(getattr(self.batch, field)[:, drive], getattr(self.slopes, field)[:, drive])
-
-    def strength(self, which: int) -> Dual:
-        return Dual(self.batch.strength[:, which], self.slopes.strength[:, which])
-
-    def length(self, drives: tuple[int, ...], probe: int) -> Any:
-        def part(drive: int, axis: int) -> Dual:
-            at, to = (self.batch.drive_at[:, drive, axis], self.batch.probe_at[:, probe, axis])
-            slope = self.slopes.drive_at[:, drive, axis] - self.slopes.probe_at[:, probe, axis]
-            return Dual(at - to, slope)
-
-        squares = [part(j, 0) * part(j, 0) + part(j, 1) * part(j, 1) for j in drives]
-        return added([root(square) for square in squares]) / len(drives)
-
-    def masses(self) -> list[Dual]:
-        mass, slope = self.batch.body_mass, self.slopes.body_mass
-        return [Dual(mass[:, i], slope[:, i]) for i in range(mass.shape[1])]
-
-    def size(self, which: int) -> Dual:
-        return Dual(self.batch.size[:, which], self.slopes.size[:, which])
 
     def fine(self) -> None:
         return None

@@ -48,6 +48,9 @@ class Dual:
     def __init__(self, value: Array, tangent: Array) -> None:
         self.value, self.tangent = value, tangent
 
+    def __getitem__(self, which: Any) -> "Dual":
+        return Dual(self.value[which], self.tangent[which])
+
     def __neg__(self) -> "Dual":
         return Dual(-self.value, -self.tangent)
 
