@@ -7,7 +7,8 @@ import ngsolve as ng
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.elasticity import Continuum, rigid_fields
+from flexstage.elasticity import Continuum
+from flexstage.elasticity.continuum import rigid_fields
 from flexstage.elasticity.resources import parallel, require_memory
 from flexstage.elasticity.shapes import METRE
 from flexstage.errors import ConvergenceError, ModelError
