@@ -14,7 +14,12 @@ import pytest
 from flexstage.cli import main
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
-from flexstage.hysteresis.requests import IdentifyRequest, KnownChain
+from flexstage.hysteresis.requests import (
+    AmplifierLimits,
+    CompensateRequest,
+    IdentifyRequest,
+    KnownChain,
+)
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
@@ -109,7 +114,8 @@ def test_it_is_what_the_commands_find_and_write(
         columns=DriveColumns(output=(0,)),
         how=ReadOptions(sample_rate=200.0),
     )
-    motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
+    asked = CompensateRequest(relative=True, amplifier=AmplifierLimits(slew=300.0))
+    motion = WantedMotion(shape="file", file=file, asked=asked)
     follows, notes = command(made.file.model, motion)
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
@@ -194,7 +200,9 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
         command(model, replace(motion, amplitude=-1e-6))
     with pytest.raises(ModelError, match="more than 1000000 samples"):
         command(model, replace(motion, rate_hz=1e-5))
-    narrow, notes = command(model, replace(motion, highest=60.0))
+    lowest = model.validity.input_range[0]  # type: ignore[union-attr]
+    narrowed = replace(motion, asked=CompensateRequest(voltage=(lowest, 60.0)))
+    narrow, notes = command(model, narrowed)
     assert narrow.command.max() <= 60.0
     assert any("limits changed" in note for note in notes)
 

@@ -59,7 +59,7 @@ def compensate(
         Draw command, loop and what is left. (.svg, .png or .pdf)
     """
     from flexstage.hysteresis.drive_model import in_unit_of_model, lowest_reading
-    from flexstage.hysteresis.inversion import command_record, feedforward
+    from flexstage.hysteresis.inversion import command_as_asked, command_record
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.records.files import read_files
     from flexstage.records.likely_columns import taken_drive
@@ -78,16 +78,9 @@ def compensate(
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    made = feedforward(
-        drive,
-        values + (lowest_reading(drive) if request.relative else 0.0),
-        1.0 / record.sample_rate_hz,
-        limits=request.voltage,
-        largest_rate=request.amplifier.largest_rate,
-        state=drive.hysteresis.initial_state() if request.start == "rest" else None,
-        start=None if isinstance(request.start, str) else request.start,
-        band_hz=request.reference_bandwidth,
-    )
+    if request.relative:
+        values = values + lowest_reading(drive)
+    made = command_as_asked(drive, values, 1.0 / record.sample_rate_hz, request)
     if out is not None:
         write_file(out, record_bytes(command_record(made, drive), kind))
     band = file.errors.get("heldout_95")
