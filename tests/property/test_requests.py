@@ -65,7 +65,7 @@ EXAMPLES: tuple[Request, ...] = (
         relative=True, voltage=(-3.0, 117.5), start=7.5,
         amplifier=AmplifierLimits(current=0.05, capacitance=6.4e-6),
     ),
-    DriveColumns(input=("1 mV",), branches=("up", "down")),
+    DriveColumns(input=("1 mV",), branches=("up, raw", "down")),
     EquationsRequest(),
     ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
     FrfRequest(
