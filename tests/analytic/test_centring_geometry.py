@@ -108,11 +108,11 @@ def test_axis_motion_moves_the_scale_in_the_room():
 
 def test_ellipticity_and_tilt_give_second_harmonics():
     s, about = 3e-5, 0.8
-    oval = exact_error(THETA, (0.0, 0.0), R, ellipticity=s, ellipticity_direction=about)
+    oval = exact_error(THETA, (0.0, 0.0), R, ellipticity=(s, about))
     # a line at psi is seen at psi - s sin 2 (psi - about), so more than is seen is read
     assert oval == pytest.approx(s * np.sin(2.0 * (THETA - about)), abs=2.0 * s**2)
     tilt = 4e-3
-    tilted = exact_error(THETA, (0.0, 0.0), R, tilt=tilt, tilt_direction=about)
+    tilted = exact_error(THETA, (0.0, 0.0), R, tilt=(tilt, about))
     wanted = 0.25 * tilt**2 * np.sin(2.0 * (THETA - about))
     assert tilted == pytest.approx(wanted, abs=tilt**4)
 
@@ -120,7 +120,7 @@ def test_ellipticity_and_tilt_give_second_harmonics():
 def test_deformed_drum_holds_the_marks_that_are_seen():
     s, direction = 0.03, 0.5
     theta = np.array([0.4, 2.0, 4.4])
-    d = exact_error(theta, E, R, kind="drum", ellipticity=s, ellipticity_direction=direction)
+    d = exact_error(theta, E, R, kind="drum", ellipticity=(s, direction))
     for read, true in zip(theta + d, theta, strict=True):
         back = rotation(-direction)
         made = R * np.array([np.cos(read), np.sin(read)])
@@ -146,8 +146,8 @@ def test_run_out_reaches_the_rim():
         ({"eccentricity": (np.nan, 0.0)}, "must be x and y"),
         ({"radius": 0.0}, "radius of a scale"),
         ({"kind": "cone"}, "one of disc, drum"),
-        ({"ellipticity": 1.2}, "ellipticity"),
-        ({"tilt": 1.6}, "tilt"),
+        ({"ellipticity": (1.2, 0.0)}, "ellipticity"),
+        ({"tilt": (1.6, 0.0)}, "tilt"),
     ],
 )
 def test_impossible_geometry_is_refused(arguments, said):

@@ -43,10 +43,8 @@ def exact_error(
     head_angle: ArrayLike = 0.0,
     kind: ScaleKind = "disc",
     axis_motion: ArrayLike = (0.0, 0.0),
-    ellipticity: float = 0.0,
-    ellipticity_direction: float = 0.0,
-    tilt: float = 0.0,
-    tilt_direction: float = 0.0,
+    ellipticity: tuple[float, float] = (0.0, 0.0),
+    tilt: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
     r"""Return the error of a head on an eccentric scale, without taking anything for small.
 
@@ -77,15 +75,12 @@ def exact_error(
         Radial lines on a face, or lines along the axis on a rim.
     axis_motion : array_like
         Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
-    ellipticity : float
+    ellipticity : tuple of float
         Relative stretch of the scale in one direction, and shortening across [1]: it reads up to
-        that angle too much or too little, twice in a turn.
-    ellipticity_direction : float
-        Direction of the stretch in the scale [rad].
-    tilt : float
-        Angle between the axes of scale and table [rad].
-    tilt_direction : float
-        Direction of the line in the scale that it is tilted about [rad].
+        that angle too much or too little, twice in a turn; and that direction in the scale [rad].
+    tilt : tuple of float
+        Angle between the axes of scale and table [rad], and direction of the line in the scale that
+        it is tilted about [rad].
 
     Returns
     -------
@@ -118,7 +113,7 @@ def exact_error(
     centre = _as_complex(eccentricity, "eccentricity") + motion
     _require_inside(centre, radius)
     outward = _unit(beta)
-    undo = _undeformed(ellipticity, ellipticity_direction, tilt, tilt_direction)
+    undo = _undeformed(*ellipticity, *tilt)
     if kind == "disc":
         line = undo(radius * outward - centre)
     else:

@@ -230,8 +230,7 @@ class VirtualTable:
                 head_angle=at,
                 kind=self.kind,
                 axis_motion=motion,
-                ellipticity=self.ellipticity,
-                ellipticity_direction=self.ellipticity_direction,
+                ellipticity=(self.ellipticity, self.ellipticity_direction),
             )
             error = d + self.scale.at(theta + at + d) + offset
             error = error + self.noise * random.standard_normal(count)
