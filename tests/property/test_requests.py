@@ -23,7 +23,7 @@ from flexstage.explore.requests import (
 )
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
-from flexstage.files.ranges import POSITIVE, Range, Written
+from flexstage.files.ranges import POSITIVE, PositiveFrequency, Range, Written
 from flexstage.files.request import (
     Request,
     command_line,
@@ -133,6 +133,8 @@ class TurnRequest(Request):
     """Whether back."""
     stop: bool = True
     """Whether it stops."""
+    near: Annotated[tuple[PositiveFrequency, ...], Written("LIST", commas=True)] = ()
+    """Near what."""
     load: Load = Load()
     """What it carries."""
     how: ReadOptions = ReadOptions()
@@ -259,6 +261,8 @@ def test_texts_are_read_in_any_of_their_forms() -> None:
     assert fields["band"].read("0.2 kHz..800") == (200.0, 800.0)
     assert fields["share"].read("30 %") == pytest.approx(0.3)
     assert fields["at"].read("1 mm, 2 um") == (1e-3, 2e-6)
+    assert fields["near"].read("3 Hz,0.2 kHz") == (3.0, 200.0)  # what is written outside counts
+    assert fields["near"].metavar == "LIST"
 
 
 @pytest.mark.parametrize("kind", REQUESTS, ids=lambda kind: kind.__name__)
