@@ -68,8 +68,8 @@ class IdentifyRequest(Request):
     cycles as well as the best.
     """
     train: Rows | None = None
-    """Samples to fit, numbered as for --rows; all others are held out (default: all are fitted, and
-    held-out errors come from cross-validation over whole cycles).
+    """Samples to fit, numbered from 0 in the whole file; all others are held out (default: all are
+    fitted, and held-out errors come from cross-validation over whole cycles).
     """
     known: KnownChain = KnownChain()
     """What is known of the drive and not identified, such as "resonance=808 Hz,damping=0.01" or
