@@ -25,7 +25,7 @@ from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 from flexstage.web.hysteresis.example import example_record, other_example
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
-from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
+from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles, OpenModel
 from flexstage.web.hysteresis.work import (
     Identified,
     Looked,
@@ -261,6 +261,46 @@ def test_a_wrong_file_loses_nothing(
         user.find("Back to drive.dat").click()
         await come(lambda: not alerts())
         assert state.source.reading.how.rate == 200.0
+
+    simulated(tmp_path, look)
+
+
+def test_limits_of_a_command_are_those_of_the_request(
+    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+) -> None:
+    _, _, made = drive
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        (session,) = panel.access._sessions.values()
+        state = session.state(HysteresisState)
+        state.step = "compensate"
+        state.take(OpenModel(name="drive", file=made.file, text=made.text))
+        await user.open("/hysteresis")
+
+        def give(label: str, value: float | None) -> None:
+            fields = (e for e in user.find(ui.number).elements if e.props["label"] == label)
+            min(fields, key=lambda e: e.id).value = value  # that of the step before the next one
+
+        assert made.file.model.validity is not None
+        low, _ = made.file.model.validity.input_range
+        give("Highest command [V]", 60.0)
+        await come(lambda: state.motion.asked.voltage == (low, 60.0))
+        give("Slew [V/s]", 900.0)
+        await come(lambda: state.motion.asked.amplifier.slew == 900.0)
+        give("Reference bandwidth [Hz]", 30.0)
+        await come(lambda: state.motion.asked.reference_bandwidth == 30.0)
+        (start,) = (e for e in user.find(ui.select).elements if "conditioned" in e.options)
+        start.value = "moved"
+        await come(lambda: state.motion.asked.start == 30.0)
+        give("Moved for [s]", 12.0)
+        await come(lambda: state.motion.asked.start == 12.0)
+        give("Highest command [V]", low - 1.0)  # which is refused
+        await asyncio.sleep(0.3)
+        assert state.motion.asked.voltage == (low, 60.0)
+        give("Highest command [V]", None)
+        await come(lambda: state.motion.asked.voltage is None)
 
     simulated(tmp_path, look)
 
