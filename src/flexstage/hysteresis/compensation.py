@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
-from flexstage.hysteresis.inversion import Feedforward, command_record, feedforward
+from flexstage.hysteresis.inversion import Feedforward, command_as_asked, command_record
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Record
@@ -58,15 +58,8 @@ def compensate(
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    made = feedforward(
-        drive,
-        values + (lowest_reading(drive) if request.relative else 0.0),
-        1.0 / reference.sample_rate_hz,
-        limits=request.voltage,
-        largest_rate=request.amplifier.largest_rate,
-        state=drive.hysteresis.initial_state() if request.start == "rest" else None,
-        start=None if isinstance(request.start, str) else request.start,
-        band_hz=request.reference_bandwidth,
-    )
+    if request.relative:
+        values = values + lowest_reading(drive)
+    made = command_as_asked(drive, values, 1.0 / reference.sample_rate_hz, request)
     said = (*file.notes, *filter(None, [converted]), *made.notes, *reference.notes)
     return Compensation(request=request, file=file, made=made, notes=said)
