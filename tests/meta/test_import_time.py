@@ -1,6 +1,7 @@
 """`import flexstage` and the commands are fast: they load no library that they do not use."""
 
 import importlib
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,14 +14,15 @@ HEAVY = {
     "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "nicegui",
     "numba", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer",
 }  # fmt: skip
-COMMAND = """
-import sys
+COMMANDS = """
+import json, sys
 from flexstage.cli import main
-try:
-    main(sys.argv[1:])
-except SystemExit as ended:
-    assert not ended.code, ended.code
-print("\\nloaded", *sys.modules)
+for words in json.loads(sys.argv[1]):
+    try:
+        main(words)
+    except SystemExit as ended:
+        assert not ended.code, ended.code
+    print("\\nloaded", *sys.modules)
 """
 SCRIPT = """
 import sys, time
@@ -48,27 +50,31 @@ def test_import_loads_nothing_heavy() -> None:
     assert HEAVY & fresh_import()[1] == set()
 
 
-# What each command may load of the heavy libraries; of SciPy only the parts that are named.
+# What each command may load of the heavy libraries, of SciPy only the parts that are named; in one
+# process where each may load what those before it load.
 @pytest.mark.parametrize(
-    ("arguments", "allowed"),
+    "commands",
     [
-        (["--help"], set()),
-        (["check", "vgtu-piezo"], {"shapely"}),
-        (["show", "vgtu-piezo", "--out", "stage.svg"], {"shapely", "matplotlib"}),
-        (["analyse", "vgtu-piezo", "--model", "lumped"], {"scipy"}),
+        (
+            (["--help"], set()),
+            (["check", "vgtu-piezo"], {"shapely"}),
+            (["show", "vgtu-piezo", "--out", "stage.svg"], {"shapely", "matplotlib"}),
+        ),
+        ((["analyse", "vgtu-piezo", "--model", "lumped"], {"scipy"}),),
     ],
-    ids=lambda value: value[0] if isinstance(value, list) else "",
+    ids=lambda commands: commands[-1][0][0],
 )
 def test_a_command_loads_what_it_uses(
-    arguments: list[str], allowed: set[str], tmp_path: Path
+    commands: tuple[tuple[list[str], set[str]], ...], tmp_path: Path
 ) -> None:
-    command = [sys.executable, "-c", COMMAND, *arguments]
+    command = [sys.executable, "-c", COMMANDS, json.dumps([words for words, _ in commands])]
     ran = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
-    loaded = set(ran.stdout.rpartition("\nloaded ")[2].split())
-    assert "flexstage.cli" in loaded
-    assert HEAVY & loaded <= allowed | {"typer"}
+    said = [line.split() for line in ran.stdout.splitlines() if line.startswith("loaded ")]
     slow = {"matplotlib.pyplot", "scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.stats"}
-    assert slow & loaded == set()
+    for (_, allowed), loaded in zip(commands, map(set, said), strict=True):
+        assert "flexstage.cli" in loaded
+        assert HEAVY & loaded <= allowed | {"typer"}
+        assert slow & loaded == set()
 
 
 def test_a_module_does_not_hide_a_function_of_its_name() -> None:

@@ -152,7 +152,7 @@ def test_all_leaves_out_what_the_stage_does_not_allow(tmp_path: Path, capsys) ->
 def test_notes_of_rigid_bodies_are_told_from_those_of_the_chosen_model(
     tmp_path: Path, capsys
 ) -> None:
-    assert _run("vgtu-piezo", "--to", "mat,diagram", "--out", str(tmp_path), "--json") == 0
+    assert _run("parallelogram", "--to", "mat,diagram", "--out", str(tmp_path), "--json") == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     assert any(note.startswith("Diagram and Simulink: Lumped model") for note in notes)
     assert not any(note.startswith("Lumped model") for note in notes)

@@ -39,6 +39,7 @@ def test_faces_and_mass(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
+@pytest.mark.usefixtures("meshed_here")
 def test_stiffness_and_modes_of_a_held_bar(bar: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--hold", "x-min", "--move", "x-max", "--size", "6", "--json")
     assert run("part", bar, *words) == 0

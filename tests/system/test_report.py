@@ -15,7 +15,6 @@ import pytest
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.experiments.verbs.identify import IdentifiedStep
-from flexstage.fem import superelement_model
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
 from flexstage.material import material
@@ -31,7 +30,7 @@ from flexstage.report.front_page import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results
-from flexstage.system import Analysis, analyse, modes
+from flexstage.system import Analysis, modes
 from flexstage.system.characteristics import pulsating_limit
 from tests.result_schema import require_valid
 from tests.studies import page_of, study_of
@@ -381,8 +380,7 @@ def test_the_drawing_names_everything() -> None:
 @pytest.fixture(scope="module")
 def many_peaks() -> Analysis:
     """Many close peaks, and the longest name of a model."""
-    stage = design("vgtu-piezo")
-    found = analyse(stage, superelement_model(stage).system)
+    found = study_of("vgtu-mechanical").main
     return replace(found, system=replace(found.system, model="superelement-3d"))
 
 

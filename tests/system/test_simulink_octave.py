@@ -396,8 +396,15 @@ def _run_modes(folder: Path, step: float) -> tuple[dict[str, np.ndarray], Dynami
     return build(folder, files, "chain", stop=0.02)[1], model
 
 
-def test_modes_behind_hysteresis_creep_and_sensor(tmp_path: Path) -> None:
-    ran, model = _run_modes(tmp_path / "model", 1e-4)
+@pytest.fixture(scope="module")
+def chained(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, np.ndarray], DynamicModel]:
+    return _run_modes(tmp_path_factory.mktemp("chain") / "model", 1e-4)
+
+
+def test_modes_behind_hysteresis_creep_and_sensor(
+    chained: tuple[dict[str, np.ndarray], DynamicModel],
+) -> None:
+    ran, model = chained
     t = ran["t"]
     u = 0.5 * 0.75 * 120.0 * (1.0 - np.cos(2.0 * np.pi * np.linspace(0.0, 0.04, 401) / 0.04))
     u = np.interp(t, np.linspace(0.0, 0.04, 401), u)
@@ -422,12 +429,14 @@ def test_modes_behind_hysteresis_creep_and_sensor(tmp_path: Path) -> None:
     assert np.allclose(ran["chain_yx"], 1e-7 * u, rtol=1e-14, atol=0.0)
 
 
-def test_held_hysteresis_comes_to_the_dynamic_model_with_its_samples(tmp_path: Path) -> None:
+def test_held_hysteresis_comes_to_the_dynamic_model_with_its_samples(
+    chained: tuple[dict[str, np.ndarray], DynamicModel], tmp_path: Path
+) -> None:
     # the model knows the output between the samples; a held one is half a sample late, so that
     # half the samples double the error
     missed = []
-    for i, step in enumerate((2e-4, 1e-4)):
-        ran, model = _run_modes(tmp_path / str(i), step)
+    for ran, model in (_run_modes(tmp_path / "coarse", 2e-4), chained):
+        step = model.step
         knots = np.linspace(0.0, 0.04, 401)
         u = 0.5 * 0.75 * 120.0 * (1.0 - np.cos(2.0 * np.pi * knots / 0.04))
         u = np.interp(ran["t"], knots, u)
