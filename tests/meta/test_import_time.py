@@ -12,7 +12,7 @@ import flexstage
 
 HEAVY = {
     "GTC", "control", "dask", "ezdxf", "h5py", "matplotlib", "netgen", "ngsolve", "nicegui",
-    "numba", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer",
+    "numba", "numpy", "pint", "scipy", "serial", "shapely", "sqlalchemy", "sympy", "typer", "yaml",
 }  # fmt: skip
 COMMANDS = """
 import json, sys
@@ -57,10 +57,13 @@ def test_import_loads_nothing_heavy() -> None:
     [
         (
             (["--help"], set()),
-            (["check", "vgtu-piezo"], {"shapely"}),
-            (["show", "vgtu-piezo", "--out", "stage.svg"], {"shapely", "matplotlib"}),
+            (["check", "vgtu-piezo"], {"numpy", "shapely", "yaml"}),
+            (
+                ["show", "vgtu-piezo", "--out", "stage.svg"],
+                {"matplotlib", "numpy", "shapely", "yaml"},
+            ),
         ),
-        ((["analyse", "vgtu-piezo", "--model", "lumped"], {"scipy"}),),
+        ((["analyse", "vgtu-piezo", "--model", "lumped"], {"numpy", "scipy", "yaml"}),),
     ],
     ids=lambda commands: commands[-1][0][0],
 )

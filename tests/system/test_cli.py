@@ -1,8 +1,7 @@
 """The command line: what it prints, its exit status, and what it leaves behind."""
 
+import io
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -36,11 +35,17 @@ def left_behind(directory: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("less", [BRIEFLY, pytest.param((), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("models", "less"),
+    [
+        ("lumped", BRIEFLY),
+        pytest.param("lumped,superelement", (), marks=pytest.mark.slow),
+    ],
+)
 def test_study_prints_a_table_and_writes_a_report(
-    elsewhere: Path, capsys: pytest.CaptureFixture[str], less: tuple[str, ...]
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], models: str, less: tuple[str, ...]
 ) -> None:
-    assert run("study", "vgtu-piezo", "--models", "lumped,superelement", *less) == 0
+    assert run("study", "vgtu-piezo", "--models", models, *less) == 0
     out = capsys.readouterr().out
     for text in (
         "Natural frequency [Hz]",
@@ -167,8 +172,8 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("study", "parallelogram", "--model", "lumped", "--folder", "d", "--json", "-q")
-    assert run(*words, *BRIEFLY) == 0
+    words = ("study", "parallelogram", "--models", "lumped,superelement", "--folder", "d", "--json")
+    assert run(*words, "-q", *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
     assert captured.err == ""
@@ -256,6 +261,7 @@ def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> N
     assert rows["max_stress"]["uncertainty"] > 0.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("analyse", "parallelogram", "--out", "a") == 0
     capsys.readouterr()
@@ -275,7 +281,7 @@ def test_analyse_writes_files_for_paraview(elsewhere: Path) -> None:
     assert not any(name.endswith(".part") for name in written)
 
 
-@pytest.mark.parametrize("name", ["s.svg", "s.png", "s.pdf", "deep/er/S.SVG"])
+@pytest.mark.parametrize("name", ["s.pdf", "deep/er/S.SVG"])
 def test_show_writes_a_drawing(elsewhere: Path, name: str) -> None:
     assert run("show", "parallelogram", "--out", name) == 0
     assert (elsewhere / name).stat().st_size > 5000
@@ -428,28 +434,10 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
             assert f"  {command} " in out
 
 
-def test_the_command_line_starts_without_heavy_libraries() -> None:
-    heavy = ("numpy", "scipy", "sympy", "matplotlib", "pint", "shapely", "yaml")
-    code = (
-        "import sys, contextlib, flexstage.cli as c\n"
-        "with contextlib.suppress(SystemExit): c.main(['--version'])\n"
-        f"print([m for m in {heavy!r} if m in sys.modules])"
-    )
-    found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    assert found.stdout.splitlines()[-1] == "[]"
-
-
-def test_output_goes_where_letters_are_few() -> None:
+def test_output_goes_where_letters_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stream that knows ASCII alone gets question marks and no traceback."""
-    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = subprocess.run(
-        [sys.executable, "-m", "flexstage", "analyse", "parallelogram", "--model", "lumped"],
-        capture_output=True,
-        env=environment,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    assert b"?m" in done.stdout
+    said = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(said, encoding="ascii"))
+    assert run("analyse", "parallelogram", "--model", "lumped") == 0
+    sys.stdout.flush()
+    assert b"?m" in said.getvalue()

@@ -147,11 +147,11 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
     >>> from flexstage.designs import design
     >>> from flexstage.virtual.as_built import as_built
     >>> from flexstage.experiments.virtual_campaign import virtual_campaign
-    >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1), seed=1)
+    >>> made = virtual_campaign(as_built(design("parallelogram"), seed=1), seed=1)
     >>> found = evaluate(made.campaign, lambda test: [made.records[n] for n in test.records])
     >>> stroke = found.figure("output_displacement", "x").estimate
     >>> print(f"{stroke.value * 1e6:.1f} um")
-    63.1 um
+    200.1 um
     """
     results = []
     sources: dict[str, str] = {}
