@@ -205,10 +205,11 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         from nicegui import ui
 
         started: list[str] = []
+        work = panel.jobs.start
 
         def start(name: str, function: Any, *arguments: Any, owner: str = "") -> Any:
             started.append(name)
-            return panel.jobs.start_thread(name, function, *arguments, owner=owner)
+            return work(name, function, *arguments, owner=owner)
 
         panel.jobs.start = start
         await user.open("/design")
