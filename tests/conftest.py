@@ -110,7 +110,7 @@ def _without_progress() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _files_are_left_to_the_system(request: pytest.FixtureRequest) -> Iterator[None]:
-    """No file of a test outlives the machine: none waits for the disk, but where time is measured."""
+    """Files of tests need not outlive the machine: none waits for the disk, but beside a clock."""
     with pytest.MonkeyPatch.context() as patch:
         if not request.config.option.markexpr.endswith(" and alone"):
             patch.setattr(os, "fsync", lambda _: None)
