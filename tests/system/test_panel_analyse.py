@@ -185,6 +185,7 @@ def test_cursors_read_the_response(lumped: Analysed) -> None:
     assert texts[3].startswith(f"× {ratio:.4g}"[:5])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_are_saved_by_model(lumped: Analysed, tmp_path: Path) -> None:
     path = saved(tmp_path, [lumped])
     with zipfile.ZipFile(path) as archive:
