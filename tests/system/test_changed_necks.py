@@ -72,7 +72,9 @@ def test_the_changes_of_fine_meshes_are_those_that_stand_here(
 ) -> None:
     stage = parallelogram.stage
     found = fine_changes(stage, with_necks(stage, *NECKS, deeper=False))
-    assert found == pytest.approx(CHANGED, rel=2e-5)
+    for name, value in CHANGED.items():
+        sharp = name in ("f0", "input_stiffness", "transmission_ratio")
+        assert found[name] == pytest.approx(value, rel=2e-5 if sharp else 3e-4), name
 
 
 @pytest.mark.parametrize(
