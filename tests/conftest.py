@@ -109,6 +109,15 @@ def _without_progress() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _files_are_left_to_the_system(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Files of tests need not outlive the machine: none waits for the disk, but beside a clock."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not request.config.option.markexpr.endswith(" and alone"):
+            patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _commands_are_parsed_by_one_parser() -> Iterator[None]:
     """A process makes the parser of its command line once; tests run a thousand in theirs."""
     import typer.main

@@ -5,6 +5,7 @@ import contextlib
 import gc
 import json
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -53,6 +54,7 @@ async def person(folder: Path) -> AsyncIterator[tuple[Any, Any]]:
         os.environ["NICEGUI_USER_SIMULATION"] = "true"
         try:
             gate, panel = application(PanelOptions(folder=folder))
+            _work_here(panel)
             async with core.app.router.lifespan_context(core.app):
                 transport = httpx.ASGITransport(gate)
                 async with httpx.AsyncClient(transport=transport, base_url=HERE) as client:
@@ -62,6 +64,19 @@ async def person(folder: Path) -> AsyncIterator[tuple[Any, Any]]:
         finally:
             os.environ.pop("NICEGUI_USER_SIMULATION")
             panel.jobs.close()
+
+
+def _work_here(panel: Any) -> None:
+    """Let jobs run in threads: a process takes longer to start than their work.
+
+    What they are given is copied as for another process, which tests in a browser have.
+    """
+
+    def start(name: str, function: Callable[..., Any], *arguments: Any, owner: str = "") -> Any:
+        function, arguments = pickle.loads(pickle.dumps((function, arguments)))
+        return panel.jobs.start_thread(name, function, *arguments, owner=owner)
+
+    panel.jobs.start = start
 
 
 @contextlib.contextmanager
