@@ -115,7 +115,7 @@ def test_the_archive_holds_what_it_should_and_is_the_same_again(version: str) ->
 
 @needs_compiler
 def test_a_library_of_the_same_sources_has_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "OPTIONS", ("-std=c99", *EXACT))
+    monkeypatch.setattr(fmu_file, "OPTIONS", ("-std=c99", *EXACT))
     one, two = (
         next(iter(fmu_files(model("parallelogram"), version="3.0", binary=True).values()))
         for _ in range(2)
