@@ -16,7 +16,8 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
 from flexstage.errors import ModelError
-from flexstage.studies.requests import AnalyseRequest, models_of
+from flexstage.studies.requests import AnalyseRequest
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -11,8 +11,10 @@ from flexstage.errors import ModelError, StageError
 from flexstage.files.names import file_name
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, Size, Written
 from flexstage.files.request import Request
+from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import DynamicRequest
 from flexstage.progress import subtask
+from flexstage.system.requests import ModelName
 from flexstage.units import DIMENSIONS
 
 if TYPE_CHECKING:
@@ -99,12 +101,10 @@ class ExportRequest(Request):
 
     to: Annotated[tuple[str, ...], Written("|".join(FORMATS), read=read_formats, write=",".join)]
     """Format; several separated by commas; 'all' writes every format that the stage allows."""
-    model: Annotated[str, Written("NAME")] = "superelement"
-    """The model, of those of 'flexstage analyse': lumped, superelement, plane, superelement-3d or
-    solid.
-    """
-    plane: Literal["auto", "stress", "strain"] = "auto"
-    """Plane state of the notches; auto decides by the ratio of width to neck."""
+    model: ModelName = "superelement"
+    """The model."""
+    plane: Plane = "auto"
+    """Plane state of the notches."""
     fmi: Literal["2.0", "3.0", "both"] = "both"
     """FMI version of the FMU."""
     source_only: bool = False

@@ -27,6 +27,11 @@ class Compensation(Result):
     """What a user should know."""
 
     @property
+    def band(self) -> float | None:
+        """Half the width of the band of 95 % of the held-out errors, over the stroke [%]."""
+        return self.file.errors.get("heldout_95")
+
+    @property
     def drive(self) -> DriveModel:
         """The model."""
         return self.file.model

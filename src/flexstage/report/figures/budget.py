@@ -4,8 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.files.plain import picked
-from flexstage.measure.uncertainty.evaluate import EvaluatedBudget
 from flexstage.measure.uncertainty.monte_carlo import MonteCarlo
 from flexstage.measure.uncertainty.propagate import Propagated
 from flexstage.report.figures.style import (
@@ -46,12 +44,6 @@ def draw_budget(
     _distribution(left, propagated, drawn, quantity, unit, factor)
     _shares(right, propagated)
     return figure
-
-
-def draw_evaluated(found: EvaluatedBudget) -> "Figure":
-    """Draw an evaluated budget in the unit of its file."""
-    named = picked(found.budget, "quantity", "unit", "factor")
-    return draw_budget(found.propagated, found.drawn, **named)
 
 
 def _distribution(

@@ -6,7 +6,6 @@ import numpy as np
 
 from flexstage.errors import ModelError
 from flexstage.hinges import Profile
-from flexstage.hinges.hinge_figures import Notch
 from flexstage.report.figures.shapes import notch_contour
 from flexstage.report.figures.style import (
     BODY,
@@ -40,11 +39,6 @@ def draw_notch(profile: Profile) -> "Figure":
     axes.set(xlabel="along the hinge [mm]", ylabel="across [mm]", aspect="equal")
     entitle(axes, f"{profile.kind} notch, neck {profile.neck_thickness * MM:g} mm")
     return figure
-
-
-def draw_hinge(found: Notch) -> "Figure":
-    """Draw the contour of a notch that was computed, in millimetres."""
-    return draw_notch(found.profile)
 
 
 def draw_stress(analysis: Analysis) -> "Figure":
