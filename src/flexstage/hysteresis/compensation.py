@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Compensation(Result):
+class CompensationCommand(Result):
     """A command, with the model that it is by."""
 
     file: ModelFile
@@ -57,7 +57,7 @@ def compensate(
     reference: Record,
     column: str | int,
     request: CompensateRequest,
-) -> Compensation:
+) -> CompensationCommand:
     """Return the command by which a drive follows a column of a record."""
     drive, channel = file.model, reference.channel(column)
     values, converted = in_unit_of_model(
@@ -74,4 +74,4 @@ def compensate(
         band_hz=request.reference_bandwidth,
     )
     said = (*file.notes, *filter(None, [converted]), *made.notes, *reference.notes)
-    return Compensation(request=request, file=file, made=made, notes=said)
+    return CompensationCommand(request=request, file=file, made=made, notes=said)

@@ -157,7 +157,10 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("CentredRecords", ""): ("centring.draw_centred", "found"),
-    ("Compensation", ""): ("tracking.draw_feedforward", "made=made model=drive band_percent=band"),
+    ("CompensationCommand", ""): (
+        "tracking.draw_feedforward",
+        "made=made model=drive band_percent=band",
+    ),
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
     ("EvaluatedBudget", ""): (
         "budget.draw_budget",
@@ -168,7 +171,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("FrfResult", "stabilisation"): ("modal_fit.draw_stabilisation", "fit=fit"),
     ("Front", ""): ("optimum.draw_front", "found"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
-    ("Notch", ""): ("hinges.draw_notch", "profile=profile"),
+    ("HingeFigures", ""): ("hinges.draw_notch", "profile=profile"),
     ("Optimum", ""): ("optimum.draw_before_after", "found"),
     ("Optimum", "figures"): ("optimum.draw_figures", "found"),
     ("Optimum", "history"): ("optimum.draw_history", "found"),
