@@ -47,7 +47,10 @@ def test_a_report_is_that_of_the_command(
     report = write_report(tmp_path, variant, replace(LITTLE, virtual=True))
     assert report.name.startswith("parallelogram-changed_")
     assert report.files == list(FILES)
-    options = "--model lumped --no-traditional --quiet --json --set leg_spacing=61mm --folder"
+    options = (
+        "--model lumped --no-identification --no-traditional --quiet --json "
+        "--set leg_spacing=61mm --folder"
+    )
     with pytest.raises(SystemExit) as end:
         main(["study", "parallelogram", *options.split(), str(tmp_path / "out")])
     assert not end.value.code
