@@ -1,4 +1,4 @@
-"""What to say of a name that is none of those there are: which are, and which was probably meant.
+"""Names in a sentence: several, and one that is none of those there are, with what was meant.
 
 Names of any case are compared. `cutoff` is how alike two must be, 0 to 1, as `difflib` counts it.
 """
@@ -41,6 +41,18 @@ def did_you_mean(name: str, among: Iterable[str], cutoff: float = 0.6) -> str:
     """
     near = nearest(name, among, cutoff)
     return f"; did you mean '{near}'?" if near is not None else ""
+
+
+def listed(words: Iterable[str]) -> str:
+    """Write words with commas between, and "and" before the last.
+
+    Examples
+    --------
+    >>> listed(["x"]), listed(["x", "y", "z"])
+    ('x', 'x, y and z')
+    """
+    items = list(words)
+    return f"{', '.join(items[:-1])} and {items[-1]}" if len(items) > 1 else "".join(items)
 
 
 def unknown(what: str, name: str, among: Iterable[str], cutoff: float = 0.6) -> str:

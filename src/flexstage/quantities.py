@@ -192,10 +192,10 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}"
 
 
-def prefixed(largest: float) -> tuple[float, str]:
+def prefixed(largest: float, least: float = 0.5) -> tuple[float, str]:
     """Return factor and prefix, none to pico, of a unit in which values are neither long nor tiny.
 
-    The largest magnitude is in the unit without prefix.
+    The largest magnitude, in the unit without prefix, is then `least` or more.
 
     Examples
     --------
@@ -203,9 +203,22 @@ def prefixed(largest: float) -> tuple[float, str]:
     (1000000.0, 'µ')
     """
     for factor, prefix in _PREFIXES:
-        if factor * largest >= 0.5:
+        if factor * largest >= least:
             return factor, prefix
     return _PREFIXES[-1] if largest > 0.0 else (1.0, "")
+
+
+def round_below(limit: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that is not over a limit.
+
+    Examples
+    --------
+    >>> round_below(7.3), round_below(0.3)
+    (5.0, 0.2)
+    """
+    power = math.floor(math.log10(limit))
+    steps = [s * 10.0**p for p in (power - 1, power, power + 1) for s in (1.0, 2.0, 5.0)]
+    return float(f"{max(s for s in steps if s <= limit * (1.0 + 1e-9)):.1g}")
 
 
 def within_digits(value: str, uncertainty: float) -> str:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -45,6 +45,21 @@ def file_names(names: Iterable[str], fallback: str = "axis") -> list[str]:
             free, count = f"{plain}-{count}", count + 1
         found.append(free)
     return found
+
+
+def free_name(wanted: str, is_taken: Callable[[str], bool]) -> str:
+    """Return a name that is not taken: the one that is wanted, or that with a number behind it.
+
+    Examples
+    --------
+    >>> free_name("x", {"x", "x_2"}.__contains__)
+    'x_3'
+    """
+    name, count = wanted, 1
+    while is_taken(name):
+        count += 1
+        name = f"{wanted}_{count}"
+    return name
 
 
 #: By kind: the folder in ``%LOCALAPPDATA%``, in the ``Library`` of macOS, and at home elsewhere.

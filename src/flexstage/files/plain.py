@@ -1,8 +1,10 @@
-"""Results as plain data, as JSON has them: their fields say what a program reads of them."""
+"""Results as plain data, as JSON and CSV have them: fields say what a program reads of them."""
 
+import csv
+import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -59,3 +61,16 @@ def picked(source: Any, *names: str) -> dict[str, Any]:
 def json_text(value: Any) -> str:
     """Write plain data as the text of a JSON file."""
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def csv_text(rows: Iterable[Iterable[Any]], end: str = "\n") -> str:
+    """Write rows as CSV, the heading first.
+
+    Examples
+    --------
+    >>> csv_text([("name", "x [m]"), ("a, b", 1.5)]).splitlines()
+    ['name,x [m]', '"a, b",1.5']
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator=end).writerows(rows)
+    return text.getvalue()
