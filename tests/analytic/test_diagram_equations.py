@@ -10,9 +10,8 @@ from scipy.signal import lsim
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
-from flexstage.export.diagram.springs import drive_springs, fitted_damping
-from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.state_space import DiagramEquations, diagram_state_space
+from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
+from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor, dynamic_model
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
@@ -21,6 +20,7 @@ from flexstage.system import (
     MechanicalSystem,
     ModalDamping,
     RayleighDamping,
+    StateSpace,
     frequency_response,
     modes,
 )
@@ -55,7 +55,7 @@ def free_displacement(drive: ModelDrive, voltage: np.ndarray) -> np.ndarray:
     return drive.hysteresis.simulate(voltage).values
 
 
-def response(space: DiagramEquations, frequency_hz: np.ndarray) -> np.ndarray:
+def response(space: StateSpace, frequency_hz: np.ndarray) -> np.ndarray:
     """Return the transfer matrix at frequencies, shape (k, p, m)."""
     # lengths, angles and rates differ in size: balanced, or the solution loses digits
     s = 2j * np.pi * frequency_hz
@@ -317,5 +317,6 @@ def test_a_diagram_with_a_direct_path_has_a_feedthrough() -> None:
         ("out", "two", 0), ("two", "y", 0),
     )  # fmt: skip
     lines = tuple(SignalLine(source=s, target=t, port=p) for s, t, p in pairs)
-    a, b, c, d = diagram_state_space(Diagram(title="by hand", blocks=blocks, lines=lines))
+    space = diagram_state_space(Diagram(title="by hand", blocks=blocks, lines=lines))
+    a, b, c, d = space.A, space.B, space.C, space.D
     assert (a.item(), b.item(), c.item(), d.item()) == (-5.0, -7.0, 2.0, 6.0)

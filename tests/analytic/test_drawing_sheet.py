@@ -13,10 +13,11 @@ from matplotlib.textpath import TextPath
 
 from flexstage.designs import design
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.notch_details import notch_kinds, ratio, step_scale
+from flexstage.export.drawing.notch_details import notch_kinds, ratio
 from flexstage.export.drawing.sheet import drawing_svg
 from flexstage.export.svg import text_width, wrapped
 from flexstage.hinges import RightCircular
+from flexstage.quantities import round_below
 from flexstage.stage import Stage
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
@@ -211,7 +212,7 @@ def test_letters_go_on_after_z() -> None:
     ],
 )
 def test_scales_are_usual_ones(limit: float, scale: float, text: str) -> None:
-    assert step_scale(limit) == scale
+    assert round_below(limit) == scale
     assert ratio(scale) == text
 
 

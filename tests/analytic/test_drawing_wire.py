@@ -10,8 +10,7 @@ import shapely
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import PlateContours, plate_contours
-from flexstage.export.drawing.cuts import cuts
-from flexstage.export.drawing.offset import WirePath, offset_contours
+from flexstage.export.drawing.wire import WirePath, cuts, offset_contours
 from flexstage.hinges import AsDrawn, Elliptical, RightCircular
 from flexstage.hinges.leaf import Leaf
 from flexstage.material import material

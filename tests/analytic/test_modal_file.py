@@ -17,9 +17,9 @@ from flexstage.export.modal_file import (
     frf_file,
     modal_file,
     modal_points,
+    trace_lines,
     universal_files,
 )
-from flexstage.export.universal_format import trace_lines
 from flexstage.lumped import lumped_system
 from flexstage.records.universal_file import read_universal
 from flexstage.stage import Stage, mass_properties

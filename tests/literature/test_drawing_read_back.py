@@ -15,7 +15,7 @@ import shapely
 
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.dxf import DXF_LAYERS, dxf_files
-from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.wire import offset_contours
 from flexstage.stage import Loop, mass_properties
 from flexstage.stage.curve import Curve
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from flexstage.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.wire import offset_contours
 from flexstage.stage import Circle
 from flexstage.stage.contour import body_contour
 from flexstage.stage.curve import Curve, distance, point_distance

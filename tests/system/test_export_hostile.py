@@ -261,7 +261,7 @@ def test_folders_that_were_made_for_nothing_go_again(tmp_path: Path) -> None:
 
 
 def test_an_fmu_without_a_library_is_said_to_be_one(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("flexstage.export.fmu.compiled.compiler", lambda: None)
+    monkeypatch.setattr("flexstage.export.fmu.fmu_file.compiler", lambda: None)
     monkeypatch.setattr("flexstage.export.fmu.fmu_file.compiler", lambda: None)
     out = str(tmp_path / "out")
     words = ["--to", "fmu", "--fmi", "2.0", "--out", out, "--json"]

@@ -9,15 +9,15 @@ _NARROW, _WIDE = frozenset("iljtfrI.,:;'|!()[]/ -"), frozenset("mwMW%@Σ×→")
 _OF_NARROW, _OF_WIDE, _OF_DIGIT, _OF_OTHER = 0.42, 1.0, 0.65, 0.72
 
 
-def number(value: float) -> str:
-    """Return a length to four decimals, without zeros at its end.
+def number(value: float, digits: int = 4) -> str:
+    """Return a number to some decimals, without zeros at its end.
 
     Examples
     --------
     >>> number(1.50), number(-0.00001), number(1189.12345)
     ('1.5', '0', '1189.1235')
     """
-    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 

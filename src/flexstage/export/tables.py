@@ -1,7 +1,5 @@
 """Tables of characteristics, for spreadsheets and scripts."""
 
-import csv
-import io
 from collections.abc import Iterable
 
 from flexstage.characteristic import Characteristic, Characteristics
@@ -9,6 +7,7 @@ from flexstage.comparison import compare
 from flexstage.errors import ModelError, StageError
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
+from flexstage.files.plain import csv_text
 
 
 def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict[str, bytes]:
@@ -44,14 +43,11 @@ def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict
 
 def _csv(columns: dict[str, list[object]]) -> bytes:
     """Write columns with all the digits that give back the same bits."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\r\n")
-    rows.writerow(columns)
-    for line in zip(*columns.values(), strict=True):
-        rows.writerow(
-            ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
-        )
-    return text.getvalue().encode()
+    rows = (
+        ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
+        for line in zip(*columns.values(), strict=True)
+    )
+    return csv_text([columns, *rows], "\r\n").encode()
 
 
 def export(given: StageExport) -> dict[str, bytes]:

@@ -6,9 +6,13 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
+from flexstage.export.diagram.blocks import (
+    BodyBlocks,
+    DriveSpring,
+    add_drive_chain,
+    add_probe_chain,
+)
 from flexstage.export.diagram.graph import Diagram, DiagramBuilder, GroupBuilder
-from flexstage.export.diagram.port_blocks import add_drive_chain, add_probe_chain
-from flexstage.export.diagram.springs import DriveSpring
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
 from flexstage.system.mechanical import AxisPort
@@ -39,16 +43,6 @@ class AxisChain:
     """Mass m_out at the probe [kg]; 0 where they move as one."""
     frequency_hz: float
     """Frequency of the mode that it holds, drives in place [Hz]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Mass:
-    """What other groups connect to."""
-
-    forces: str
-    rate: str
-    motion: str
-    letter: str
 
 
 def axis_blocks(
@@ -99,7 +93,7 @@ def _mass(
     mass: float,
     damper: float,
     stiffness: float,
-) -> _Mass:
+) -> BodyBlocks:
     """Add a mass, with a spring and a damper to the ground."""
     low = title.lower()
     # one mass alone needs no mark
@@ -122,7 +116,7 @@ def _mass(
         drag = group.gain("damper", f"c{short}", meaning, damper, "damper")
         b.connect(rate, drag)
         b.term(forces, drag, -1, last=True)
-    return _Mass(forces=forces, rate=rate, motion=motion, letter=letter)
+    return BodyBlocks(forces=forces, rate=rate, motion=motion, name=name)
 
 
 def _drive_spring(
@@ -131,7 +125,7 @@ def _drive_spring(
     spring: DriveSpring,
     damping: RayleighDamping,
     free: str,
-    head: _Mass,
+    head: BodyBlocks,
     group: GroupBuilder,
 ) -> str:
     """Add the spring of a drive between its free displacement and the input; return its force."""
@@ -154,8 +148,8 @@ def _drive_spring(
 
 
 def _transmission(
-    b: DiagramBuilder, chain: AxisChain, damping: RayleighDamping, head: _Mass
-) -> _Mass:
+    b: DiagramBuilder, chain: AxisChain, damping: RayleighDamping, head: BodyBlocks
+) -> BodyBlocks:
     """Add lever, spring and damper between the input and the output, and the output mass."""
     group = b.group("transmission", title="Transmission: lever and spring", kind="hinge")
     tail = _mass(

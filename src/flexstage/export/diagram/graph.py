@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.errors import ModelError
+from flexstage.files.names import free_name
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.system.mechanical import Array
 
@@ -190,12 +191,11 @@ def signal_kinds(diagram: Diagram) -> dict[str, SignalKind]:
 
 def _by_itself(block: Block) -> SignalKind | None:
     match block.kind:
-        case "integrator":
-            return _by_unit(block.meaning)
-        case "input" | "amplifier":
-            return "other" if block.kind == "amplifier" else _by_unit(block.meaning)
-        case "hysteresis":
-            return _by_unit(block.meaning)
+        case "integrator" | "input" | "hysteresis":
+            unit = block.meaning.rpartition("[")[2].rstrip("]").split(",")[0]
+            return _OF_UNIT.get(unit, "other")
+        case "amplifier":
+            return "other"
         case "gain" if block.role in ("spring", "damper"):
             return "force"
         case "gain" if block.role == "mass":
@@ -204,11 +204,6 @@ def _by_itself(block: Block) -> SignalKind | None:
             return "motion" if "displacement" in block.meaning else "force"
         case _:
             return None
-
-
-def _by_unit(meaning: str) -> SignalKind:
-    unit = meaning.rpartition("[")[2].rstrip("]").split(",")[0]
-    return _OF_UNIT.get(unit, "other")
 
 
 def identifier(text: str) -> str:
@@ -301,11 +296,7 @@ class DiagramBuilder:
         )
 
     def _free(self, wanted: str) -> str:
-        name = base = identifier(wanted)
-        count = 1
-        while name in self._names:
-            count += 1
-            name = f"{base}_{count}"
+        name = free_name(identifier(wanted), self._names.__contains__)
         self._names.add(name)
         return name
 

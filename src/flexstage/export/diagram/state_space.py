@@ -1,6 +1,5 @@
 """The equations that a diagram holds, by walking along its lines."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -8,38 +7,17 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.system import StateSpace
 
 _NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DiagramEquations:
-    """Linear equations x' = A x + B u, y = C x + D u."""
-
-    A: Array
-    """Of states by states."""
-    B: Array
-    """Of states by inputs."""
-    C: Array
-    """Of outputs by states."""
-    D: Array
-    """Of outputs by inputs."""
-    states: tuple[str, ...]
-    """Integrators that the states belong to, one entry for each state."""
-    inputs: tuple[str, ...]
-    """Blocks that the inputs come from, one entry for each signal."""
-    outputs: tuple[str, ...]
-    """Blocks that the outputs belong to, one entry for each signal."""
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        """Iterate over A, B, C, D."""
-        return iter((self.A, self.B, self.C, self.D))
-
-
 def diagram_state_space(
     diagram: Diagram, *, nonlinear: Literal["refuse", "pass", "cut"] = "refuse"
-) -> DiagramEquations:
-    """Return the linear equations that a diagram holds.
+) -> StateSpace:
+    """Return the linear equations that a diagram holds; states are those of its integrators.
+
+    Inputs and outputs have the names of their blocks, one entry for each signal.
 
     Hysteresis, amplifiers, creep and sensors are refused (``refuse``), let their input through
     (``pass``), or are where the diagram is ``cut``: the output of the last of them is an input.
@@ -72,12 +50,11 @@ def diagram_state_space(
     n = walk.state_count
     derivative = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in integrators)])
     reading = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in outputs)])
-    return DiagramEquations(
+    return StateSpace(
         A=derivative[:, :n],
         B=derivative[:, n:],
         C=reading[:, :n],
         D=reading[:, n:],
-        states=_each(integrators),
         inputs=_each(walk.sources),
         outputs=_each(outputs),
     )

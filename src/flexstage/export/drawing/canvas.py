@@ -77,8 +77,7 @@ def millimetres(value: float, digits: int = 6) -> str:
     >>> millimetres(0.35e-3), millimetres(-0.0)
     ('0.35', '0')
     """
-    text = f"{value * 1e3:.{digits}f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
+    return number(value * 1e3, digits)
 
 
 class Box(NamedTuple):

@@ -14,6 +14,7 @@ _SAME = 1e-9  # two points are one [m]
 # A corner this little off the line of its neighbours is a rounding [m]: taking it out changes the
 # area of a plate by less than 1e-13 of it.
 _STRAIGHT = 1e-14
+_CHORD = 1e-6  # how near the bounds of a plate come to its arcs [m]
 
 
 class NeckLine(NamedTuple):
@@ -78,6 +79,13 @@ class PlateContours:
         """Area of the plate's face [m^2]."""
         return self.outline.area - math.fsum(c.area for c in self.inner)
 
+    @property
+    def bounds(self) -> tuple[Pair, Pair]:
+        """Lower left and upper right corner of the plate [m]."""
+        points = self.outline.loop.polyline(_CHORD)
+        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        return (x0, y0), (x1, y1)
+
 
 class _Step(NamedTuple):
     """A segment of a contour, the material on its left."""
@@ -136,10 +144,16 @@ def _neck(hinge: Hinge) -> NeckLine:
 
 
 def _round(body: Body, circle: Circle, kind: Literal["slot", "hole"]) -> Contour:
-    loop = circle.loop()
-    turned = Loop(loop.points, tuple(-b for b in loop.bulges))
     two = (body.name, body.name)
-    return Contour(loop=turned, kind=kind, bodies=two, hinges=(None, None), circle=circle)
+    return Contour(
+        loop=clockwise(circle), kind=kind, bodies=two, hinges=(None, None), circle=circle
+    )
+
+
+def clockwise(circle: Circle) -> Loop:
+    """Return a circle as a loop with the material outside on its left."""
+    loop = circle.loop()
+    return Loop(loop.points, tuple(-b for b in loop.bulges))
 
 
 def _contour(loop: list[_Step], kind: Literal["outline", "slot"]) -> Contour:

@@ -8,8 +8,7 @@ from typing import Any
 import flexstage
 from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
-from flexstage.export.drawing.cuts import CUT_ORDER_RULE, Cut, cuts
-from flexstage.export.drawing.offset import offset_contours
+from flexstage.export.drawing.wire import CUT_ORDER_RULE, Cut, cuts, offset_contours
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
@@ -135,9 +134,8 @@ def _extent(plate: PlateContours) -> float:
 
 def _bounds(plate: PlateContours) -> tuple[Pair, Pair]:
     """Corners of the plate [mm]."""
-    points = plate.outline.loop.polyline(1e-6) * _MM
-    (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    return (x0, y0), (x1, y1)
+    low, high = plate.bounds
+    return _mm(low), _mm(high)
 
 
 def _hinges(space: Any, plate: PlateContours, height: float) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 from flexstage.export.drawing.canvas import PAPER, THICK, Canvas, dimension, millimetres
 from flexstage.hinges import Profile
 from flexstage.hinges.profile import CurvedProfile
+from flexstage.quantities import round_below
 from flexstage.stage import Hinge, Loop, Stage
 from flexstage.stage.curve import Curve
 from flexstage.units import DIMENSIONS
@@ -93,19 +94,6 @@ def _letter(k: int) -> str:
     return word
 
 
-def step_scale(limit: float) -> float:
-    """Return the largest scale not over a limit: 1, 2 or 5 times a power of ten.
-
-    Examples
-    --------
-    >>> step_scale(7.3), step_scale(0.3)
-    (5.0, 0.2)
-    """
-    power = math.floor(math.log10(limit))
-    steps = [s * 10.0**p for p in (power - 1, power, power + 1) for s in (1.0, 2.0, 5.0)]
-    return float(f"{max(s for s in steps if s <= limit * (1.0 + 1e-9)):.1g}")
-
-
 def ratio(scale: float) -> str:
     """Return a scale in words: ``5:1`` or ``1:2``."""
     return f"{scale:g}:1" if scale >= 1.0 else f"1:{1.0 / scale:g}"
@@ -118,7 +106,7 @@ def draw_detail(canvas: Canvas, corner: Pair, kind: NotchKind) -> None:
     """
     profile = kind.profile
     length, height = profile.length * 1e3, profile.root_height * 1e3
-    scale = step_scale(min(_LARGEST[0] / length, _LARGEST[1] / height))
+    scale = round_below(min(_LARGEST[0] / length, _LARGEST[1] / height))
     x0, y0 = corner
     heading = f"{kind.letter}   {len(kind.hinges)} ×   {profile.kind}   {ratio(scale)}"
     canvas.text((x0 + 1.0, y0 + 4.0), heading, 3.0, bold=True)

@@ -20,8 +20,9 @@ from flexstage.export.drawing.canvas import (
     millimetres,
 )
 from flexstage.export.drawing.contours import PlateContours
-from flexstage.export.drawing.notch_details import NotchKind, step_scale
+from flexstage.export.drawing.notch_details import NotchKind
 from flexstage.export.svg import text_width
+from flexstage.quantities import round_below
 from flexstage.stage import Circle, Loop, Stage
 
 Pair = tuple[float, float]
@@ -45,7 +46,6 @@ _DISTANCES = (1.5, 2.5, 4.0, 6.0, 8.5, 11.5, 15.0, 20.0, 27.0, 36.0)
 _DIRECTIONS = 24
 _DRIVE, _PROBE = "#a00000", "#0040a0"
 _CENTRE = "4 0.8 0.8 0.8"
-_CHORD = 5e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,11 +70,10 @@ class View:
 
         The room holds the dimensions too.
         """
-        points = plate.outline.loop.polyline(_CHORD)
-        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        (x0, y0), (x1, y1) = plate.bounds
         width = room.right - room.left - PAPER.left - 2.0 * PAPER.around
         height = room.bottom - room.top - PAPER.below - 2.0 * PAPER.around
-        scale = step_scale(min(width / (x1 - x0), height / (y1 - y0)) * 1e-3)
+        scale = round_below(min(width / (x1 - x0), height / (y1 - y0)) * 1e-3)
         k = 1e3 * scale
         left = 0.5 * (room.left + PAPER.left + room.right - k * (x1 - x0))
         top = 0.5 * (room.top + room.bottom - PAPER.below - k * (y1 - y0))
@@ -231,7 +230,7 @@ def _centre_lines(
 
 def scale_bar(canvas: Canvas, at: Pair, scale: float) -> None:
     """Draw a bar of a round length from its left end on [mm]."""
-    length = step_scale(50.0 / scale)
+    length = round_below(50.0 / scale)
     x, y = at
     for k in range(5):
         a, b = x + 0.2 * k * length * scale, x + 0.2 * (k + 1) * length * scale

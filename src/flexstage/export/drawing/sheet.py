@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import flexstage
@@ -16,8 +17,8 @@ from flexstage.export.drawing.plate_view import (
     scale_bar,
 )
 from flexstage.export.request import StageExport
-from flexstage.export.svg import text_width, wrapped
-from flexstage.stage import Probe, Stage
+from flexstage.export.svg import number, text_width, wrapped
+from flexstage.stage import Stage
 
 _COLUMN = 2.0 * CELL[0] + PAPER.gap  # width of the column of details and tables [mm]
 _TITLE_HEIGHT = 5.0 * PAPER.title_row
@@ -108,31 +109,17 @@ def _blocks(stage: Stage, plate: PlateContours, marks: dict[str, str]) -> _Block
         [mark, mm(c.centre[0], 3), mm(c.centre[1], 3), mm(2.0 * c.radius, 3), what]
         for mark, c, what in round_openings(plate)
     ]
+    named = [("drive", d.name, d.kind, d.pushes, d.at[0], d.direction) for d in stage.drives]
+    named += [("probe", p.name, "", p.body, p.at, p.direction) for p in stage.probes]
     ports = [
-        [
-            "drive",
-            d.name,
-            d.kind,
-            d.pushes,
-            mm(d.at[0][0], 3),
-            mm(d.at[0][1], 3),
-            _degrees(d.direction),
-        ]
-        for d in stage.drives
-    ]
-    ports += [
-        ["probe", p.name, "", p.body, mm(p.at[0], 3), mm(p.at[1], 3), _reads(p)]
-        for p in stage.probes
+        [*words, mm(x, 3), mm(y, 3), "rotation" if angle is None else _degrees(angle)]
+        for *words, (x, y), angle in named
     ]
     return _Blocks(notches, hinges, holes, ports, _notes(stage))
 
 
-def _reads(probe: Probe) -> str:
-    return "rotation" if probe.direction is None else _degrees(probe.direction)
-
-
 def _degrees(angle: float) -> str:
-    return f"{math.degrees(angle):.2f}".rstrip("0").rstrip(".") + "°"
+    return f"{number(math.degrees(angle), 2)}°"
 
 
 def _notes(stage: Stage) -> list[str]:
@@ -156,7 +143,8 @@ def _notes(stage: Stage) -> list[str]:
 
 def _hinge_layout(blocks: _Blocks) -> tuple[tuple[tuple[str, float], ...], list[list[str]], int]:
     """Return columns, rows and number of blocks of the table of hinges."""
-    if all(fits(row[1], _HINGES[1][1]) for row in blocks.hinges):
+    room = _HINGES[1][1] - 2.0 * PAPER.pad
+    if all(text_width(row[1], PAPER.font) <= room for row in blocks.hinges):
         return _HINGES, blocks.hinges, 2
     return _LONG_NAMES, blocks.hinges, 1
 
@@ -222,13 +210,8 @@ def _write_notes(canvas: Canvas, at: tuple[float, float], blocks: _Blocks) -> No
 
 
 def _frame(canvas: Canvas, frame: Box) -> None:
-    corners = [
-        (frame.left, frame.top),
-        (frame.right, frame.top),
-        (frame.right, frame.bottom),
-        (frame.left, frame.bottom),
-    ]
-    for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
+    left, top, right, bottom = frame
+    for a, b in pairwise(((left, top), (right, top), (right, bottom), (left, bottom), (left, top))):
         canvas.line(a, b, THICK)
 
 
@@ -316,11 +299,6 @@ def table(
             x += w
         canvas.line((x, top), (x, bottom), MEDIUM)
     return y0 + table_height(len(rows), blocks)
-
-
-def fits(text: str, width: float) -> bool:
-    """Tell whether a text has room in a column of a width [mm]."""
-    return text_width(text, PAPER.font) <= width - 2.0 * PAPER.pad
 
 
 def _fitting(text: str, width: float) -> str:

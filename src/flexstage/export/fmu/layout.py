@@ -9,6 +9,7 @@ import numpy as np
 
 from flexstage.export.simulink.matlab_text import plain
 from flexstage.export.source.variables import c_variables
+from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _SMALLEST_SHARE = 1e-6  # of the largest usual size, for modes that hardly move
@@ -345,13 +346,9 @@ def plain_names(noun: str, names: Iterable[str]) -> list[str]:
     """
     found: list[str] = []
     for name in names:
-        base = free = re.sub(r"^(?=\d)", f"{noun}_", plain(name).replace(".", "_")) or "_"
-        count = 1
+        base = re.sub(r"^(?=\d)", f"{noun}_", plain(name).replace(".", "_")) or "_"
         # these two begin names of other variables
-        while free in found or free in ("mode", "sensor"):
-            count += 1
-            free = f"{base}_{count}"
-        found.append(free)
+        found.append(free_name(base, {"mode", "sensor", *found}.__contains__))
     return found
 
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import flexstage
-from flexstage.export.source.arrays import c_comment
-from flexstage.export.source.model_numbers import lag_rates
+from flexstage.export.source.model_numbers import c_comment, lag_rates
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 

@@ -1,7 +1,5 @@
 """The files for a real-time target: one header of C, an example, and samples to check it with."""
 
-import csv
-import io
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,8 +18,9 @@ from flexstage.export.realtime.comment import (
     rounding_bound,
 )
 from flexstage.export.request import StageExport
-from flexstage.export.source.arrays import c_array, c_comment, c_number
+from flexstage.export.source.model_numbers import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
+from flexstage.files.plain import csv_text
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
 _LONGEST = 40
@@ -191,13 +190,10 @@ def _columns(model: DynamicModel) -> list[str]:
 
 
 def _table(model: DynamicModel, samples: CheckSamples) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_columns(model))
-    for i, (u, y) in enumerate(zip(samples.commands, samples.readings, strict=True)):
-        row = [(i + 1) * model.step, *u.tolist(), *y.tolist()]
-        writer.writerow([f"{value:.17g}" for value in row])
-    return text.getvalue().encode()
+    time = model.step * np.arange(1, len(samples.commands) + 1)
+    rows = np.column_stack((time, samples.commands, samples.readings)).tolist()
+    written = ([f"{value:.17g}" for value in row] for row in rows)
+    return csv_text([_columns(model), *written]).encode()
 
 
 _OWN = re.compile(r'^\s*#\s*include\s+"([^"]+)".*\n', re.MULTILINE)

@@ -12,8 +12,10 @@ from flexstage.export.simulink.matlab_text import (
     identifier,
     literal,
     valid_name,
+    wrapped,
 )
 from flexstage.export.simulink.system import Node, System, Wiring
+from flexstage.files.names import free_name
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.models.registry import matlab_code
 from flexstage.hysteresis.models.source_code import source_file
@@ -221,11 +223,8 @@ class Functions:
                 return name
         suffix = identifier(wanted.removesuffix("_hysteresis"), longest=63)
         room = 63 - len(self._prefix) - 3
-        base = name = f"{self._prefix}{suffix[:room]}"
-        count = 1
-        while name.lower() in {taken.lower() for taken in self._texts}:
-            count += 1
-            name = f"{base}_{count}"
+        taken = {text.lower() for text in self._texts}
+        name = free_name(f"{self._prefix}{suffix[:room]}", lambda n: n.lower() in taken)
         self._texts[name] = hysteresis_function(model, name)
         self._models.append((model, name))
         return name
@@ -270,20 +269,8 @@ def hysteresis_function(model: HysteresisModel, name: str) -> str:
 
 
 def _parameters(numbers: Mapping[str, tuple[Any, str]]) -> str:
-    body = "".join(
-        comment(meaning) + f"p.{name} = {_wrapped(literal(value))};\n"
-        for name, (value, meaning) in numbers.items()
-    )
+    body = ""
+    for name, (value, meaning) in numbers.items():
+        lines = wrapped(literal(value), 89)
+        body += comment(meaning) + f"p.{name} = " + " ...\n    ".join(lines) + ";\n"
     return "\nfunction p = parameters()\n" + body + "end\n"
-
-
-def _wrapped(text: str, width: int = 88) -> str:
-    """Break a matrix into lines of a script."""
-    lines, line = [], ""
-    for word in text.split(" "):
-        if line and len(line) + len(word) > width:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
-    return " ...\n    ".join([*lines, line])

@@ -5,6 +5,7 @@ In every release and locale.
 
 import io
 import re
+import textwrap
 import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from flexstage import __version__
 from flexstage.errors import ModelError
+from flexstage.files.names import free_name
 from flexstage.hysteresis.model import Array
 
 # What MATLAB takes as a name: longer ones are cut without a word.
@@ -60,19 +62,15 @@ def quoted(text: str) -> str:
     return "'" + plain(text).replace("'", "''") + "'"
 
 
-def comment(text: str, *, indent: str = "", width: int = 92) -> str:
+def comment(text: str) -> str:
     """Return a text as lines of comment, the last one ended."""
-    lines: list[str] = []
-    room = width - len(indent) - 2
-    line = ""
-    for word in plain(text).split():
-        if line and len(line) + 1 + len(word) > room:
-            lines.append(line)
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
-    lines.append(line)
-    return "".join(f"{indent}% {one}".rstrip() + "\n" for one in lines)
+    lines = wrapped(plain(text), 90) or [""]
+    return "".join(f"% {line}".rstrip() + "\n" for line in lines)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Break a text between words alone; a word that is longer than a line stands on its own."""
+    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
 
 
 def identifier(text: str, *, longest: int = _LONGEST) -> str:
@@ -163,11 +161,8 @@ class Variables:
     def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
         """Add a number or a matrix and return its name; a number follows one that is taken."""
         # room for a sign of order behind the name, and for names of files made of it
-        name = base = identifier(wanted, longest=58)
-        count = 1
-        while name.lower() in {*_TAKEN, *(known.lower() for known in self._values)}:
-            count += 1
-            name = f"{base}_{count}"
+        taken = {*_TAKEN, *(known.lower() for known in self._values)}
+        name = free_name(identifier(wanted, longest=58), lambda n: n.lower() in taken)
         self._values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
         self._meanings[name] = meaning
         return name

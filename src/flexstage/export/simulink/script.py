@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from flexstage import __version__
-from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted
+from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.export.simulink.system import LIBRARY, Node, System
 
 _INDENT = "    "
@@ -173,15 +173,8 @@ def _pairs(pairs: list[tuple[str, str]], indent: str = _INDENT) -> str:
 
 def _long(text: str, indent: str) -> str:
     """Return a long text as a string in pieces."""
-    pieces, line = [], ""
-    for word in plain(text).split(" "):
-        if line and len(line) + len(word) > _WIDTH - len(indent) - 8:
-            pieces.append(f"{line} ")
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
-    pieces.append(line)
-    strings = ["'" + piece.replace("'", "''") + "'" for piece in pieces]
+    *pieces, last = wrapped(plain(text), _WIDTH - len(indent) - 7)
+    strings = ["'" + s.replace("'", "''") + "'" for s in (*(f"{p} " for p in pieces), last)]
     return "[" + f" ...\n{indent}".join(strings) + "]"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import wiring_faults
+from flexstage.files.names import free_name
 
 #: Where each type of block comes from; these paths are those of every release since 2006.
 LIBRARY: Mapping[str, str] = {
@@ -106,10 +107,7 @@ class Wiring:
 
         An ``Inport`` or ``Outport`` gets its own number here.
         """
-        name, count = node.name, 1
-        while name in self._nodes:
-            count += 1
-            name = f"{node.name}_{count}"
+        name = free_name(node.name, self._nodes.__contains__)
         if node.kind in ("Inport", "Outport"):
             number = 1 + sum(n.kind == node.kind for n in self._nodes.values())
             node = replace(
