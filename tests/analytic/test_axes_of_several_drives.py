@@ -13,8 +13,8 @@ from flexstage.export import stage_diagram
 from flexstage.export.drawing.sheet import drawing_svg
 from flexstage.fem import MeshSettings, plane_model, superelement_model
 from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, symbolic_model
-from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.drawn_stage import draw_bench
 from flexstage.stage import Axis, Probe, Stage, check, stage_from_text, stage_to_text
 from flexstage.stage.limits import stage_limits
 from flexstage.system import static_displacements

@@ -10,7 +10,7 @@ from flexstage.interactive.show import headline
 from flexstage.lumped import lumped_system
 from flexstage.material import material
 from flexstage.provenance import content_hash
-from flexstage.report.front_page import verdict
+from flexstage.report.findings import verdict
 from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
 from flexstage.studies import run_study
 from flexstage.system import (

@@ -22,7 +22,7 @@ from flexstage.explore.figures import Figure, Requirement, usual_figures
 from flexstage.explore.prepare import scatter_of
 from flexstage.explore.tolerance import tolerance
 from flexstage.progress import listen
-from flexstage.report.figures.tolerance import draw_spreads
+from flexstage.report.figures.distributions import draw_spreads
 from flexstage.stage import stage_to_text
 from flexstage.virtual.imperfections import Scatter
 

@@ -12,7 +12,7 @@ from flexstage.errors import FlexstageError
 from flexstage.measure.uncertainty.budget_file import budget_from_text
 from flexstage.measure.uncertainty.monte_carlo import validate
 from flexstage.measure.uncertainty.propagate import propagate
-from flexstage.report.figures.budget import draw_budget
+from flexstage.report.figures.distributions import draw_budget
 from flexstage.report.figures.style import encode
 
 BUDGET = """

@@ -18,9 +18,8 @@ from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
 from flexstage.quantities import number
 from flexstage.report import report_html
-from flexstage.report.figures.convergence import changes, draw_convergence
-from flexstage.report.figures.fields import draw_fe_modes, out_of_plane
-from flexstage.report.figures.neck_stress import draw_neck_stress, worst_necks
+from flexstage.report.figures.fields import changes, draw_convergence, draw_fe_modes, out_of_plane
+from flexstage.report.figures.hinges import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.study import study_section
 from flexstage.section import Picture, Pictures

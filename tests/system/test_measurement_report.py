@@ -19,7 +19,7 @@ from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.quantities import display
 from flexstage.report import report_html
 from flexstage.report.measurement import measurement_text
-from flexstage.report.simulated import bench_section
+from flexstage.report.study_sections import bench_section
 from flexstage.studies import compare_measurement, results_json, run_study, study_results
 from flexstage.studies.measurement import compare_with_references, measurement_results
 from flexstage.table import Table

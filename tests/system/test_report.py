@@ -27,7 +27,7 @@ from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.figures.tracking import draw_drive_fit
-from flexstage.report.front_page import verdict
+from flexstage.report.findings import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study, study_results

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from flexstage.errors import ModelError
 from flexstage.records import Channel, Record
-from flexstage.report.figures.record import draw_record
+from flexstage.report.figures.identification import draw_record
 from flexstage.report.figures.style import new_figure
 from flexstage.report.page import DRAWINGS, page_html, sections_html
 from flexstage.section import Bullets, Definitions, Picture, Pictures, Section

@@ -55,7 +55,7 @@ def tolerance(
     from flexstage.explore.batches import finished_batches
     from flexstage.explore.prepare import ready_tolerance
     from flexstage.report.explored_files import tolerance_files
-    from flexstage.report.figures.tolerance import draw_spreads
+    from flexstage.report.figures.distributions import draw_spreads
 
     refuse(every_sample and folder is None, "--every-sample writes a file: give a --folder for it")
     run = ready_tolerance(request, taken.stage(stage))

@@ -46,7 +46,7 @@ def uncertainty(
     """
     from flexstage.measure.uncertainty.budget_file import read_budget
     from flexstage.measure.uncertainty.monte_carlo import validate
-    from flexstage.report.figures.budget import draw_budget
+    from flexstage.report.figures.distributions import draw_budget
 
     budget = read_budget(file)
     propagated = budget.propagate()

@@ -6,13 +6,16 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke
-    from flexstage.report.figures.budget import draw_budget
     from flexstage.report.figures.centring import draw_polar
-    from flexstage.report.figures.convergence import draw_convergence
+    from flexstage.report.figures.distributions import draw_budget
     from flexstage.report.figures.drawing import draw_stage
-    from flexstage.report.figures.fields import draw_fe_modes
-    from flexstage.report.figures.hinges import draw_notch, draw_stress
-    from flexstage.report.figures.identification import draw_identification, draw_prediction
+    from flexstage.report.figures.fields import draw_convergence, draw_fe_modes
+    from flexstage.report.figures.hinges import draw_neck_stress, draw_notch, draw_stress
+    from flexstage.report.figures.identification import (
+        draw_identification,
+        draw_prediction,
+        draw_record,
+    )
     from flexstage.report.figures.modal_fit import (
         draw_modal_fit,
         draw_ring_down,
@@ -23,10 +26,8 @@ if TYPE_CHECKING:
         draw_positioning,
         draw_workspace,
     )
-    from flexstage.report.figures.neck_stress import draw_neck_stress
     from flexstage.report.figures.noise import draw_hold, draw_staircase
     from flexstage.report.figures.part import draw_part
-    from flexstage.report.figures.record import draw_record
     from flexstage.report.figures.responses import draw_bode, draw_response
     from flexstage.report.figures.style import encode
     from flexstage.report.figures.sweep import draw_indices, draw_sweep

@@ -22,6 +22,7 @@ from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.explore.tolerance_choice import ToleranceChoice
 from flexstage.files.plain import json_text
+from flexstage.report.figures.distributions import draw_shares, draw_spreads
 from flexstage.report.figures.optimum import (
     draw_before_after,
     draw_figures,
@@ -31,7 +32,6 @@ from flexstage.report.figures.optimum import (
 from flexstage.report.figures.sensitivity import draw_sensitivities
 from flexstage.report.figures.style import encode
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
-from flexstage.report.figures.tolerance import draw_shares, draw_spreads
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page

@@ -1,11 +1,12 @@
 """Every report is one HTML file: templates filled, results drawn by type, all of it numbered."""
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cache.memory import Memory
@@ -84,18 +85,10 @@ def table_html(shown: Table) -> str:
 
 
 def _filled(template: str, **given: Any) -> str:
-    return _environment().get_template(template).render(next=_Numbers().next, **given)
-
-
-class _Numbers:
-    """The numbers of what is counted in a page."""
-
-    def __init__(self) -> None:
-        self._last: Counter[str] = Counter()
-
-    def next(self, what: str) -> int:
-        self._last[what] += 1
-        return self._last[what]
+    # what is counted in a page is counted from 1
+    numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
+    page = _environment().get_template(template)
+    return page.render(next=lambda what: next(numbers[what]), **given)
 
 
 @cache
@@ -157,13 +150,13 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
-    ("Record", ""): ("record.draw_record", "record"),
-    ("Refinement", ""): ("convergence.draw_convergence", "refinement"),
+    ("Record", ""): ("identification.draw_record", "record"),
+    ("Refinement", ""): ("fields.draw_convergence", "refinement"),
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
     ("Stage", ""): ("drawing.draw_stage", "stage"),
     ("Staircase", ""): ("noise.draw_staircase", "found"),
-    ("ToleranceStudy", "shares"): ("tolerance.draw_shares", "study"),
-    ("ToleranceStudy", "spreads"): ("tolerance.draw_spreads", "study"),
+    ("ToleranceStudy", "shares"): ("distributions.draw_shares", "study"),
+    ("ToleranceStudy", "spreads"): ("distributions.draw_spreads", "study"),
     ("VerifiedStep", ""): ("tracking.draw_following", "step"),
     ("Workspace", ""): ("motion_error.draw_workspace", "found"),
 }

@@ -8,7 +8,6 @@ from typing import Any
 from flexstage.cache.memory import Memory
 from flexstage.quantities import QUANTITIES
 from flexstage.report import findings
-from flexstage.report.figures.bench import draw_bench
 from flexstage.report.figures.body_motion import (
     body_outlines,
     draw_static_shape,
@@ -17,20 +16,22 @@ from flexstage.report.figures.body_motion import (
     stroke_curves,
 )
 from flexstage.report.figures.drawing import draw_stage
+from flexstage.report.figures.drawn_stage import draw_bench
 from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FIXED, css_name
-from flexstage.report.front_page import front_page, outer_size
 from flexstage.report.measurement import measurement_section, measurement_text
-from flexstage.report.model_sections import (
+from flexstage.report.page import fragment, page_html
+from flexstage.report.study_sections import (
+    bench_section,
+    centring_section,
     convergence_section,
     diagram_section,
     equations_section,
     fe_modes_section,
+    hysteresis_section,
     neck_stress_section,
 )
-from flexstage.report.page import fragment, page_html
-from flexstage.report.simulated import bench_section, centring_section, hysteresis_section
 from flexstage.report.tables import (
     characteristics_table,
     coupling_section,
@@ -86,12 +87,12 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
         template="study.html",
         title=f"{stage.name}: flexstage study",
         heading=f"{stage.name}: {stage.title}" if stage.title else stage.name,
-        lead=f"{outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies ({free} "
-        f"free), {len(stage.hinges)} hinges, {drives}",
+        lead=f"{findings.outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies "
+        f"({free} free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
         links=(("summary", "Result"), *((c["key"], c["title"]) for c in chapters)),
         notes=stage.notes[:1],
-        front=front_page(study),
+        front=findings.front_page(study),
         outlines=body_outlines(stage),
         chapters=chapters,
         memory=memory,
@@ -126,7 +127,7 @@ def _drawing(study: Study) -> Iterator[Content]:
     yield Picture(
         result=partial(draw_stage, study.stage),
         title=f"drawing of {study.stage.name}",
-        caption=f"The stage to scale: {outer_size(study)}.",
+        caption=f"The stage to scale: {findings.outer_size(study)}.",
         size="small",
     )
 

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
+from flexstage.characteristic import Characteristic, measured_value
 from flexstage.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.hinges import Profile
 from flexstage.quantities import Quantity, display, number
@@ -145,6 +146,21 @@ def percent(value: float | None) -> str:
         return ""
     # a difference that rounds to nothing has no sign
     return "0.0 %" if abs(value) < 0.05 else f"{value:+.1f} %".replace("-", "−")
+
+
+def published_loop(
+    rows: Iterable[Characteristic], axis: str
+) -> tuple[float | None, float | None, float | None]:
+    """Return the widths of a loop in open loop and compensated [m], and the reduction [%].
+
+    As they were measured and published of an axis; None where they were not.
+    """
+    width, left = (
+        measured_value(rows, f"{of}_loop_width", axis) for of in ("hysteresis", "compensated")
+    )
+    if width is None or left is None:
+        return width, left, None
+    return width, left, 100.0 * (1.0 - left / width)
 
 
 def characteristics_table(

@@ -10,6 +10,7 @@ import numpy as np
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
+from flexstage.choose import listed
 from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ModelError
 from flexstage.short_repr import short_repr
@@ -393,15 +394,17 @@ def drift_verdict(found: TraditionalComparison) -> tuple[str, ...]:
     less = [math.hypot(*s.drift["temperature"][:2]) for s in (own, *found.others)]
     better = [s.title for s, v in zip(found.others, less[1:], strict=True) if v < less[0]]
     worse = [s.title for s, v in zip(found.others, less[1:], strict=True) if v >= less[0]]
-    ranks = [f"less than {_listed(worse)}"] * bool(worse) + [f"more than {_listed(better)}"] * bool(
-        better
-    )
+    ranks = [
+        f"{word} than {listed(titles)}"
+        for word, titles in (("less", worse), ("more", better))
+        if titles
+    ]
     helps = 1.0 - less[0] / math.hypot(*lame.drift["temperature"][:2])
     change = (
         f"takes {100.0 * helps:.0f} % off" if helps >= 0.0 else f"adds {-100.0 * helps:.0f} % to"
     )
     return (
-        f"With guide legs on both sides the platform drifts {_listed(words)}: symmetry "
+        f"With guide legs on both sides the platform drifts {listed(words)}: symmetry "
         f"{change} what a uniform change does, and does not remove it, since the drives and levers "
         "of either axis stand on one side of it.",
         f"By a uniform kelvin it drifts {' and '.join(ranks)}.",
@@ -414,7 +417,7 @@ def _against(rows: Sequence[Reduction]) -> str:
     for holds, words in ((True, "holds against"), (False, "does not hold against")):
         named = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
         if named:
-            parts.append(f"{words} {_listed(named)}")
+            parts.append(f"{words} {listed(named)}")
     return ", and ".join(parts)
 
 
@@ -429,8 +432,3 @@ def _by(reduction: float) -> str:
         return f"{100.0 * reduction:.0f} % below it"
     times = 1.0 - reduction
     return f"{times:.1f} times as much" if times < 9.95 else f"{times:.0f} times as much"
-
-
-def _listed(words: Sequence[str]) -> str:
-    """Join words as a sentence does."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

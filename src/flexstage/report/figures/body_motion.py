@@ -10,21 +10,24 @@ from numpy.typing import NDArray
 
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
-from flexstage.quantities import number
-from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
+from flexstage.quantities import number, round_below
+from flexstage.report.figures.shapes import BodyShape, add_body, body_shapes, extent
 from flexstage.report.figures.style import (
     CYCLE,
     FIXED,
     INK,
+    LONG_DASHED,
     MM,
     MUTED,
     PAPER,
     UM,
+    add_arrow,
+    add_heading,
     add_legend,
-    dress,
     entitle,
-    new_figure,
+    label_axes,
     one_panel,
+    panels,
 )
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
@@ -53,11 +56,7 @@ def exaggeration(size: float, motion: float) -> float:
     """
     # the largest motion is drawn as about this part of the size of the stage
     shown = 0.02
-    if not motion > 0.0:
-        return 1.0
-    wanted = shown * size / motion
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return power * max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted)
+    return round_below(shown * size / motion) if motion > 0.0 else 1.0
 
 
 def elongation_words(result: AxisAnalysis) -> str:
@@ -66,14 +65,33 @@ def elongation_words(result: AxisAnalysis) -> str:
     return f"drive{'s' * (len(words) > 1)} {', '.join(words)} µm"
 
 
+def full_stroke(analysis: Analysis, axis: AxisAnalysis) -> str:
+    """Say how far the drives of an axis go for its full stroke, and what its probe reads."""
+    unit = "µrad" if analysis.system.probe(axis.probe).unit == "rad" else "µm"
+    read = f"{number(axis.output_displacement * 1e6)} {unit}"
+    return f"{elongation_words(axis)}: '{axis.probe}' reads {read}"
+
+
+def drawn_axis(analysis: Analysis, axis: str) -> AxisAnalysis:
+    """Return what the analysis found of an axis.
+
+    Raises
+    ------
+    ModelError
+        It has no such axis.
+    """
+    found = next((a for a in analysis.axes if a.axis == axis), None)
+    if found is None:
+        raise ModelError(f"the analysis has no axis '{axis}'")
+    return found
+
+
 def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
     """Draw the stage with one drive at full stroke and the others removed.
 
     Motion is magnified by the factor in the title; the place at rest is a thin line.
     """
-    result = next((a for a in analysis.axes if a.axis == axis), None)
-    if result is None:
-        raise ModelError(f"the analysis has no axis '{axis}'")
+    result = drawn_axis(analysis, axis)
     shapes = body_shapes(analysis.stage)
     x0, y0, x1, y1 = extent(shapes)
     size = max(x1 - x0, y1 - y0)
@@ -99,13 +117,7 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
         xlabel="x [mm]",
         ylabel="y [mm]",
     )
-    turns = analysis.system.probe(result.probe).unit == "rad"
-    entitle(
-        axes,
-        f"{elongation_words(result)}: '{result.probe}' reads "
-        f"{number(result.output_displacement * 1e6)} {'µrad' if turns else 'µm'}; "
-        f"motion × {factor:g}",
-    )
+    entitle(axes, f"{full_stroke(analysis, result)}; motion × {factor:g}")
     _bodies(axes, analysis, motion, factor, largest)
     _colour_bar(figure, axes, largest)
     return figure
@@ -118,16 +130,14 @@ def draw_modes(analysis: Analysis) -> "Figure":
     x0, y0, x1, y1 = (v * MM for v in extent(body_shapes(analysis.stage)))
     size = max(x1 - x0, y1 - y0)
     margin, columns, rows = 0.06 * size, min(3, count), math.ceil(count / 3)
-    figure = new_figure(3.2 * columns, rows * (3.0 * (y1 - y0) / (x1 - x0) + 0.4))
-    grid = np.ravel(figure.subplots(rows, columns, squeeze=False))
+    high = rows * (3.0 * (y1 - y0) / (x1 - x0) + 0.4)
+    figure, grid = panels(3.2 * columns, high, count, columns, grid=False)
     for k, axes in enumerate(grid):
-        dress(axes, grid=False)
         axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin))
         axes.set_axis_off()
-        if k < count:
-            entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives removed")
-            motion = mode_motion(analysis.system, found.shapes[:, k], analysis.stage)
-            _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / MM, 1.0)
+        entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives removed")
+        motion = mode_motion(analysis.system, found.shapes[:, k], analysis.stage)
+        _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / MM, 1.0)
     return figure
 
 
@@ -156,16 +166,12 @@ def _body(
     factor: float,
     largest: float,
 ) -> None:
-    from matplotlib.patches import PathPatch
     from matplotlib.transforms import Affine2D
 
-    path = shape.path(MM)
     if shape.body.fixed or centre is None:
-        axes.add_patch(PathPatch(path, facecolor=FIXED, edgecolor=MUTED, linewidth=0.3))
+        add_body(axes, shape, FIXED, MUTED, 0.3)
         return
-    axes.add_patch(
-        PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.3, linestyle=(0, (3, 2)))
-    )
+    add_body(axes, shape, "none", MUTED, 0.3, linestyle=(0, (3, 2)))
     # a rigid body stays rigid in the picture: it turns by the exaggerated angle
     ux, uy, angle = motion
     cx, cy = (float(c) * MM for c in centre)
@@ -186,12 +192,8 @@ def _body(
         transform=move + axes.transData,
         zorder=2,
     )
-    outline = PathPatch(
-        path, facecolor="none", edgecolor=INK, linewidth=0.4, transform=move + axes.transData,
-        zorder=3,
-    )  # fmt: skip
-    axes.add_patch(outline)
-    picture.set_clip_path(path, move + axes.transData)
+    add_body(axes, shape, "none", INK, 0.4, transform=move + axes.transData, zorder=3)
+    picture.set_clip_path(shape.path(), move + axes.transData)
 
 
 def _displacement(points: Array, centre: Array, motion: tuple[float, float, float]) -> Array:
@@ -222,21 +224,18 @@ def draw_stroke(path: "StrokePath", axis: str) -> "Figure":
     Deviation along the axis, across it, and rotation, over the elongation of the drive.
     """
     x, shown = path.displacement, stroke_curves(path)
-    figure = new_figure((5.1, 10.2, 10.2)[len(shown) - 1], 2.9)
-    for axes, (label, values, unit) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown,
-                                           strict=True):  # fmt: skip
-        dress(axes)
+    figure, grid = panels((5.1, 10.2, 10.2)[len(shown) - 1], 2.9, len(shown), len(shown))
+    for axes, (label, values, unit) in zip(grid, shown, strict=True):
         factor, prefix = _scale(float(np.abs(values).max()))
         axes.plot(1e6 * x, factor * values, color=CYCLE[0], linewidth=1.4)
         axes.set_xlim(1e6 * x[0], 1e6 * x[-1])
-        axes.set_xlabel(f"drive '{path.drive}' [µm]", fontsize=8.5, parse_math=False)
-        axes.set_ylabel(f"{label} [{prefix}{unit}]", fontsize=8.5)
-    figure.suptitle(
+        label_axes(axes, f"drive '{path.drive}' [µm]", f"{label} [{prefix}{unit}]")
+    add_heading(
+        figure,
         f"{axis}: {_quantity(path.along[-1] - path.along[0], 'm')} at full stroke; "
         f"straightness {_quantity(path.straightness, 'm')}, "
         f"rotation {_quantity(path.parasitic_rotation, 'rad')}",
-        x=0.01, ha="left", fontsize=9, color=INK, parse_math=False,
-    )  # fmt: skip
+    )
     return figure
 
 
@@ -300,7 +299,7 @@ def mode_motion(
 
 def body_outlines(stage: Stage) -> tuple[str, ...]:
     """Return the outline of every body as a path of SVG [mm], which the cards of modes refer to."""
-    return tuple(shape.svg_path(MM) for shape in body_shapes(stage))
+    return tuple(shape.svg_path() for shape in body_shapes(stage))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -390,14 +389,12 @@ def draw_reachable_area(found: ReachableArea) -> "Figure":
     section = UM * found.section()
     whole = UM * found.projection
     turns = len(found.axes) > 2
-    if turns:
-        _closed(
-            axes, whole, color=MUTED, linewidth=1.0, linestyle=(0, (5, 3)), label="any rotation"
-        )
     label = None
     if turns:
-        angle = number(UM * float(found.middle[2]))
-        label = f"{found.axes[2]} = {angle} µrad"
+        _closed(
+            axes, whole, color=MUTED, linewidth=1.0, linestyle=LONG_DASHED, label="any rotation"
+        )
+        label = f"{found.axes[2]} = {number(UM * float(found.middle[2]))} µrad"
     axes.fill(*section.T, color=CYCLE[0], alpha=0.14, linewidth=0.0)
     _closed(axes, section, color=CYCLE[0], linewidth=1.4, label=label)
     ends = _arrows(axes, found)
@@ -406,8 +403,7 @@ def draw_reachable_area(found: ReachableArea) -> "Figure":
     room = 0.09 * float((high - low).max())
     axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
     axes.set_aspect("equal")
-    axes.set_xlabel(f"{found.axes[0]} [µm]", fontsize=8.5, parse_math=False)
-    axes.set_ylabel(f"{found.axes[1]} [µm]", fontsize=8.5, parse_math=False)
+    label_axes(axes, f"{found.axes[0]} [µm]", f"{found.axes[1]} [µm]")
     title = f"{number(found.area * UM**2)} µm²"
     if turns:
         title += f" at the middle rotation, {number(found.projected_area * UM**2)} µm² at any"
@@ -427,8 +423,7 @@ def _arrows(axes: "Axes", found: ReachableArea) -> Array:
     ends = origin + UM * found.generators[:2].T
     axes.plot(*origin, "o", color=CYCLE[1], markersize=3.5)
     for name, end in zip(found.drives, ends, strict=True):
-        arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "linewidth": 1.2, "mutation_scale": 9}
-        axes.annotate("", xy=tuple(end), xytext=tuple(origin), arrowprops=arrow)
+        add_arrow(axes, tuple(end), tuple(origin), CYCLE[1], 1.2, 9)
         axes.annotate(
             name, 0.55 * end + 0.45 * origin, ha="center", va="center", fontsize=8, color=CYCLE[1],
             fontweight="bold", parse_math=False,

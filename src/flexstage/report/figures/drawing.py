@@ -4,21 +4,27 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
+from flexstage.report.figures.shapes import (
+    BodyShape,
+    Placer,
+    add_hatched,
+    body_shapes,
+    extent,
+)
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,
     DRIVEN,
     FIXED,
-    HATCH,
     INK,
     MM,
     MUTED,
     PAPER,
     PLATFORM,
-    dress,
+    add_arrow,
     entitle,
-    new_figure,
+    one_panel,
+    panels,
 )
 from flexstage.stage import Drive, Screw, Stage
 
@@ -73,13 +79,12 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     if key:
         columns = _arrange(_entries(stage, shapes), tall)
         key_width = len(columns) * _COLUMN
-        figure = new_figure(width + key_width + 0.7, tall + 0.8)
-        axes, beside = figure.subplots(1, 2, width_ratios=(width, key_width))
+        figure, (axes, beside) = panels(
+            width + key_width + 0.7, tall + 0.8, 2, 2, grid=False, width_ratios=(width, key_width)
+        )
         _draw_key(beside, columns, tall)
     else:
-        figure = new_figure(width + 0.7, height + 0.8)
-        axes = figure.subplots()
-    dress(axes, grid=False)
+        figure, axes = one_panel(width + 0.7, height + 0.8, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     if key:
         entitle(axes, stage.title or stage.name, 10.0)
@@ -113,25 +118,8 @@ def fill_of(stage: Stage, name: str) -> str:
 
 def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> None:
     """Draw the bodies with their holes, coloured by what they are for."""
-    from matplotlib.patches import PathPatch
-
     for shape in shapes:
-        fixed = shape.body.fixed
-        axes.add_patch(
-            PathPatch(
-                shape.path(MM),
-                facecolor=fill_of(stage, shape.body.name),
-                edgecolor=INK,
-                linewidth=0.5,
-                zorder=1,
-            )
-        )
-        if fixed:
-            axes.add_patch(
-                PathPatch(
-                    shape.path(MM), facecolor="none", edgecolor=HATCH, hatch="///", linewidth=0
-                )
-            )
+        add_hatched(axes, shape, fill_of(stage, shape.body.name))
         for hole in shape.body.mounting_holes:
             x, y = hole.centre[0] * MM, hole.centre[1] * MM
             arm = 1.35 * hole.radius * MM
@@ -162,10 +150,7 @@ def _drive(axes: "Axes", drive: Drive, placer: Placer, longest: float, point: fl
         for k in range(1, threads):
             a, b = at(-length * k / threads, -half), at(-length * (k - 0.5) / threads, half)
             axes.plot((a[0], b[0]), (a[1], b[1]), color=_DRIVE, linewidth=0.5, zorder=3)
-    arrow = {"arrowstyle": "-|>", "color": _DRIVE, "linewidth": 1.6, "mutation_scale": 11}
-    axes.annotate(
-        "", xy=at(-0.06 * length, 0), xytext=at(-0.62 * length, 0), arrowprops=arrow, zorder=4
-    )
+    add_arrow(axes, at(-0.06 * length, 0), at(-0.62 * length, 0), _DRIVE, 1.6, 11, zorder=4)
     middle = at(-0.5 * length, 0)
     placer.take(*middle, abs(c) * length + abs(s) * 2 * half, abs(s) * length + abs(c) * 2 * half)
     _label(axes, placer, drive.name, middle, half + 1.5 * point, _DRIVE, point)
@@ -173,17 +158,16 @@ def _drive(axes: "Axes", drive: Drive, placer: Placer, longest: float, point: fl
 
 def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: float) -> None:
     reach = 0.07 * longest
-    arrow = {"arrowstyle": "-|>", "color": _PROBE, "linewidth": 1.2, "mutation_scale": 9}
     for probe in stage.probes:
         x, y = probe.at[0] * MM, probe.at[1] * MM
         axes.plot(x, y, "D", color=_PROBE, markersize=4, zorder=6)
         placer.take(x, y, 6 * point, 6 * point)
         if probe.direction is None:
-            turning_arrow(axes, (x, y), 0.5 * reach, arrow)
+            turning_arrow(axes, (x, y), 0.5 * reach, _PROBE, 1.2, 9)
             placer.take(x, y, 1.1 * reach, 1.1 * reach)
             continue
         tip = (x + reach * probe.along[0], y + reach * probe.along[1])
-        axes.annotate("", xy=tip, xytext=(x, y), arrowprops=arrow, zorder=6)
+        add_arrow(axes, tip, (x, y), _PROBE, 1.2, 9, zorder=6)
         for k in range(1, 5):
             at = (x + (tip[0] - x) * k / 4, y + (tip[1] - y) * k / 4)
             placer.take(*at, reach / 4, reach / 4)
@@ -195,22 +179,27 @@ def _probes(axes: "Axes", stage: Stage, placer: Placer, longest: float, point: f
 
 
 def turning_arrow(
-    axes: "Axes", centre: tuple[float, float], radius: float, arrow: dict[str, Any]
+    axes: "Axes",
+    centre: tuple[float, float],
+    radius: float,
+    colour: str,
+    width: float,
+    head: float,
 ) -> None:
     """Draw an arrow that goes three quarters round a point, to the left: a rotation that is read.
 
-    `arrow` are the properties of a straight arrow of the same look.
+    Colour, width and head are those of a straight arrow.
     """
     angles = [math.radians(a) for a in range(-135, 136, 5)]
     x = [centre[0] + radius * math.cos(a) for a in angles]
     y = [centre[1] + radius * math.sin(a) for a in angles]
-    axes.plot(x, y, color=arrow["color"], linewidth=arrow["linewidth"], zorder=6)
+    axes.plot(x, y, color=colour, linewidth=width, zorder=6)
     # long enough for its head
     near = (
         x[-1] + 0.3 * radius * math.sin(angles[-1]),
         y[-1] - 0.3 * radius * math.cos(angles[-1]),
     )
-    axes.annotate("", xy=(x[-1], y[-1]), xytext=near, arrowprops=arrow, zorder=6)
+    add_arrow(axes, (x[-1], y[-1]), near, colour, width, head, zorder=6)
 
 
 def _label(

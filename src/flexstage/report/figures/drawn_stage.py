@@ -1,12 +1,20 @@
-"""Stages in outline: found in a drawing, with the issues of their check, many on one sheet."""
+"""Stages in outline: found in a drawing, with their issues, on one sheet, on the bench."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from flexstage.report.figures.drawing import draw_bodies, draw_stage
-from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
+from flexstage.report.figures.drawing import draw_bodies, draw_stage, turning_arrow
+from flexstage.report.figures.shapes import (
+    BodyShape,
+    Placer,
+    add_body,
+    add_hatched,
+    body_shapes,
+    extent,
+)
 from flexstage.report.figures.style import (
+    BODY,
     CYCLE,
     FIXED,
     HATCH,
@@ -14,17 +22,19 @@ from flexstage.report.figures.style import (
     MM,
     MUTED,
     PAPER,
+    add_arrow,
     entitle,
-    new_figure,
+    on_paper,
     one_panel,
+    panels,
 )
-from flexstage.stage import Stage
+from flexstage.stage import Drive, PiezoStack, Probe, Stage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.stage import Issue, Stage
+    from flexstage.stage import Issue
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 
@@ -68,8 +78,6 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
 
 
 def _bodies(axes: "Axes", drawn: "DrawnStage") -> None:
-    from matplotlib.patches import PathPatch
-
     stage = drawn.stage
     shapes = body_shapes(stage)
     number = {b.name: k for k, b in enumerate(stage.bodies)}
@@ -86,13 +94,7 @@ def _bodies(axes: "Axes", drawn: "DrawnStage") -> None:
         colours[body.name] = next((c for c in order if c not in taken), order[0])
     for shape in shapes:
         body = shape.body
-        fill = FIXED if body.fixed else _PALE[colours[body.name]]
-        path = shape.path(MM)
-        axes.add_patch(PathPatch(path, facecolor=fill, edgecolor=INK, linewidth=0.5, zorder=1))
-        if body.fixed:
-            axes.add_patch(
-                PathPatch(path, facecolor="none", edgecolor=HATCH, hatch="///", linewidth=0)
-            )
+        add_hatched(axes, shape, FIXED if body.fixed else _PALE[colours[body.name]])
 
 
 def _necks(axes: "Axes", drawn: "DrawnStage", placer: Placer, point: float) -> None:
@@ -141,7 +143,7 @@ _SEVERITIES = {"error": CYCLE[1], "warning": CYCLE[4]}
 MARKED = 12
 
 
-def draw_checked(stage: "Stage", issues: Sequence["Issue"]) -> "Figure":
+def draw_checked(stage: Stage, issues: Sequence["Issue"]) -> "Figure":
     """Draw a stage, and a numbered ring at each thing that is wrong, in the order of the issues.
 
     Examples
@@ -171,21 +173,13 @@ def draw_checked(stage: "Stage", issues: Sequence["Issue"]) -> "Figure":
     return figure
 
 
-def _place(stage: "Stage", shapes: dict[str, BodyShape], name: str) -> tuple[float, float] | None:
-    """Return where a hinge, body, drive or probe is [mm]."""
-    for hinge in stage.hinges:
-        if hinge.name == name:
-            return hinge.at[0] * MM, hinge.at[1] * MM
-    for probe in stage.probes:
-        if probe.name == name and name not in shapes:
-            return probe.at[0] * MM, probe.at[1] * MM
-    for drive in stage.drives:
-        if drive.name == name and name not in shapes:
-            return drive.at[0][0] * MM, drive.at[0][1] * MM
-    if name in shapes:
-        x, y = shapes[name].label_at
-        return x * MM, y * MM
-    return None
+def _place(stage: Stage, shapes: dict[str, BodyShape], name: str) -> tuple[float, float] | None:
+    """Return where a hinge, body, drive or probe is [mm]; None of what is none of them."""
+    places = {drive.name: drive.at[0] for drive in stage.drives}
+    places |= {probe.name: probe.at for probe in stage.probes}
+    places |= {body: shape.label_at for body, shape in shapes.items()}
+    places |= {hinge.name: hinge.at for hinge in stage.hinges}
+    return (places[name][0] * MM, places[name][1] * MM) if name in places else None
 
 
 def _number(
@@ -230,11 +224,9 @@ def draw_contact_sheet(stages: Mapping[str, Stage]) -> "Figure":
     most_columns = 4
     columns = min(most_columns, len(stages))
     rows = math.ceil(len(stages) / columns)
-    figure = new_figure(columns * _WIDTH, rows * _HEIGHT)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in grid:
+    figure, grid = panels(columns * _WIDTH, rows * _HEIGHT, len(stages), columns, grid=False)
+    for axes, (name, stage) in zip(grid, stages.items(), strict=True):
         axes.set_axis_off()
-    for axes, (name, stage) in zip(grid, stages.items(), strict=False):
         _small_stage(axes, name, stage)
     return figure
 
@@ -257,15 +249,122 @@ def _small_stage(axes: "Axes", name: str, stage: Stage) -> None:
         [x * MM for x in xs], [y * MM for y in ys], "o", color=CYCLE[0], markersize=2.0,
         markeredgewidth=0, zorder=5,
     )  # fmt: skip
-    arrow = {"arrowstyle": "-|>", "color": CYCLE[1], "linewidth": 1.2, "mutation_scale": 8}
     for drive in stage.drives:
         x, y = (v * MM for v in drive.at[0])
         back = 0.13 * longest
         start = (x - back * math.cos(drive.direction), y - back * math.sin(drive.direction))
-        axes.annotate("", xy=(x, y), xytext=start, arrowprops=arrow, zorder=6)
+        add_arrow(axes, (x, y), start, CYCLE[1], zorder=6)
     axes.set_title(name, fontsize=8, fontweight="bold", loc="center", pad=12)
     said = f"{x1 - x0:.0f} mm x {y1 - y0:.0f} mm, {len(stage.hinges)} hinges"
     axes.text(
         0.5, 1.0, said, transform=axes.transAxes, ha="center", va="bottom", fontsize=6.5,
         color=MUTED,
+    )  # fmt: skip
+
+
+def draw_bench(stage: Stage) -> "Figure":
+    """Draw the stage with its drives and a sensor in front of each probe.
+
+    A sketch: outlines, drives and probes where the stage has them; a sensor stands outside the
+    outline on the line of its probe.
+
+    Examples
+    --------
+    >>> from flexstage.designs import design
+    >>> figure = draw_bench(design("vgtu-piezo"))
+    >>> [text.get_text() for text in figure.axes[0].texts]
+    ['piezo stack x', 'piezo stack y', 'sensor x', 'sensor y']
+    """
+    shapes = body_shapes(stage)
+    x0, y0, x1, y1 = (v * MM for v in extent(shapes))
+    size = max(x1 - x0, y1 - y0)
+    box = (x0, y0, x1, y1)
+    read = [p for p in stage.probes if p.direction is not None]
+    ends = [point for probe in read for point in _reach(probe, box, size)]
+    near = 0.1 * size
+    left, right = (f([e[0] for e in ends], default=x0) for f in (min, max))
+    low, high = (f([e[1] for e in ends], default=y0) for f in (min, max))
+    x_low, x_high = min(x0, left) - near, max(x1, right) + near
+    y_low, y_high = min(y0, low) - near, max(y1, high) + near
+    scale = 4.0 / max(x_high - x_low, y_high - y_low)
+    figure, axes = one_panel(scale * (x_high - x_low), scale * (y_high - y_low), grid=False)
+    axes.set_axis_off()
+    axes.set(xlim=(x_low, x_high), ylim=(y_low, y_high), aspect="equal")
+    for shape in shapes:
+        add_body(axes, shape, PAPER if shape.body.fixed else BODY, MUTED)
+    for drive in stage.drives:
+        _drive(axes, drive, size)
+    for probe in stage.probes:
+        if probe.direction is not None:
+            _sensor(axes, probe, _reach(probe, box, size), size)
+            continue
+        at = (MM * probe.at[0], MM * probe.at[1])
+        turning_arrow(axes, at, 0.04 * size, CYCLE[2], 1.0, 8)
+    return figure
+
+
+def _drive(axes: "Axes", drive: Drive, size: float) -> None:
+    """Draw the drive between its points, with its kind and name."""
+    from matplotlib.patches import Polygon
+
+    tip, foot = ((MM * p[0], MM * p[1]) for p in drive.at)
+    c, s = math.cos(drive.direction), math.sin(drive.direction)
+    length = max((tip[0] - foot[0]) * c + (tip[1] - foot[1]) * s, 0.06 * size)
+    half = 0.025 * size
+    corners = [
+        (tip[0] - c * a - s * b, tip[1] - s * a + c * b)
+        for a, b in ((0.0, half), (0.0, -half), (length, -half), (length, half))
+    ]
+    axes.add_patch(Polygon(corners, facecolor=CYCLE[1], edgecolor=INK, linewidth=0.5, alpha=0.9))
+    middle = (tip[0] - 0.5 * c * length, tip[1] - 0.5 * s * length)
+    kind = "piezo stack" if isinstance(drive, PiezoStack) else "screw"
+    upright = abs(s) > abs(c)
+    axes.annotate(
+        f"{kind} {drive.name}", middle, fontsize=7.5, color=INK, parse_math=False,
+        xytext=(9, 0) if upright else (0, 8), textcoords="offset points",
+        ha="left" if upright else "center", va="center" if upright else "bottom",
+        bbox=on_paper(0.8, 0.8),
+    )  # fmt: skip
+
+
+def _reach(
+    probe: Probe, box: tuple[float, float, float, float], size: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where the sensor of a probe begins and ends, on its line outside the outline."""
+    along = 1e-9  # of a direction, less is across
+    x, y = MM * probe.at[0], MM * probe.at[1]
+    c, s = probe.along
+    edges = [
+        ((box[2] if c > 0.0 else box[0]) - x) / c if abs(c) > along else math.inf,
+        ((box[3] if s > 0.0 else box[1]) - y) / s if abs(s) > along else math.inf,
+    ]
+    start = max(min(edges), 0.0) + 0.07 * size
+    end = start + 0.09 * size
+    return (x + c * start, y + s * start), (x + c * end, y + s * end)
+
+
+def _sensor(
+    axes: "Axes",
+    probe: Probe,
+    place: tuple[tuple[float, float], tuple[float, float]],
+    size: float,
+) -> None:
+    """Draw a sensor on the line on which its probe reads."""
+    from matplotlib.patches import Polygon
+
+    x, y = MM * probe.at[0], MM * probe.at[1]
+    c, s = probe.along
+    start, end = place
+    axes.plot((x, start[0]), (y, start[1]), color=CYCLE[2], linewidth=1.0, linestyle=(0, (5, 2)))
+    axes.plot(x, y, "o", color=CYCLE[2], markersize=4)
+    half = 0.028 * size
+    corners = [(px - s * b, py + c * b) for px, py in place for b in (half, -half)]
+    corners[2:] = corners[:1:-1]  # round the box, not across it
+    axes.add_patch(Polygon(corners, facecolor=CYCLE[2], edgecolor=INK, linewidth=0.5))
+    beyond = abs(s) > 0.5
+    at = end if beyond else (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]) + half)
+    axes.annotate(
+        f"sensor {probe.name}", at, fontsize=7.5, color=INK,
+        xytext=(0.0, -5.0 if s < -0.5 else 5.0), textcoords="offset points", ha="center",
+        va="top" if s < -0.5 else "bottom", parse_math=False,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Filled contours of fields on a finite-element mesh, within its outline; the modes of a mesh."""
+"""Finite elements: filled contours of fields within an outline, modes, convergence of a mesh."""
 
 import math
 from collections.abc import Sequence
@@ -7,8 +7,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexstage.arrays import Array, Integers
-from flexstage.quantities import number
-from flexstage.report.figures.style import BODY, INK, MM, MUTED, dress, entitle, new_figure
+from flexstage.characteristic import WHOLE_STAGE
+from flexstage.quantities import display, number
+from flexstage.report.figures.style import (
+    BODY,
+    CYCLE,
+    DASHED,
+    INK,
+    MM,
+    MUTED,
+    PAPER,
+    add_shared_legend,
+    dress,
+    entitle,
+    label_axes,
+    new_figure,
+    on_paper,
+    panels,
+)
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
@@ -16,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.path import Path
 
-    from flexstage.fem import StageModel
+    from flexstage.fem import Refinement, StageModel
     from flexstage.fem.sampling import Sample
 
 
@@ -224,18 +240,14 @@ def draw_fe_modes(
         points, values = _drawn(sample, lifted=lifted[k])
         dress(axes, grid=False)
         frame(axes, (x0, y0, x1, y1), ticks=False)
-        fill(
-            axes, points, sample.cells, values, sampler.outline, signed if lifted[k] else bands
-        )  # fmt: skip
+        shown = signed if lifted[k] else bands
+        fill(axes, points, sample.cells, values, sampler.outline, shown)
         if not lifted[k]:
             trace(axes, at_rest, sampler.outline, linewidths=0.3, colors=MUTED)
         trace(axes, points, sampler.outline, linewidths=0.35)
         where = " · out of plane" if lifted[k] else ""
-        entitle(
-            axes,
-            f"mode {k + 1} · {number(float(found.frequency_hz[k]))} Hz · drives removed{where}",
-            8.0,
-        )
+        frequency = number(float(found.frequency_hz[k]))
+        entitle(axes, f"mode {k + 1} · {frequency} Hz · drives removed{where}", 8.0)
     for axes, (colours, label) in zip(bars, scales, strict=True):
         add_bar(axes, colours, label)
     return figure
@@ -282,3 +294,111 @@ def _drawn(sample: "Sample", *, lifted: bool) -> tuple[Array, Array]:
         return points, values * np.sign(values[np.argmax(np.abs(values))])
     largest = float(sample.magnitude.max()) or 1.0
     return points + shown * size / largest * motion[:, :2], sample.magnitude / largest
+
+
+_SHOWN = ("natural_frequency_hz", "transmission_ratio", "max_stress")
+_DASHES = ("-", (0, (5, 2)), (0, (2, 1.5)), (0, (6, 2, 1, 2)))
+_MARKS = "osD^vP"
+
+
+def changes(refinement: "Refinement", quantity: str, axis: str) -> tuple[Array, Array]:
+    """Return unknowns of each mesh but the last, and how far from the last a quantity was [1].
+
+    The difference is a relative magnitude.
+    """
+    key = (quantity, axis)
+    last = refinement.steps[-1].values[key]
+    steps = [s for s in refinement.steps[:-1] if key in s.values]
+    return (
+        np.array([float(s.unknowns) for s in steps]),
+        np.array([abs(s.values[key] / last - 1.0) for s in steps]),
+    )
+
+
+def draw_convergence(refinement: "Refinement") -> "Figure":
+    """Draw how frequencies, ratios and stress settled.
+
+    A diagram for each quantity, a line for each axis: the relative difference to the last mesh
+    against unknowns. An open mark over the last mesh is the estimate of what its value lacks; the
+    level line is the accuracy that was asked for.
+    """
+    quantities = [
+        q for q in dict.fromkeys((*_SHOWN, refinement.quantity)) if _axes_of(refinement, q)
+    ]
+    count = max(len(quantities), 1)
+    figure, grid = panels(3.4 * count + 0.4, 3.4, count, count, sharex=True, sharey=True)
+    for k, axes in enumerate(grid):
+        axes.set(xscale="log", yscale="log")
+        label_axes(axes, "unknowns of the mesh", "" if k else "difference to the last mesh [1]", 8)
+        axes.tick_params(axis="x", labelsize=7)
+    seen: list[float] = [refinement.accuracy]
+    for axes, quantity in zip(grid, quantities, strict=False):
+        entitle(axes, display(quantity).label)
+        for i, axis in enumerate(_axes_of(refinement, quantity)):
+            seen += _line(axes, refinement, quantity, axis, i)
+        _asked(axes, refinement, own=quantity == refinement.quantity)
+    _meshes(grid[0], refinement)
+    positive = [v for v in seen if v > 0.0]
+    grid[0].set_ylim(min(positive) / 2.0, max(positive) * 3.0)
+    add_shared_legend(figure)
+    return figure
+
+
+def _meshes(axes: "Axes", refinement: "Refinement") -> None:
+    """Mark each mesh on the level axis."""
+    from matplotlib.ticker import NullLocator
+
+    steps = refinement.steps
+    low, high = steps[0].unknowns, steps[-1].unknowns
+    axes.set_xlim(low / 1.4, high * 1.4)
+    ticks: list[float] = []
+    labels = []
+    for step in reversed(steps):
+        if ticks and step.unknowns > 0.8 * ticks[-1]:
+            continue  # no room
+        ticks.append(step.unknowns)
+        size = f"{step.unknowns / 1e3:.3g} k" if step.unknowns >= 1000 else f"{step.unknowns}"
+        labels.append(f"{size}\norder {step.settings.order}")
+    axes.set_xticks(ticks, labels)
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def _axes_of(refinement: "Refinement", quantity: str) -> list[str]:
+    values = refinement.steps[-1].values
+    return [axis for name, axis in values if name == quantity and axis != WHOLE_STAGE]
+
+
+def _line(
+    axes: "Axes", refinement: "Refinement", quantity: str, axis: str, index: int
+) -> list[float]:
+    """Draw one axis; return what was drawn."""
+    unknowns, difference = changes(refinement, quantity, axis)
+    colour = CYCLE[index % len(CYCLE)]
+    # axes that are alike lie over one another, and show through each other's gaps
+    look = {"color": colour, "linestyle": _DASHES[index % len(_DASHES)], "linewidth": 1.2}
+    mark = {"marker": _MARKS[index % len(_MARKS)], "markersize": 4.5 - 0.5 * min(index, 3)}
+    drawn = difference > 0.0  # a logarithm has no nothing
+    axes.plot(unknowns[drawn], difference[drawn], label=f"axis {axis}", **look, **mark)
+    rows = refinement.analysis.characteristics
+    row = next((r for r in rows if (r.quantity, r.axis) == (quantity, axis)), None)
+    left = 0.0
+    if row is not None and row.uncertainty and row.value:
+        left = abs(row.uncertainty / row.value)
+        axes.plot(
+            [refinement.steps[-1].unknowns], [left], linestyle="none", color=colour,
+            markerfacecolor=PAPER, label=f"axis {axis}, estimate for the last mesh", **mark,
+        )  # fmt: skip
+    return [*difference.tolist(), left]
+
+
+def _asked(axes: "Axes", refinement: "Refinement", *, own: bool) -> None:
+    """Draw the accuracy that was asked for; of other quantities only as what it was for one."""
+    if not own:
+        axes.axhline(refinement.accuracy, color=MUTED, linewidth=0.6, linestyle=(0, (1, 3)))
+        return
+    axes.axhline(refinement.accuracy, color=INK, linewidth=1.0, linestyle=DASHED)
+    axes.annotate(
+        f"asked for: {100.0 * refinement.accuracy:.3g} %", (0.0, refinement.accuracy),
+        xycoords=("axes fraction", "data"), xytext=(4, 3), textcoords="offset points",
+        fontsize=7, color=INK, bbox=on_paper(0.6),
+    )  # fmt: skip

@@ -1,29 +1,47 @@
-"""Hinges: the contour of a notch, and the largest stress in every one against what is allowed."""
+"""Hinges: the contour of a notch, the stress in every one against its limits, and about necks."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hinges import Profile
-from flexstage.report.figures.shapes import notch_contour
+from flexstage.quantities import number, round_below
+from flexstage.report.figures.body_motion import drawn_axis, elongation_words, exaggeration
+from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
+from flexstage.report.figures.shapes import Placer, notch_contour
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,
+    DASHED,
     INK,
     MM,
     MPA,
     MUTED,
+    PAPER,
     add_legend,
+    dress,
     entitle,
+    label_axes,
+    new_figure,
+    on_paper,
     one_panel,
 )
 from flexstage.report.tables import cause_words
+from flexstage.stage import Hinge
 from flexstage.system import Analysis
 from flexstage.system.characteristics import pulsating_limit
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from flexstage.fem import StageModel
+    from flexstage.fem.sampling import Sample, Sampler
 
 
 def draw_notch(profile: Profile) -> "Figure":
@@ -79,7 +97,7 @@ def draw_stress(analysis: Analysis) -> "Figure":
     limits: list[tuple[float, str, Any]] = [
         (limit * MPA, label, dashes)
         for limit, label, dashes in (
-            (pulsating_limit(material), "fatigue, 0 to peak, allows", (0, (4, 2))),
+            (pulsating_limit(material), "fatigue, 0 to peak, allows", DASHED),
             (material.yield_strength, "yield", "solid"),
         )
         if limit is not None
@@ -113,3 +131,230 @@ def draw_stress(analysis: Analysis) -> "Figure":
     ]
     add_legend(figure, handles=handles, loc="outside lower right", ncols=len(handles))
     return figure
+
+
+#: Colours of stress, and over which part of their scale they set in [1].
+STRESS_COLOURS, STRESS_CLEAR = "YlOrRd", 0.25
+_OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room about it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StressedNeck:
+    """A neck that stands for those like it."""
+
+    hinge: Hinge
+    """Its hinge."""
+    number: int
+    """The number of the hinge in the drawing."""
+    stress: float
+    """Largest equivalent stress on its surface [Pa]."""
+    alike: int
+    """Number of hinges of the same profile and stress, itself included."""
+
+
+def worst_necks(analysis: Analysis, axis: str, most: int = 4) -> tuple[StressedNeck, ...]:
+    """Return the most stressed necks, worst first, one for all of the same profile and stress.
+
+    The drive of the axis is at full stroke; none where no hinge bears stress.
+    """
+    alike = 0.05  # necks of one profile whose stress differs by less are shown once
+    stress = analysis.hinge_stress[axis]
+    hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
+    largest = max(stress.values(), default=0.0)
+    if not largest > 0.0:
+        return ()
+    groups: list[list[tuple[int, Hinge]]] = []
+
+    def rank(entry: tuple[int, Hinge]) -> tuple[float, int]:
+        # what is equal but for the mesh goes by its number
+        i, hinge = entry
+        return -round(stress[hinge.name] / largest, 3), i
+
+    for i, hinge in sorted(hinges, key=rank):
+        for group in groups:
+            first = group[0][1]
+            same = abs(stress[hinge.name] - stress[first.name]) <= alike * stress[first.name]
+            if same and first.profile == hinge.profile:
+                group.append((i, hinge))
+                break
+        else:
+            groups.append([(i, hinge)])
+    return tuple(
+        StressedNeck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
+        for g in groups[:most]
+        if stress[g[0][1].name] > 0.01 * largest
+    )
+
+
+def neck_sampler(model: "StageModel") -> "Sampler":
+    """Return what reads the fields of a model, finely enough for a picture of a neck.
+
+    In the plane, or on the middle plane of a solid.
+    """
+    from flexstage.fem.sampling import Sampler
+
+    return Sampler(model=model, divisions=6)
+
+
+def draw_neck_stress(
+    model: "StageModel", analysis: Analysis, axis: str, *, sampler: "Sampler | None" = None
+) -> "Figure":
+    """Draw the stress of the whole stage and about its most stressed necks.
+
+    The drive of the axis is at full stroke, the others removed. The equivalent stress of von Mises,
+    in three dimensions on the middle plane, on the shape that is deformed by a factor that each
+    title tells; a neck stays in the middle of its picture. The ring marks where the surface of the
+    notch bears most. Several figures of one model may share its sampler.
+    """
+    result = drawn_axis(analysis, axis)
+    necks = worst_necks(analysis, axis)
+    if not necks:
+        raise ModelError(f"no hinge bears stress when axis '{axis}' is driven")
+    sampler = sampler or neck_sampler(model)
+    sample = sampler.read(result.static.q)
+    bands = Bands(0.0, necks[0].stress * MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
+
+    x0, y0, x1, y1 = window(sample.points[:, :2], _MARGIN)
+    figure, overview, panels, bar = _arranged((y1 - y0) / (x1 - x0), len(necks))
+    peaks = [sampler.neck_peak(result.static.q, n.hinge.name) for n in necks]
+    factor = _overview(overview, sampler, sample, bands)
+    _letters(overview, sample, necks, factor)
+    entitle(overview, f"{axis}: {elongation_words(result)}; motion × {factor:g}")
+    for letter, axes, neck, (at, _) in zip("ABCD", panels, necks, peaks, strict=False):
+        _neck(axes, sampler, sample, bands, neck, at, letter)
+    add_bar(bar, bands, "von Mises stress [MPa]")
+    return figure
+
+
+def _arranged(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axes]":
+    """Lay out the overview, of this height to width, the pictures of the necks, and the bar."""
+    left, top, foot, title, gap = 0.62, 0.42, 0.5, 0.4, 0.15
+    width = min(_OVERVIEW, _OVERVIEW / aspect)
+    rows, columns = (1, 1) if count == 1 else (2, math.ceil(count / 2))
+    height = max(width * aspect, 3.4)
+    side = min((height - (rows - 1) * title) / rows, 4.0)
+    across = left + width + gap
+    total = across + columns * (side + gap) + 0.95
+    figure = new_figure(total, top + height + foot)
+    figure.set_layout_engine("none")
+    overview = place(figure, left, top, width, width * aspect)
+    panels = [
+        place(
+            figure,
+            across + (i % columns) * (side + gap),
+            top + (i // columns) * (side + title),
+            side,
+            side,
+        )
+        for i in range(count)
+    ]
+    bar = place(figure, total - 0.88, top + 0.1 * height, 0.14, 0.8 * height)
+    return figure, overview, panels, bar
+
+
+def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) -> float:
+    """Draw the whole stage; return by how much its motion is exaggerated."""
+    x0, y0, x1, y1 = window(sample.points[:, :2], 0.0)
+    size = max(x1 - x0, y1 - y0)
+    factor = exaggeration(size, float(sample.magnitude.max()))
+    dress(axes, grid=False)
+    frame(axes, window(sample.points[:, :2], _MARGIN), ticks=True)
+    label_axes(axes, "x [mm]", "y [mm]", 8)
+    moved = sample.moved(factor)[:, :2]
+    fill(axes, moved, sample.cells, sample.von_mises * MPA, sampler.outline, bands)
+    trace(axes, moved, sampler.outline, linewidths=0.35)
+    return factor
+
+
+def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], factor: float) -> None:
+    """Name the necks that have a picture of their own."""
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    size = 0.045 * max(x1 - x0, y1 - y0)
+    placer = Placer((x0, y0, x1, y1))
+    centres: list[tuple[float, float]] = []
+    for neck in necks:
+        x, y = (
+            MM * (np.array(neck.hinge.at) + factor * _motion(sample, neck.hinge.at)[:2])
+        ).tolist()
+        placer.take(x, y, 0.4 * size, 0.4 * size)
+        centres.append((x, y))
+    for k, (letter, (x, y)) in enumerate(zip("ABCD", centres, strict=False)):
+        # away from the nearest of the others, so that no two lines cross
+        others = [(x - a, y - b) for i, (a, b) in enumerate(centres) if i != k]
+        ax, ay = min(others, key=lambda d: math.hypot(*d), default=(1.0, 0.0))
+        wanted = math.atan2(ay, ax)
+        turns = sorted((math.pi / 12.0 * i for i in range(-12, 12)), key=abs)
+        places = [
+            (x + r * size * math.cos(wanted + t), y + r * size * math.sin(wanted + t))
+            for r in (1.6, 2.4)
+            for t in turns
+        ]
+        place = next((p for p in places if placer.is_free(*p, size, size)), places[0])
+        placer.take(*place, size, size)
+        axes.annotate(
+            letter, (x, y), place, ha="center", va="center", fontsize=7.5, color=PAPER,
+            fontweight="bold", zorder=6,
+            bbox={"boxstyle": "circle,pad=0.22", "facecolor": INK, "edgecolor": PAPER},
+            arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.8, "shrinkB": 0.0},
+        )  # fmt: skip
+
+
+def _neck(
+    axes: "Axes",
+    sampler: "Sampler",
+    sample: "Sample",
+    bands: Bands,
+    neck: StressedNeck,
+    peak: Array,
+    letter: str,
+) -> None:
+    lengths = 2.6  # side of a picture of a neck, in lengths of its notch
+    hinge = neck.hinge
+    half = 0.5 * lengths * max(hinge.profile.length, 3.0 * hinge.profile.neck_thickness)
+    (x, y), still = hinge.at, _motion(sample, hinge.at)
+    near = np.abs(sample.points[:, :2] - hinge.at).max(axis=1) < half
+    relative = sample.displacement - still
+    largest = float(np.linalg.norm(relative[near], axis=1).max())
+    factor = exaggeration(6.0 * half, largest)
+    moved = (sample.points + factor * relative)[:, :2]
+    sight = (x - half, y - half, x + half, y + half)
+    dress(axes, grid=False)
+    frame(axes, sight, ticks=False)
+    fill(axes, moved, sample.cells, sample.von_mises * MPA, sampler.outline, bands)
+    at_rest = sample.points[:, :2]
+    trace(axes, at_rest, sampler.outline, linewidths=0.5, colors=MUTED, linestyles=[(0, (3, 2))])
+    trace(axes, moved, sampler.outline, linewidths=0.6)
+    own = sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - still
+    where = MM * (peak + factor * own)[:2]
+    ring = {"fillstyle": "none", "markersize": 13, "zorder": 5}
+    axes.plot(*where, "o", color=PAPER, markeredgewidth=2.4, **ring)
+    axes.plot(*where, "o", color=INK, markeredgewidth=1.0, **ring)
+    like = f", {neck.alike - 1} more alike" if neck.alike > 1 else ""
+    # adding nothing makes a rounded minus zero positive
+    px, py = (f"{round(MM * float(v), 2) + 0.0:.2f}".replace("-", "−") for v in peak[:2])
+    entitle(
+        axes,
+        f"{letter} · {neck.hinge.name} · {neck.number}{like}\n"
+        f"{number(neck.stress * MPA)} MPa at ({px}, {py}) mm",
+        8.0,
+    )
+    _ruler(axes, half, f"; motion × {factor:g}")
+
+
+def _ruler(axes: "Axes", half: float, words: str) -> None:
+    """A bar of a round length, in place of coordinates, and words beside its length."""
+    length = round_below(0.6 * half * MM)
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    x, y = x0 + 0.04 * (x1 - x0), y0 + 0.05 * (y1 - y0)
+    axes.plot([x, x + length], [y, y], color=INK, linewidth=1.6, zorder=7)
+    axes.annotate(
+        f"{length:g} mm{words}", (x, y), xytext=(0, 4), textcoords="offset points",
+        fontsize=7, color=INK, zorder=7,
+        bbox=on_paper(1.2, 0.8),
+    )  # fmt: skip
+
+
+def _motion(sample: "Sample", at: Sequence[float]) -> Array:
+    """Displacement of the corner that is nearest to a point [m]."""
+    distance = np.hypot(*(sample.points[:, :2] - np.asarray(at)[:2]).T)
+    return sample.displacement[int(np.argmin(distance))]

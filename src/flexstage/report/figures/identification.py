@@ -1,4 +1,4 @@
-"""Measured loops beside a model: that identified from them, or one that was not made from them."""
+"""Records as they are, and their loops beside a model: that identified from them, or another."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,14 +8,20 @@ import numpy as np
 
 from flexstage.hysteresis import DriveModel, Prediction
 from flexstage.hysteresis.identification.identify import Identification
+from flexstage.records import Channel, Record
+from flexstage.report.figures.responses import shown_lines, thinned
 from flexstage.report.figures.style import (
     CYCLE,
     INK,
+    LONG_DASHED,
     MUTED,
+    add_heading,
     add_legend,
     dress,
     entitle,
+    label_axes,
     new_figure,
+    panels,
     scale,
 )
 
@@ -35,11 +41,14 @@ def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Fi
     sections = found.measurement.sections
     called = [Path(n).name for n in names] or [f"record {i + 1}" for i in range(len(sections))]
     shown = min(len(sections), records)
-    figure = new_figure(9.6, 0.5 + 3.2 * shown)
-    plots = figure.subplots(shown, 2, width_ratios=(1.0, 1.25), squeeze=False)
-    for i, (left, right) in enumerate(plots):
+    figure, plots = panels(9.6, 0.5 + 3.2 * shown, 2 * shown, 2, width_ratios=(1.0, 1.25))
+    for i, (left, right) in enumerate(zip(plots[::2], plots[1::2], strict=True)):
         within = _shown(found, i)
-        _loop(left, found, i, within, _short(called[i]))
+        section = found.measurement.sections[i]
+        measured = found.measurement.sign * section.y
+        loops = (section.u[within], measured[within], found.predicted[i][within])
+        _loop(left, found.model, loops, f"model, {found.kind}", 2.2, 1.0)
+        entitle(left, f"{_short(called[i])}\n{_extent(found, i, within)}", 8.0)
         _residual(right, found, i, within)
     held = (
         "" if found.heldout_rms_percent is None else f", held out {found.heldout_rms_percent:.2f}"
@@ -47,11 +56,12 @@ def draw_identification(found: Identification, names: Sequence[str] = ()) -> "Fi
     more = len(sections) - shown
     beyond = f"; {more} more record{'s' if more > 1 else ''} not drawn" if more else ""
     every = f" over {len(sections)} records" if len(sections) > 1 else ""
-    figure.suptitle(
+    add_heading(
+        figure,
         f"{found.kind}{every}: {found.rms_percent:.2f} % rms of the stroke{held}; largest "
         f"{found.max_percent:.2f}; noise {found.noise_percent:.2f} (dashed){beyond}",
-        x=0.01, ha="left", fontsize=9.5, color=INK,
-    )  # fmt: skip
+        9.5,
+    )
     return figure
 
 
@@ -61,22 +71,21 @@ def _short(name: str) -> str:
     return name if len(name) <= letters else f"{name[: letters // 2]}...{name[-letters // 2 + 3 :]}"
 
 
-def _loop(axes: "Axes", found: Identification, section: int, within: np.ndarray, name: str) -> None:
-    s = found.measurement.sections[section]
-    sign = found.measurement.sign
-    unit, factor = scale(found.model.output_unit)
-    dress(axes)
-    axes.plot(
-        s.u[within], factor * sign * s.y[within], ".", color=CYCLE[1], markersize=2.2,
-        label="measured",
-    )  # fmt: skip
-    axes.plot(
-        s.u[within], factor * found.predicted[section][within], color=CYCLE[0], linewidth=1.0,
-        label=f"model, {found.kind}",
-    )  # fmt: skip
-    axes.set(xlabel=f"input{scale(found.model.input_unit)[0]}", ylabel=f"output{unit}")
-    add_legend(axes, loc="upper left", markerscale=2.5)
-    entitle(axes, f"{name}\n{_extent(found, section, within)}", 8.0)
+def _loop(
+    axes: "Axes",
+    model: DriveModel,
+    loops: "tuple[np.ndarray, np.ndarray, np.ndarray]",
+    label: str,
+    dot: float,
+    line: float,
+) -> None:
+    """Draw input, measured and modelled output as a loop; dots and lines of so many points."""
+    driven, measured, modelled = loops
+    unit, factor = scale(model.output_unit)
+    axes.plot(driven, factor * measured, ".", color=CYCLE[1], markersize=dot, label="measured")
+    axes.plot(driven, factor * modelled, color=CYCLE[0], linewidth=line, label=label)
+    axes.set(xlabel=f"input{scale(model.input_unit)[0]}", ylabel=f"output{unit}")
+    add_legend(axes, loc="upper left", markerscale=5.0 / dot)
 
 
 def _extent(found: Identification, section: int, within: np.ndarray) -> str:
@@ -97,12 +106,11 @@ def _residual(axes: "Axes", found: Identification, section: int, within: np.ndar
     own = left[counted]
     begin, end = s.begin + counted[[0, -1]] * s.dt
     shaded = s.begin + within[[0, -1]] * s.dt
-    dress(axes)
     axes.axvspan(*shaded, color=MUTED, alpha=0.12, linewidth=0.0)
-    at = counted[_extremes(own)]
+    at = counted[shown_lines(own)]
     axes.plot(s.begin + at * s.dt, left[at], color=CYCLE[0], linewidth=0.5)
     for level in (-found.noise_percent, found.noise_percent):
-        axes.axhline(level, color=INK, linewidth=0.8, linestyle=(0, (5, 3)))
+        axes.axhline(level, color=INK, linewidth=0.8, linestyle=LONG_DASHED)
     axes.set_xlim(begin, end)
     top = 1.15 * max(float(np.abs(own).max()), found.noise_percent)
     axes.set_ylim(-top, top)
@@ -129,38 +137,15 @@ def _shown(found: Identification, section: int) -> np.ndarray:
     return np.arange(bounds[min(first, stop - 1)], bounds[stop] + 1)
 
 
-def _extremes(values: np.ndarray) -> np.ndarray:
-    """Return where a curve of so many samples is lowest and highest, bin by bin."""
-    # points that a curve over time is drawn with, at most
-    points = 4000
-    if values.size <= points:
-        return np.arange(values.size)
-    bins = np.array_split(values, points // 2)
-    starts = np.concatenate(([0], np.cumsum([b.size for b in bins])[:-1]))
-    ends = [sorted((int(b.argmin()), int(b.argmax()))) for b in bins]
-    return (starts[:, None] + np.array(ends)).ravel()
-
-
 def draw_prediction(found: Prediction, model: DriveModel, band: float | None = None) -> "Figure":
     """Draw the measured and the predicted loop, and the error as predicted over time.
 
     `band` is half the width of the model's band of confidence, over the stroke [%].
     """
-    figure = new_figure(9.6, 3.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    at = _thin(np.arange(found.warm_up, found.time.size))
-    unit, factor = scale(model.output_unit)
-    dress(left)
-    left.plot(
-        found.command[at], factor * found.measured[at], ".", color=CYCLE[1], markersize=1.6,
-        label="measured",
-    )  # fmt: skip
-    left.plot(
-        found.command[at], factor * found.predicted[at], color=CYCLE[0], linewidth=0.6,
-        label=f"predicted, {model.hysteresis.kind}",
-    )  # fmt: skip
-    left.set(xlabel=f"input{scale(model.input_unit)[0]}", ylabel=f"output{unit}")
-    add_legend(left, loc="upper left", markerscale=3.0)
+    figure, (left, right) = panels(9.6, 3.6, 2, 2, width_ratios=(1.0, 1.25))
+    at = thinned(found.warm_up, found.time.size, 6000)
+    loops = (found.command[at], found.measured[at], found.predicted[at])
+    _loop(left, model, loops, f"predicted, {model.hysteresis.kind}", 1.6, 0.6)
     entitle(left, Path(found.source).name or "loop")
     _error(right, found, at, band)
     return figure
@@ -169,13 +154,11 @@ def draw_prediction(found: Prediction, model: DriveModel, band: float | None = N
 def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) -> None:
     percent = 100.0 / found.stroke
     error = (found.measured - found.predicted)[at] * percent
-    dress(axes)
     if band is not None:
         axes.axhspan(-band, band, color=CYCLE[0], alpha=0.12, linewidth=0.0, label="95 % band")
     axes.plot(found.time[at], error, color=CYCLE[0], linewidth=0.5)
-    axes.axhline(
-        found.constant_percent, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), label="mean"
-    )
+    mean = found.constant_percent
+    axes.axhline(mean, color=INK, linewidth=0.8, linestyle=LONG_DASHED, label="mean")
     axes.set_xlim(float(found.time[at[0]]), float(found.time[at[-1]]))
     top = 1.2 * max(float(np.abs(error).max()), band or 0.0)
     axes.set_ylim(-top, top)
@@ -188,7 +171,57 @@ def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) 
     )
 
 
-def _thin(at: np.ndarray) -> np.ndarray:
-    # points that a curve is drawn with, at most
-    predicted_points = 6000
-    return at[:: max(1, at.size // predicted_points)]
+_OVER = {"time": "time [s]", "frequency": "frequency [Hz]", "point": "point"}
+
+
+def draw_record(record: Record, *, title: str = "") -> "Figure":
+    """Draw all channels over what they follow one another by, those of one unit together."""
+    groups: dict[str, list[Channel]] = {}
+    for channel in record.channels:
+        groups.setdefault(channel.unit, []).append(channel)
+    count = max(len(groups), 1)
+    figure, grid = panels(8.6, 0.8 + 1.9 * count, count, sharex=True)
+    for axes, channels in zip(grid, groups.values(), strict=False):
+        for k, channel in enumerate(channels):
+            _over_time(axes, record, channel, k)
+        name, unit = channels[0].name if len(channels) == 1 else "", scale(channels[0].unit)[0]
+        axes.set_ylabel(f"{name}{unit}".strip(), parse_math=False)
+        if len(channels) > 1:
+            add_legend(axes, loc="upper right")
+    grid[-1].set_xlabel(_OVER[record.over])
+    grid[-1].set_xlim(record.time[0], record.time[-1])
+    if title:
+        entitle(grid[0], title)
+    return figure
+
+
+def _over_time(axes: "Axes", record: Record, channel: Channel, colour: int) -> None:
+    """Draw a channel in a colour of the cycle."""
+    factor, at = scale(channel.unit)[1], shown_lines(channel.values)
+    look = {"color": CYCLE[colour % len(CYCLE)], "linewidth": 0.9, "label": channel.name}
+    axes.plot(record.time[at], factor * channel.values[at], **look)
+
+
+def draw_drive_record(record: Record, driven: str | int, follows: str | int) -> "Figure":
+    """Draw what drives and what follows over time, and one over the other."""
+    figure = new_figure(9.6, 3.6)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1.0))
+    above = figure.add_subplot(grid[0, 0])
+    both = record.channel(driven), record.channel(follows)
+    for k, channel in enumerate(both):
+        axes = above if k == 0 else figure.add_subplot(grid[1, 0], sharex=above)
+        dress(axes)
+        _over_time(axes, record, channel, k)
+        axes.set_ylabel(f"{channel.name}{scale(channel.unit)[0]}", parse_math=False)
+        axes.set_xlim(record.time[0], record.time[-1])
+        if k == 0:
+            axes.tick_params(labelbottom=False)
+        else:
+            axes.set_xlabel(_OVER[record.over])
+    loop = figure.add_subplot(grid[:, 1])
+    dress(loop)
+    at = np.unique(np.concatenate([shown_lines(channel.values) for channel in both]))
+    (x, across), (y, up) = ((c.values[at], scale(c.unit)) for c in both)
+    loop.plot(across[1] * x, up[1] * y, color=CYCLE[1], linewidth=0.5)
+    label_axes(loop, f"{both[0].name}{across[0]}", f"{both[1].name}{up[0]}", 10)
+    return figure

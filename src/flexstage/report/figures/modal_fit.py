@@ -14,13 +14,15 @@ from flexstage.records import Record
 from flexstage.report.figures.responses import shown_lines
 from flexstage.report.figures.style import (
     CYCLE,
+    DASHED,
     INK,
+    LONG_DASHED,
     MUTED,
     add_legend,
     dress,
     entitle,
-    new_figure,
     one_panel,
+    panels,
     scale,
 )
 
@@ -41,11 +43,9 @@ def draw_stabilisation(fit: ModalFit) -> "Figure":
     if diagram is None:
         raise ModelError("the fit has no stabilisation diagram")
     measured = fit.fitted[0].measured
-    figure = new_figure(9.6, 4.0)
-    axes = figure.subplots()
+    figure, axes = one_panel(9.6, 4.0)
     size = np.sqrt(np.mean(np.abs(measured.response) ** 2, axis=(1, 2)))
     units = set(measured.output_units) or {""}
-    dress(axes)
     axes.semilogy(
         measured.frequency_hz, np.maximum(size, 1e-300), color=MUTED, linewidth=0.8, zorder=1
     )
@@ -111,9 +111,7 @@ def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
     left = np.abs(measured.response[at] - fit.response(f, 0)[at])
     from matplotlib.ticker import MultipleLocator
 
-    figure = new_figure(9.6, 4.6)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
-    dress(upper)
+    figure, (upper, lower) = panels(9.6, 4.6, 2, sharex=True, height_ratios=(2.6, 1.0))
     tiny = 1e-300
     upper.semilogy(f, np.maximum(np.abs(measured.response[at]), tiny), ".", color=CYCLE[1],
                    markersize=2.2, label="measured")  # fmt: skip
@@ -122,7 +120,7 @@ def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
                        label="95 % band of the fit")  # fmt: skip
     upper.semilogy(fine, np.abs(value), color=CYCLE[0], linewidth=1.0, label="fit")
     upper.semilogy(f, np.maximum(left, tiny), color=MUTED, linewidth=0.4, label="residual")
-    upper.semilogy(f, one.deviation[at], color=INK, linewidth=0.8, linestyle=(0, (5, 3)),
+    upper.semilogy(f, one.deviation[at], color=INK, linewidth=0.8, linestyle=LONG_DASHED,
                    label="noise, rms")  # fmt: skip
     shown = np.concatenate([np.abs(measured.response[at]), np.quantile(left, [0.02, 1.0])])
     shown = shown[shown > 0.0]
@@ -137,7 +135,6 @@ def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
         ncols=5,
         markerscale=2.5,
     )
-    dress(lower)
     cut = _emptiest(np.degrees(np.angle(value)))
     points = _from(cut, np.degrees(np.angle(measured.response[at])))
     lower.plot(f, points, ".", color=CYCLE[1], markersize=2.2)
@@ -226,20 +223,17 @@ def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
     # channels that are drawn, at most
     channels = 4
     names = fit.channels[:channels]
-    figure = new_figure(8.6, 1.2 + 2.6 * len(names))
-    panels = figure.subplots(2 * len(names), 1, sharex=True, height_ratios=(2.2, 1.0) * len(names))
-    for axes in panels:
-        dress(axes)
+    count, ratios = len(names), (2.2, 1.0) * len(names)
+    figure, grid = panels(8.6, 1.2 + 2.6 * count, 2 * count, sharex=True, height_ratios=ratios)
     for k, name in enumerate(names):
         unit, factor = scale(record.channel(name).unit)
         measured, fitted = factor * fit.measured[:, k], factor * fit.fitted[:, k]
-        upper, lower = panels[2 * k], panels[2 * k + 1]
+        upper, lower = grid[2 * k : 2 * k + 2]
         colour = CYCLE[k % len(CYCLE)]
         at = shown_lines(measured)
         upper.plot(fit.time[at], measured[at], color=colour, linewidth=0.9, label="measured")
-        upper.plot(
-            fit.time[at], fitted[at], color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="fit"
-        )
+        look = {"color": INK, "linewidth": 0.8, "linestyle": DASHED, "label": "fit"}
+        upper.plot(fit.time[at], fitted[at], **look)
         upper.set_ylabel(f"{name}{unit}")
         rest = measured - fitted
         at = shown_lines(rest)
@@ -247,9 +241,9 @@ def draw_ring_down(fit: RingDown, record: Record) -> "Figure":
         lower.set_ylabel("measured\nless fit")
         if k == 0:
             add_legend(upper, loc="upper right", ncols=2)
-    panels[-1].set_xlabel("time [s]")
-    panels[-1].set_xlim(float(fit.time[0]), float(np.max(fit.time)))
-    figure.align_ylabels(panels)
+    grid[-1].set_xlabel("time [s]")
+    grid[-1].set_xlim(float(fit.time[0]), float(np.max(fit.time)))
+    figure.align_ylabels(grid)
     found = ", ".join(f"{mode.frequency_hz.value:.2f} Hz" for mode in fit.modes[:5])
-    entitle(panels[0], f"free decay: {found}" if found else "free decay: no mode stands out")
+    entitle(grid[0], f"free decay: {found}" if found else "free decay: no mode stands out")
     return figure

@@ -13,10 +13,12 @@ from flexstage.quantities import number, prefixed
 from flexstage.report.figures.style import (
     CYCLE,
     INK,
+    LONG_DASHED,
     MUTED,
     PAPER,
     add_legend,
     entitle,
+    label_axes,
     one_panel,
 )
 
@@ -64,9 +66,8 @@ def draw_motion_error(
                   label=name)  # fmt: skip
     axes.set_xlim(across * x[0], across * x[-1])
     of_position = f" [{unit}{curve.position_unit}]" if curve.position_unit else ""
-    axes.set_xlabel(f"{position_label}{of_position}", fontsize=8.5, parse_math=False)
     of_error = f" [{prefix}{curve.unit}]" if curve.unit else ""
-    axes.set_ylabel(f"{label}{of_error}", fontsize=8.5, parse_math=False)
+    label_axes(axes, f"{position_label}{of_position}", f"{label}{of_error}")
     if legend:
         add_legend(
             axes,
@@ -92,7 +93,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
     axes.fill(closed[:, 0], closed[:, 1], color=CYCLE[0], alpha=0.12, linewidth=0.0)
     axes.plot(closed[:, 0], closed[:, 1], color=CYCLE[0], linewidth=1.3)
     for i, j in ((0, 2), (1, 3)):
-        axes.plot(*corners[[i, j]].T, color=MUTED, linewidth=0.8, linestyle=(0, (5, 3)))
+        axes.plot(*corners[[i, j]].T, color=MUTED, linewidth=0.8, linestyle=LONG_DASHED)
     axes.plot(*corners.T, "o", color=CYCLE[1], markersize=4.0)
     middle = corners.mean(axis=0)
     _label(axes, 0.5 * (corners[0] + corners[1]), found.stroke_x[0], (0, -5), "center", "top")
@@ -110,8 +111,7 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
     for bounds, centre, size in ((axes.set_xlim, middle[0], span[0]),
                                  (axes.set_ylim, middle[1], span[1])):  # fmt: skip
         bounds(centre - 0.64 * size, centre + 0.64 * size)
-    axes.set_xlabel("x [µm]", fontsize=8.5)
-    axes.set_ylabel("y [µm]", fontsize=8.5)
+    label_axes(axes, "x [µm]", "y [µm]")
     area, angle = found.area.times(1e12), found.squareness.times(1e6)
     # the squareness of a straight workspace is small: in microradians
     entitle(
@@ -184,19 +184,17 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
     unit = f"{prefix}m"
     for k, (symbol, estimate, ends) in enumerate(
         (
-            ("A", found.accuracy.value, (_lowest(x, feet), _highest(x, tops))),
-            ("E", found.systematic.value,
-             (_lowest(x, np.stack((up, down))), _highest(x, np.stack((up, down))))),
-            ("M", found.mean_deviation.value, (_lowest(x, mean[None]), _highest(x, mean[None]))),
+            ("A", found.accuracy.value, (feet, tops)),
+            ("E", found.systematic.value, (np.stack((up, down)),) * 2),
+            ("M", found.mean_deviation.value, (mean[None],) * 2),
         )
     ):  # fmt: skip
         at = float(x[-1]) + span * (_GAP + _PITCH * (2 - k))
-        _beside(axes, at, ends, f"{symbol} = {number(factor * estimate)} {unit}")
+        _beside(axes, at, _ends(x, *ends), f"{symbol} = {number(factor * estimate)} {unit}")
     _at_targets(axes, found, x, factor, unit, (tops, feet), (up, down))
     axes.margins(y=0.13)
     axes.set_xlim(x[0] - 0.09 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
-    axes.set_xlabel(f"target [{of_target}m]", fontsize=8.5, parse_math=False)
-    axes.set_ylabel(f"deviation [{unit}]", fontsize=8.5, parse_math=False)
+    label_axes(axes, f"target [{of_target}m]", f"deviation [{unit}]")
     add_legend(
         axes,
         loc="upper center",
@@ -209,19 +207,14 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
     return figure
 
 
-def _highest(x: Array, rows: Array) -> tuple[float, float]:
-    i, j = np.unravel_index(int(np.argmax(rows)), rows.shape)
-    return float(x[j]), float(rows[i, j])
+def _ends(x: Array, low: Array, high: Array) -> tuple[tuple[float, float], ...]:
+    """Return where the lowest of some curves is, and the highest of others."""
+    i, j = np.unravel_index(int(np.argmin(low)), low.shape)
+    k, m = np.unravel_index(int(np.argmax(high)), high.shape)
+    return (float(x[j]), float(low[i, j])), (float(x[m]), float(high[k, m]))
 
 
-def _lowest(x: Array, rows: Array) -> tuple[float, float]:
-    i, j = np.unravel_index(int(np.argmin(rows)), rows.shape)
-    return float(x[j]), float(rows[i, j])
-
-
-def _beside(
-    axes: "Axes", at: float, ends: tuple[tuple[float, float], tuple[float, float]], text: str
-) -> None:
+def _beside(axes: "Axes", at: float, ends: tuple[tuple[float, float], ...], text: str) -> None:
     """Draw a dimension between two heights, with lines to where they are."""
     (x_low, low), (x_high, high) = ends
     for x, y in ((x_low, low), (x_high, high)):

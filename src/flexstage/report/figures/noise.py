@@ -5,17 +5,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.measure.noise.allan import AllanDeviation
 from flexstage.measure.noise.hold import HoldNoise
 from flexstage.measure.noise.staircase import Staircase
-from flexstage.report.figures.style import CYCLE, MUTED, add_legend, dress, entitle, new_figure
+from flexstage.quantities import prefixed
+from flexstage.report.figures.style import (
+    CYCLE,
+    MUTED,
+    add_legend,
+    entitle,
+    label_axes,
+    panels,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 
 def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Figure":
@@ -23,16 +30,11 @@ def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Fi
 
     With drift, mains lines and 95 % intervals.
     """
-    y = np.asarray(values, dtype=np.float64)
-    if y.ndim != 1 or y.size < 2:
-        raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
-    figure = new_figure(10.2, 3.1)
-    trace, density, deviation = figure.subplots(1, 3, width_ratios=(1.15, 1.0, 1.0))
-    _trace(trace, y, noise)
-    _density(density, noise)
-    _deviation(deviation, allan)
-    for axes in (trace, density, deviation):
-        _small(axes)
+    y = _readings(values)
+    figure, grid = panels(10.2, 3.1, 3, 3, width_ratios=(1.15, 1.0, 1.0))
+    _trace(grid[0], y, noise)
+    _density(grid[1], noise)
+    _deviation(grid[2], allan)
     return figure
 
 
@@ -44,11 +46,8 @@ def draw_staircase(
     The parts that the levels are the means of are set off; each step has its 95 % interval beside
     the step that is told from none.
     """
-    y = np.asarray(values, dtype=np.float64)
-    if y.ndim != 1 or y.size < 2:
-        raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
-    figure = new_figure(10.2, 3.3)
-    trace, steps = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    y = _readings(values)
+    figure, (trace, steps) = panels(10.2, 3.3, 2, 2, width_ratios=(1.5, 1.0))
     start = float(y[0])
     factor, label = _scale(float(np.ptp(y)), unit)
     _line(trace, np.arange(y.size) / sample_rate_hz, factor * (y - start))
@@ -57,28 +56,25 @@ def draw_staircase(
         at = np.array([a, b])
         drift = found.drift.value * (at - middle) / sample_rate_hz
         trace.plot(at / sample_rate_hz, factor * (level + drift - start), color=CYCLE[1], lw=2.0)
-    trace.set(xlabel="time [s]", ylabel=f"reading [{label}]", xlim=(0.0, y.size / sample_rate_hz))
+    label_axes(trace, "time [s]", f"reading [{label}]")
+    trace.set_xlim(0.0, y.size / sample_rate_hz)
     entitle(trace, "Readings, and what is averaged of each level")
     _steps(steps, found, unit)
-    for axes in (trace, steps):
-        dress(axes)
-        _small(axes)
     return figure
+
+
+def _readings(values: ArrayLike) -> Array:
+    y = np.asarray(values, dtype=np.float64)
+    if y.ndim != 1 or y.size < 2:
+        raise ModelError(f"a trace needs two readings or more, got an array of shape {y.shape}")
+    return y
 
 
 def _scale(largest: float, unit: str) -> tuple[float, str]:
     if unit not in {"m", "rad", "V", "N"}:
         return 1.0, unit or "1"
-    for factor, prefix in _PREFIXES:
-        if largest * factor >= 1.0:
-            return factor, f"{prefix}{unit}"
-    factor, prefix = _PREFIXES[-1]
+    factor, prefix = prefixed(largest, 1.0)
     return factor, f"{prefix}{unit}"
-
-
-def _small(axes: "Axes") -> None:
-    axes.xaxis.label.set_fontsize(8.5)
-    axes.yaxis.label.set_fontsize(8.5)
 
 
 def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
@@ -94,14 +90,14 @@ def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
 
 
 def _trace(axes: "Axes", y: np.ndarray, noise: HoldNoise) -> None:
-    dress(axes)
     rest = y - y.mean()
     factor, label = _scale(float(np.ptp(rest)), noise.unit)
     t = np.arange(y.size) / noise.sample_rate_hz
     _line(axes, t, factor * rest)
     slope = noise.drift.value * (t[[0, -1]] - t.mean())
     axes.plot(t[[0, -1]], factor * slope, color=CYCLE[1], linewidth=1.6, label="drift")
-    axes.set(xlabel="time [s]", ylabel=f"reading less its mean [{label}]", xlim=(0.0, t[-1]))
+    label_axes(axes, "time [s]", f"reading less its mean [{label}]")
+    axes.set_xlim(0.0, t[-1])
     entitle(
         axes,
         f"rms {factor * noise.rms.value:.3g} {label}, peak to peak "
@@ -120,7 +116,6 @@ def _trace(axes: "Axes", y: np.ndarray, noise: HoldNoise) -> None:
 
 
 def _density(axes: "Axes", noise: HoldNoise) -> None:
-    dress(axes)
     spectrum = noise.spectrum
     inner = slice(1, -1)
     f, density = spectrum.frequency_hz[inner], np.sqrt(spectrum.density[inner])
@@ -130,7 +125,8 @@ def _density(axes: "Axes", noise: HoldNoise) -> None:
     axes.loglog(f, factor * density, color=CYCLE[0], linewidth=1.0)
     for line in noise.mains:
         axes.axvline(line.frequency_hz, color=CYCLE[1], linewidth=0.8, linestyle=":", zorder=0)
-    axes.set(xlabel="frequency [Hz]", ylabel=f"density [{label}/√Hz]", xlim=(f[0], f[-1]))
+    label_axes(axes, "frequency [Hz]", f"density [{label}/√Hz]")
+    axes.set_xlim(f[0], f[-1])
     title, lines = "Spectral density", len(noise.mains)
     if lines:
         title += f"; {lines} line{'s' if lines > 1 else ''} of {noise.mains[0].mains_hz} Hz mains"
@@ -138,7 +134,6 @@ def _density(axes: "Axes", noise: HoldNoise) -> None:
 
 
 def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
-    dress(axes)
     factor, label = _scale(float(allan.deviation.max()), allan.unit)
     tau, value = allan.tau, factor * allan.deviation
     high = np.where(np.isfinite(allan.high), allan.high, allan.deviation)
@@ -153,7 +148,7 @@ def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
         "white noise", (tau[middle], white[middle]), (-4, -4), textcoords="offset points",
         ha="right", va="top", fontsize=7.5, color=MUTED,
     )  # fmt: skip
-    axes.set(xlabel="averaging time [s]", ylabel=f"Allan deviation [{label}]")
+    label_axes(axes, "averaging time [s]", f"Allan deviation [{label}]")
     best = int(np.argmin(value))
     entitle(axes, f"Least {value[best]:.3g} {label} at {tau[best]:.3g} s", 8.5)
 
@@ -175,7 +170,7 @@ def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
                 marker=marker, markersize=4, linewidth=1.0, capsize=2,
                 label=f"step resolved: {verdict}",
             )  # fmt: skip
-    axes.set(xlabel="step", ylabel=f"size of the step [{label}]")
+    label_axes(axes, "step", f"size of the step [{label}]")
     if size.max() > 5.0 * max(float(size.min()), 1e-3 * size.max()):
         axes.set_yscale("log")
         least = 0.4 * min(low, max(float(size.min()), 0.01 * size.max()))

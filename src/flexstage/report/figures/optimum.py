@@ -17,10 +17,13 @@ from flexstage.report.figures.style import (
     MM,
     MUTED,
     PAPER,
+    add_legend,
+    add_shared_legend,
     dress,
     entitle,
     new_figure,
     one_panel,
+    panels,
 )
 
 if TYPE_CHECKING:
@@ -41,8 +44,7 @@ def draw_history(found: Optimum) -> "Drawn":
     """
     # violation that is drawn as none
     none = 1e-8
-    figure = new_figure(6.6, 5.0)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
+    figure, (above, below) = panels(6.6, 5.0, 2, sharex=True, height_ratios=(1.4, 1.0))
     goals = found.problem.goals
     shown = goals[0].figure.shown if goals else None
     factor = shown.factor if shown else 1.0
@@ -58,16 +60,12 @@ def draw_history(found: Optimum) -> "Drawn":
     for rung in found.rungs if goals else ():
         value, label = factor * rung.found[0], f"by {rung.model}"
         above.plot(rung.evaluations, value, marker="x", color=INK, ms=6, ls="", label=label)
-    for axes in (above, below):
-        dress(axes)
     above.set_ylabel(goals[0].figure.heading if goals else "distance from the start\n[bounds]")
     below.set(ylabel="missed by\n[parts of limits]", xlabel="evaluations of the lumped model")
     below.set_ylim(0.5 * none, None)
     figure.align_ylabels([above, below])
     entitle(above, "Way to the optimum, and what the requirements are missed by on it")
-    named = dict(zip(*reversed(above.get_legend_handles_labels()), strict=True))
-    place = "outside lower center"
-    figure.legend(list(named.values()), list(named), frameon=False, fontsize=8, ncols=4, loc=place)
+    add_shared_legend(figure, size=8)
     return figure
 
 
@@ -115,8 +113,7 @@ def draw_before_after(found: Optimum) -> "Drawn":
         handles = [axes.plot([], [], color=INK, lw=1.0, label="best")[0]]
         handles += axes.plot([], [], color=CYCLE[1], lw=1.2, label="start, where it differs")
     if handles:
-        place = "outside lower center"
-        figure.legend(handles=handles, frameon=False, fontsize=8, ncols=2, loc=place)
+        add_legend(figure, handles=handles, loc="outside lower center", ncols=2, size=8)
     return figure
 
 
@@ -224,7 +221,7 @@ def draw_figures(found: Optimum) -> "Drawn":
     axes.set_yticks(at, [name for _, name, _ in rows])
     axes.set_xlabel("figure ÷ its limit; of a goal: figure ÷ its value at the start")
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=len(bars))
+    add_shared_legend(figure, most=len(bars), size=8)
     entitle(axes, "Figures relative to what is required (line: at the limit)")
     return figure
 
@@ -256,11 +253,13 @@ def draw_front(found: Front) -> "Drawn":
     """Draw a front of two goals, or of more by pairs with the first."""
     goals = [goal.figure for goal in found.problem.goals]
     others = goals[1:]
-    figure = new_figure(6.4 if len(others) == 1 else 4.2 * len(others), 4.4)
-    for axes, other in zip(np.atleast_1d(figure.subplots(1, len(others))), others, strict=True):
+    wide = 6.4 if len(others) == 1 else 4.2 * len(others)
+    figure, grid = panels(wide, 4.4, len(others), len(others))
+    for axes, other in zip(grid, others, strict=True):
         _pair(axes, found, other, goals[0])
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=4)
+    # both fronts have one name where both are by the lumped model
+    entries = grid[0].get_legend_handles_labels()
+    add_legend(figure, *entries, loc="outside lower center", ncols=4, size=8)
     return figure
 
 
@@ -271,7 +270,6 @@ def _pair(axes: "Axes", found: Front, across: Figure, up: Figure) -> None:
     def drawn(values: Array) -> Array:
         return (values[..., at] * factors).T
 
-    dress(axes)
     axes.plot(*drawn(found.searched), "o", ms=2, color=MUTED, alpha=0.35, label="searched")
     axes.plot(*drawn(found.values), "o", ms=4, color=CYCLE[0], label="front, lumped")
     axes.plot(*drawn(found.found), "o", ms=5, color=CYCLE[1], label=f"front, {found.model}")

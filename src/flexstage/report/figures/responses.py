@@ -12,13 +12,13 @@ from flexstage.errors import ModelError
 from flexstage.quantities import number
 from flexstage.report.figures.style import (
     CYCLE,
+    DASHED,
     INK,
     MUTED,
-    PAPER,
     add_legend,
-    dress,
     entitle,
-    new_figure,
+    on_paper,
+    panels,
 )
 from flexstage.stage import Stage
 from flexstage.system import Analysis, FrequencyResponse
@@ -69,10 +69,11 @@ def draw_bode(
     if not shown:
         raise ModelError(f"the analysis has no frequency response of an axis '{axis}'")
     columns = [[r for r in shown if r.drives == c] for c in dict.fromkeys(r.drives for r in shown)]
-    figure = new_figure(size[0] * len(columns), size[1])
-    grid = figure.subplots(2, len(columns), sharex="col", height_ratios=(1.7, 1.0), squeeze=False)
-    for column, responses in enumerate(columns):
-        _column(grid[0, column], grid[1, column], analysis, responses, axis)
+    count = len(columns)
+    layout: dict[str, Any] = {"sharex": "col", "height_ratios": (1.7, 1.0)}
+    figure, grid = panels(size[0] * count, size[1], 2 * count, count, **layout)
+    for upper, lower, responses in zip(grid[:count], grid[count:], columns, strict=True):
+        _column(upper, lower, analysis, responses, axis)
     return figure
 
 
@@ -98,7 +99,6 @@ def _column(
     first = responses[0]
     unit = bode_curves(first)[0]
     for axes in (upper, lower):
-        dress(axes)
         axes.set_xscale("log")
         axes.set_xlim(first.frequency_hz[0], first.frequency_hz[-1])
     upper.set_yscale("log")
@@ -167,7 +167,7 @@ def _resonances(
             axes.annotate(
                 f"{number(nearest)} Hz", (f[at], magnitude[at]), xytext=(0, 5),
                 textcoords="offset points", ha="center", fontsize=7.5, color=INK,
-                bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.6, "alpha": 0.85},
+                bbox=on_paper(0.6, 0.85),
             )  # fmt: skip
 
 
@@ -200,40 +200,35 @@ def draw_response(
 
     The first six curves, with 95 % bands where the variance is known; `fit` is drawn as a line.
     """
-    coherent = response.coherence is not None
-    figure = new_figure(8.6, 5.6 if coherent else 4.6)
-    rows = 3 if coherent else 2
-    panels = figure.subplots(rows, 1, sharex=True, height_ratios=(2.2, 1.3, 0.8)[:rows])
-    magnitude, phase = panels[0], panels[1]
-    for axes in panels:
-        dress(axes)
+    rows, high = (3, 5.6) if response.coherence is not None else (2, 4.6)
+    figure, grid = panels(8.6, high, rows, sharex=True, height_ratios=(2.2, 1.3, 0.8)[:rows])
+    magnitude, phase = grid[:2]
     pairs = [(o, i) for o in range(len(response.outputs)) for i in range(len(response.inputs))]
     for k, (o, i) in enumerate(pairs[:_CURVES]):
         colour = CYCLE[k % len(CYCLE)]
         label = f"{response.outputs[o]} / {response.inputs[i]}"
-        plot_magnitude(magnitude, response, o, i, colour=colour, label=label)
-        plot_phase(phase, response, o, i, colour=colour)
+        _plot_magnitude(magnitude, response, o, i, colour=colour, label=label)
+        _plot_phase(phase, response, o, i, colour=colour)
         if fit is not None:
             f, h = fit.frequency_hz, fit.response[:, o, i]
-            magnitude.plot(f, np.abs(h), color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
-            phase.plot(f, *_wrapped(h), color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+            for axes, values in ((magnitude, np.abs(h)), (phase, _wrapped(h))):
+                axes.plot(f, values, color=INK, linewidth=0.8, linestyle=DASHED)
     if response.coherence is not None:
         for o in range(min(len(response.outputs), _CURVES)):
             colour = CYCLE[o * len(response.inputs) % len(CYCLE)]
             at = shown_lines(response.coherence[:, o])
-            panels[2].plot(
-                response.frequency_hz[at], response.coherence[at, o], color=colour, linewidth=0.8
-            )
-        panels[2].set_ylim(-0.03, 1.06)
-        panels[2].set_ylabel("coherence")
+            coherence = response.coherence[at, o]
+            grid[2].plot(response.frequency_hz[at], coherence, color=colour, linewidth=0.8)
+        grid[2].set_ylim(-0.03, 1.06)
+        grid[2].set_ylabel("coherence")
     magnitude.set_yscale("log")
     magnitude.set_ylabel(f"magnitude{_unit(response)}")
     phase.set_ylabel("phase [deg]")
     phase.set_ylim(-190.0, 190.0)
     phase.set_yticks((-180, -90, 0, 90, 180))
-    panels[-1].set_xlabel("frequency [Hz]")
-    panels[-1].set_xlim(response.frequency_hz[0], response.frequency_hz[-1])
-    figure.align_ylabels(panels)
+    grid[-1].set_xlabel("frequency [Hz]")
+    grid[-1].set_xlim(response.frequency_hz[0], response.frequency_hz[-1])
+    figure.align_ylabels(grid)
     if len(pairs) > 1 or fit is not None:
         _legend(magnitude, fit is not None)
     entitle(magnitude, _title(response, pairs))
@@ -257,7 +252,12 @@ def shown_lines(values: Array) -> NDArray[np.intp]:
     return np.unique(kept)
 
 
-def plot_magnitude(
+def thinned(start: int, stop: int, most: int = 3000) -> NDArray[np.intp]:
+    """Return the samples that a loop of many is drawn with, evenly over them."""
+    return np.arange(start, stop, max(1, (stop - start) // most))
+
+
+def _plot_magnitude(
     axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str, label: str
 ) -> None:
     """Plot the magnitude of one response, with its 95 % band."""
@@ -272,7 +272,7 @@ def plot_magnitude(
     axes.plot(f, size, color=colour, linewidth=0.9, label=label)
 
 
-def plot_phase(
+def _plot_phase(
     axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str
 ) -> None:
     """Plot the phase of one response, with its 95 % band."""
@@ -285,15 +285,15 @@ def plot_phase(
         share = np.divide(half, np.abs(h[at]), out=np.ones(at.size), where=h[at] != 0.0)
         turn = np.degrees(np.arcsin(np.minimum(share, 1.0)))
         axes.fill_between(f, angle - turn, angle + turn, color=colour, alpha=0.25, linewidth=0.0)
-    axes.plot(f, *_wrapped(h[at]), color=colour, linewidth=0.9)
+    axes.plot(f, _wrapped(h[at]), color=colour, linewidth=0.9)
 
 
-def _wrapped(h: Complex) -> tuple[Array]:
+def _wrapped(h: Complex) -> Array:
     """The angle in degrees, with a break where it jumps by a turn."""
     angle = np.degrees(np.angle(h))
     jumps = np.flatnonzero(np.abs(np.diff(angle)) > 180.0)
     angle[jumps] = np.nan
-    return (angle,)
+    return angle
 
 
 def _unit(response: "MeasuredResponse") -> str:
@@ -311,7 +311,7 @@ def _legend(axes: "Axes", fitted: bool) -> None:
 
     handles, labels = axes.get_legend_handles_labels()
     if fitted:
-        handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle=(0, (4, 2))))
+        handles.append(Line2D([], [], color=INK, linewidth=0.8, linestyle=DASHED))
         labels.append("model")
     add_legend(axes, handles, labels, loc="best", ncols=2)
 

@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.characteristic import WHOLE_STAGE
 from flexstage.errors import ModelError
 from flexstage.explore.sensitivity import LENGTH, Sensitivities
-from flexstage.report.figures.shapes import body_shapes, extent
+from flexstage.report.figures.shapes import add_body, body_shapes, extent
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,
@@ -17,10 +17,9 @@ from flexstage.report.figures.style import (
     MM,
     MUTED,
     PAPER,
-    dress,
     entitle,
-    new_figure,
     one_panel,
+    panels,
 )
 from flexstage.report.sensitivity import (
     change_text,
@@ -36,7 +35,6 @@ from flexstage.stage import Stage
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
 
 # width of a column, height of a row and of a letter [inch]
@@ -49,6 +47,7 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
     Colour goes with the root of the change, so that small ones are seen beside large ones.
     """
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.patches import Rectangle
 
     # parameters that are drawn at most; the others move less
     rows = 40
@@ -76,7 +75,9 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
             axes.text(column, row, "·", ha="center", va="center", fontsize=7, color=MUTED)
             continue
         strength = float(part[row, column])
-        axes.add_patch(_cell(column, row, colour(0.5 + 0.42 * strength)))
+        face = colour(0.5 + 0.42 * strength)
+        cell = Rectangle((column - 0.47, row - 0.45), 0.94, 0.9, facecolor=face, linewidth=0.0)
+        axes.add_patch(cell)
         text = change_text(float(value)).replace("-", "−")
         axes.text(
             column, row, text, ha="center", va="center", fontsize=7,
@@ -102,18 +103,11 @@ def draw_sensitivities(found: Sensitivities, length: float | None = None) -> "Fi
 
 
 def _empty(found: Sensitivities) -> "Figure":
-    figure = new_figure(4.2, 1.0)
-    axes = figure.subplots()
+    figure, axes = one_panel(4.2, 1.0, grid=False)
     axes.set_axis_off()
     told = f"{found.stage}, {found.model}: none of these parameters moves these figures"
     axes.text(0.5, 0.5, told, ha="center", va="center", fontsize=8, color=INK, parse_math=False)
     return figure
-
-
-def _cell(column: int, row: int, colour: tuple[float, float, float, float]) -> "Patch":
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((column - 0.47, row - 0.45), 0.94, 0.9, facecolor=colour, linewidth=0.0)
 
 
 # figures that are drawn at most, so many beside each other; longer side of a stage [inch]
@@ -147,13 +141,9 @@ def draw_moving_necks(stage: Stage, found: Sensitivities) -> "Figure":
     per_inch = max(x1 - x0, y1 - y0) / _SIDE
     columns = 2 if len(kept) == 4 else min(len(kept), _COLUMNS)
     rows = -(-len(kept) // columns)
-    figure = new_figure(
-        columns * ((x1 - x0) / per_inch + 0.25), rows * ((y1 - y0) / per_inch + 0.5) + 0.3
-    )
-    panels = np.ravel(figure.subplots(rows, columns, squeeze=False))
-    for axes in panels:
-        axes.set_axis_off()
-    for axes, i in zip(panels, kept, strict=False):
+    wide, high = ((x1 - x0) / per_inch + 0.25), ((y1 - y0) / per_inch + 0.5)
+    figure, grid = panels(columns * wide, rows * high + 0.3, len(kept), columns, grid=False)
+    for axes, i in zip(grid, kept, strict=True):
         by_hinge = {
             name.removesuffix(".neck"): float(changes[i, j])
             for j, k in enumerate(necks)
@@ -170,15 +160,10 @@ def draw_moving_necks(stage: Stage, found: Sensitivities) -> "Figure":
 
 
 def _panel(axes: "Axes", stage: Stage, changes: dict[str, float]) -> None:
-    from matplotlib.patches import PathPatch
-
-    dress(axes, grid=False)
     axes.set_axis_off()
     axes.set_aspect("equal")
     for shape in body_shapes(stage):
-        fill = FIXED if shape.body.fixed else BODY
-        patch = PathPatch(shape.path(MM), facecolor=fill, edgecolor=HATCH, linewidth=0.4)
-        axes.add_patch(patch)
+        add_body(axes, shape, FIXED if shape.body.fixed else BODY, HATCH, 0.4)
     axes.margins(0.01)
     axes.autoscale_view()
     largest = max(map(abs, changes.values()))

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.hinges import Profile
+from flexstage.report.figures.style import HATCH, INK, MM
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.path import Path
 
 
@@ -32,24 +34,37 @@ class BodyShape:
     room: float
     """Distance of that point from the nearest edge [m]."""
 
-    def path(self, scale: float = 1e3) -> "Path":
-        """Return all loops as one path; `scale` is drawing units in a metre [1/m]."""
+    def path(self) -> "Path":
+        """Return all loops as one path [mm]."""
         from matplotlib.path import Path
 
         return Path.make_compound_path(
-            *(Path(np.vstack((loop, loop[:1])) * scale, closed=True) for loop in self.loops)
+            *(Path(np.vstack((loop, loop[:1])) * MM, closed=True) for loop in self.loops)
         )
 
-    def svg_path(self, scale: float = 1e3) -> str:
-        """Return all loops as the ``d`` of an SVG path; y points down there.
-
-        `scale` is drawing units in a metre [1/m]; two decimals are written.
-        """
+    def svg_path(self) -> str:
+        """Return all loops [mm], with two decimals, as the ``d`` of an SVG path; y points down."""
         parts = []
         for loop in self.loops:
-            corners = [f"{x * scale:.2f} {-y * scale:.2f}" for x, y in loop]
+            corners = [f"{x * MM:.2f} {-y * MM:.2f}" for x, y in loop]
             parts.append("M" + "L".join(corners) + "Z")
         return "".join(parts)
+
+
+def add_body(
+    axes: "Axes", shape: BodyShape, face: str, edge: str = INK, width: float = 0.5, **look: Any
+) -> None:
+    """Draw a body in millimetres; `look` is what a patch of Matplotlib takes."""
+    from matplotlib.patches import PathPatch
+
+    axes.add_patch(PathPatch(shape.path(), facecolor=face, edgecolor=edge, linewidth=width, **look))
+
+
+def add_hatched(axes: "Axes", shape: BodyShape, face: str) -> None:
+    """Draw a body below all else, hatched where it is fixed."""
+    add_body(axes, shape, face, zorder=1)
+    if shape.body.fixed:
+        add_body(axes, shape, "none", HATCH, 0.0, hatch="///")
 
 
 @lru_cache(maxsize=8)

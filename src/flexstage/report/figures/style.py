@@ -61,6 +61,9 @@ _DARK = {
     "--data5": "#8fcdf5",
 }
 
+#: Dashes of the line of a limit or of a model, and longer ones.
+DASHED, LONG_DASHED = (0, (4, 2)), (0, (5, 3))
+
 #: File formats that a figure can be written in.
 FORMATS: tuple[str, ...] = ("svg", "png", "pdf")
 
@@ -129,11 +132,31 @@ def dress(axes: "Axes", *, grid: bool = True) -> None:
         axes.set_axisbelow(True)
 
 
+def panels(
+    width: float,
+    height: float,
+    count: int = 1,
+    columns: int = 1,
+    *,
+    grid: bool = True,
+    **layout: Any,
+) -> "tuple[Figure, list[Axes]]":
+    """Start a figure of a size [inch] with diagrams in the common look, row by row.
+
+    `layout` is what `Figure.subplots` takes; places that the last row has left stay empty.
+    """
+    figure = new_figure(width, height)
+    every = list(figure.subplots(-(-count // columns), columns, squeeze=False, **layout).flat)
+    for i, axes in enumerate(every):
+        dress(axes, grid=grid)
+        if i >= count:
+            axes.set_axis_off()
+    return figure, every[:count]
+
+
 def one_panel(width: float, height: float, *, grid: bool = True) -> "tuple[Figure, Axes]":
     """Start a figure of a size [inch] with one diagram, which has the common look."""
-    figure = new_figure(width, height)
-    axes = figure.subplots()
-    dress(axes, grid=grid)
+    figure, (axes,) = panels(width, height, grid=grid)
     return figure, axes
 
 
@@ -145,10 +168,52 @@ def add_legend(on: "Axes | Figure", *entries: Any, size: float = 7.5, **look: An
     return made
 
 
+def add_shared_legend(figure: "Figure", *, most: int = 4, size: float = 7.5) -> None:
+    """Add a legend below all diagrams, each label once, so many beside each other at most."""
+    entries: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    columns = min(len(entries), most) or 1
+    add_legend(
+        figure, entries.values(), entries, loc="outside lower center", ncols=columns, size=size
+    )
+
+
+def add_arrow(
+    axes: "Axes",
+    tip: Any,
+    start: Any,
+    colour: str,
+    width: float = 1.2,
+    head: float = 8.0,
+    **look: Any,
+) -> None:
+    """Draw an arrow between two points, its line and head of so many points."""
+    arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": width, "mutation_scale": head}
+    axes.annotate("", xy=tip, xytext=start, arrowprops=arrow, **look)
+
+
+def on_paper(pad: float, alpha: float = 1.0) -> dict[str, Any]:
+    """Return the box of words that lie over lines; its pad is in points."""
+    return {"facecolor": PAPER, "edgecolor": "none", "pad": pad, "alpha": alpha}
+
+
 def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
     """Put a title over axes, at the left, in type of a size [pt]."""
     # a dollar sign in a name is no formula
     axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
+
+
+def label_axes(axes: "Axes", x: str = "", y: str = "", size: float = 8.5) -> None:
+    """Name what is drawn along axes and upwards, in type of a size [pt]."""
+    axes.set_xlabel(x, fontsize=size, parse_math=False)
+    axes.set_ylabel(y, fontsize=size, parse_math=False)
+
+
+def add_heading(figure: "Figure", text: str, size: float = 9.0, colour: str = INK) -> None:
+    """Put a line over all diagrams, at the left, in type of a size [pt]."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=size, color=colour, parse_math=False)
 
 
 def scale(unit: str) -> tuple[str, float]:

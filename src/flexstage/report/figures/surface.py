@@ -9,7 +9,7 @@ from flexstage import progress
 from flexstage.arrays import Array, Integers
 from flexstage.export.vtu.body_cells import BodyCells, body_cells
 from flexstage.quantities import number
-from flexstage.report.figures.body_motion import MOST_SHOWN, elongation_words
+from flexstage.report.figures.body_motion import MOST_SHOWN, full_stroke
 from flexstage.system import Analysis, AxisAnalysis, DriveCondition
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def stage_surface(analysis: Analysis, mesh: "StageModel | None" = None) -> Stage
         statics.append(
             SurfaceState(
                 name=f"{axis.axis} at full stroke",
-                words=_cause(analysis, axis),
+                words=full_stroke(analysis, axis),
                 displacement=displacement[kept],
                 stress=stress[kept],
                 limit=max(axis.static.hinge_stress.values(), default=0.0),
@@ -128,12 +128,6 @@ def stage_surface(analysis: Analysis, mesh: "StageModel | None" = None) -> Stage
         statics=tuple(statics),
         modes=modes,
     )
-
-
-def _cause(analysis: Analysis, axis: AxisAnalysis) -> str:
-    unit = "µrad" if analysis.system.probe(axis.probe).unit == "rad" else "µm"
-    read = f"{number(axis.output_displacement * 1e6)} {unit}"
-    return f"{elongation_words(axis)}: '{axis.probe}' reads {read}"
 
 
 class _Bodies:

@@ -17,10 +17,11 @@ from flexstage.report.figures.style import (
     INK,
     MUTED,
     PAPER,
+    add_heading,
     add_legend,
-    dress,
     entitle,
-    new_figure,
+    label_axes,
+    panels,
 )
 
 if TYPE_CHECKING:
@@ -67,16 +68,14 @@ def draw_indices(sweep: Sweep) -> "Drawing":
     names = [sweep.variables[i].name for i in chosen]
     rows, columns = _rows_and_columns(len(shown))
     wide = 0.075 * max(map(len, names))
-    figure = new_figure(
-        wide + (3.9 if columns == 2 else 2.6) * columns, rows * (0.34 * len(names) + 0.75) + 0.7
-    )
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    wide += (3.9 if columns == 2 else 2.6) * columns
+    high = rows * (0.34 * len(names) + 0.75) + 0.7
+    figure, grid = panels(wide, high, len(shown), columns, sharex=True, sharey=True)
     colours = (CYCLE[0], CYCLE[5])
     at = np.arange(len(names))
     highest = max(np.max(part[shown]) for part in (found.first_high, found.total_high))
     furthest = min(max(1.05, highest + 0.03), 1.6)
-    for axes, k in zip(grid.flat, shown, strict=False):
-        dress(axes)
+    for axes, k in zip(grid, shown, strict=True):
         axes.grid(visible=False, axis="y")
         entitle(axes, sweep.figures[k].label, 8.5)
         for shift, colour, value, low, high in (
@@ -89,8 +88,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
         axes.set(xlim=(-0.04, furthest), ylim=(len(names) - 0.45, -0.55))
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
         axes.set_yticks(at, names, fontsize=7.5, parse_math=False)
-    _blank(grid.flat[len(shown) :])
-    for axes in grid.flat[: len(shown)][-columns:]:
+    for axes in grid[-columns:]:
         axes.set_xlabel("share of the variance [1]", fontsize=8)
         axes.tick_params(axis="x", labelbottom=True)
     percent = f"{100.0 * found.confidence:g} %"
@@ -167,8 +165,7 @@ def _maps(sweep: Sweep) -> "Drawing":
                 linestyle="none", zorder=5, clip_on=False,
             )  # fmt: skip
         axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
-        axes.set_xlabel(across.heading, fontsize=8, parse_math=False)
-        axes.set_ylabel(up.heading, fontsize=8, parse_math=False)
+        label_axes(axes, across.heading, up.heading, 8)
         entitle(axes, sweep.figures[k].heading_in(scaled), 8.5)
     handles: list[Artist] = [_described_mark()] if inside else []
     if gone:
@@ -187,14 +184,14 @@ def _matrix(sweep: Sweep) -> "Drawing":
     shown, possible = sweep.moving, sweep.possible
     chosen = sweep.strongest(most_columns)
     correlations = sweep.correlations
-    figure = new_figure(_WIDTH, 1.4 * len(shown) + 0.9)
-    grid = figure.subplots(len(shown), len(chosen), sharex="col", sharey="row", squeeze=False)
-    for row, k in zip(grid, shown, strict=True):
+    columns, high = len(chosen), 1.4 * len(shown) + 0.9
+    figure, grid = panels(_WIDTH, high, len(shown) * columns, columns, sharex="col", sharey="row")
+    rows = [grid[i : i + columns] for i in range(0, len(grid), columns)]
+    for row, k in zip(rows, shown, strict=True):
         scaled = sweep.shown(k)
         y = sweep.values[possible, k] * scaled.factor
         for axes, i in zip(row, chosen, strict=True):
             variable = sweep.variables[i]
-            dress(axes)
             x = sweep.points[:, i] * variable.factor
             # so many dots would make a file that no page holds
             axes.plot(
@@ -220,7 +217,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
             axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
             axes.margins(y=0.12)
         row[0].set_ylabel(_in_two_lines(sweep.figures[k], scaled), fontsize=7.5)
-    for axes, i in zip(grid[-1], chosen, strict=True):
+    for axes, i in zip(rows[-1], chosen, strict=True):
         axes.set_xlabel(sweep.variables[i].heading, fontsize=7.5, parse_math=False)
     handles: list[Artist] = [
         _line(CYCLE[0], "-", "median"),
@@ -258,13 +255,11 @@ def _small_multiples(
     count: int, height: float, *, lines: bool = True
 ) -> "tuple[Drawing, list[Axes]]":
     rows, columns = _rows_and_columns(count)
-    figure = new_figure(_WIDTH if columns > 1 else 4.8, height * rows + 0.5)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    _blank(grid.flat[count:])
-    for axes in grid.flat[:count]:
-        dress(axes, grid=lines)
+    wide = _WIDTH if columns > 1 else 4.8
+    figure, grid = panels(wide, height * rows + 0.5, count, columns, grid=lines)
+    for axes in grid:
         axes.ticklabel_format(useOffset=False)
-    return figure, list(grid.flat[:count])
+    return figure, grid
 
 
 def _rows_and_columns(count: int) -> tuple[int, int]:
@@ -272,11 +267,6 @@ def _rows_and_columns(count: int) -> tuple[int, int]:
     most_columns = 3
     columns = 2 if count == 4 else min(most_columns, count)
     return -(-count // columns), columns
-
-
-def _blank(rest: "np.ndarray") -> None:
-    for axes in rest:
-        axes.set_axis_off()
 
 
 def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
@@ -377,7 +367,7 @@ def _say_of(figure: "Drawing", shown: int, sweep: Sweep) -> None:
     """Say above a figure that some of the variables are not shown."""
     if shown < len(sweep.variables):
         said = f"the {shown} of {len(sweep.variables)} variables that move a figure most"
-        figure.suptitle(said, x=0.01, ha="left", fontsize=8, color=MUTED)
+        add_heading(figure, said, 8, MUTED)
 
 
 def _legend(figure: "Drawing", handles: "list[Artist]") -> None:

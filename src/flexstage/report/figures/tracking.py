@@ -1,14 +1,16 @@
 """References that a stage follows: virtual with the inverse, by a plan, and by a command alone."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexstage.report.figures.responses import shown_lines
+from flexstage.arrays import Array
+from flexstage.report.figures.responses import shown_lines, thinned
 from flexstage.report.figures.style import (
     CYCLE,
+    DASHED,
+    LONG_DASHED,
     MUTED,
     NM,
     UM,
@@ -16,6 +18,8 @@ from flexstage.report.figures.style import (
     dress,
     entitle,
     new_figure,
+    one_panel,
+    panels,
     scale,
 )
 from flexstage.units import readable, readable_unit
@@ -28,6 +32,10 @@ if TYPE_CHECKING:
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
     from flexstage.hysteresis import DriveModel, Feedforward
     from flexstage.studies.compensation import AxisExperiment
+
+
+#: A curve with its colour and what the legend says of it.
+_Curve = tuple[Array, Array, str, str]
 
 
 def draw_compensation(experiments: "Mapping[str, AxisExperiment]") -> "Figure":
@@ -44,86 +52,97 @@ def draw_compensation(experiments: "Mapping[str, AxisExperiment]") -> "Figure":
     for i, (name, made) in enumerate(experiments.items()):
         rows = slice(2 * i, 2 * i + 2)
         loop = figure.add_subplot(grid[2 * i, 0])
-        _loop(loop, name, made)
-        _residual(figure.add_subplot(grid[2 * i + 1, 0], sharex=loop), made)
-        _over_reference(figure.add_subplot(grid[rows, 1]), made)
-        _difference(figure.add_subplot(grid[rows, 2]), made)
+        loops = (made.voltage, UM * made.measured, UM * made.modelled)
+        _loop(loop, loops, ("virtual stage", "Bouc-Wen"), (2.2, 0.9))
+        loop.tick_params(labelbottom=False)
+        loop.set_ylabel(f"{name} [µm]")
+        deviation = f"{UM * made.width:.2f} µm wide, model within {UM * made.deviation:.2f} µm"
+        entitle(loop, f"{name}: {deviation}")
+        rest = figure.add_subplot(grid[2 * i + 1, 0], sharex=loop)
+        _about_zero(rest, made.voltage, UM * (made.measured - made.modelled), 0.8)
+        rest.set(xlabel="voltage [V]", ylabel="residual [µm]")
+        _loops_of(figure.add_subplot(grid[rows, 1]), made)
+        over = figure.add_subplot(grid[rows, 2])
+        errors = [
+            (
+                made.time,
+                UM * (run.output - made.reference),
+                colour,
+                f"{run.title}: {1e3 * UM * run.tracking.rms:.0f} nm rms, "
+                f"{1e3 * UM * run.tracking.largest:.0f} nm at most",
+            )
+            for run, colour in zip(made.runs, _INVERSES, strict=False)
+        ]
+        _over_time(over, errors, 1.6)
+        over.set(xlabel="time [s]", ylabel="output less reference [µm]")
+        entitle(over, "error that the loop's width hides")
     return figure
 
 
 def draw_loop(made: "AxisExperiment") -> "Figure":
     """Draw the loop of one axis over its reference, without and with the inverse."""
-    figure = new_figure(5.0, 2.8)
-    axes = figure.subplots()
-    _over_reference(axes, made)
+    figure, axes = one_panel(5.0, 2.8)
+    _loops_of(axes, made)
     entitle(axes, f"{made.axis}: open loop and with the inverse, simulated")
     return figure
 
 
-def _loop(axes: "Axes", name: str, made: "AxisExperiment") -> None:
-    dress(axes)
-    axes.plot(
-        made.voltage, UM * made.measured, color=CYCLE[1], linewidth=2.2,
-        label="virtual stage",
-    )  # fmt: skip
-    axes.plot(
-        made.voltage, UM * made.modelled, color=CYCLE[0], linewidth=0.9, linestyle=(0, (4, 2)),
-        label="Bouc-Wen",
-    )  # fmt: skip
-    axes.tick_params(labelbottom=False)
-    axes.set_ylabel(f"{name} [µm]")
-    add_legend(axes, loc="upper left")
-    entitle(
-        axes,
-        f"{name}: {UM * made.width:.2f} µm wide, model within {UM * made.deviation:.2f} µm",
-    )
-
-
-def _residual(axes: "Axes", made: "AxisExperiment") -> None:
-    dress(axes)
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.plot(made.voltage, UM * (made.measured - made.modelled), color=CYCLE[0], linewidth=0.8)
-    axes.set(xlabel="voltage [V]", ylabel="residual [µm]")
-
-
-def _over_reference(axes: "Axes", made: "AxisExperiment") -> None:
-    dress(axes)
+def _loops_of(axes: "Axes", made: "AxisExperiment") -> None:
     reference = UM * made.reference
-    runs = (
-        (made.open_output, CYCLE[1], f"open loop, {UM * made.open_loop.loop_width:.2f} µm"),
-        *(
-            (run.output, CYCLE[i], f"{run.title}, {UM * run.tracking.loop_width:.2f} µm")
-            for run, i in zip(made.runs, (0, 2, 3, 4), strict=False)
-        ),
-    )
-    for output, colour, label in runs:
-        axes.plot(reference, UM * output, color=colour, linewidth=0.9, label=label)
-    axes.set(xlabel="reference [µm]", ylabel="output [µm]")
-    add_legend(axes, loc="upper left", size=7.0)
+    width = f"open loop, {UM * made.open_loop.loop_width:.2f} µm"
+    curves = [(reference, UM * made.open_output, CYCLE[1], width)]
+    curves += [
+        (reference, UM * run.output, c, f"{run.title}, {UM * run.tracking.loop_width:.2f} µm")
+        for run, c in zip(made.runs, _INVERSES, strict=False)
+    ]
+    _over_reference(axes, curves)
     share = np.ptp(made.reference) / made.stroke
     entitle(axes, f"without and with inverse, {100.0 * share:.0f} % of the stroke")
 
 
-def _difference(axes: "Axes", made: "AxisExperiment") -> None:
+def _loop(
+    axes: "Axes",
+    loops: tuple[Array, Array, Array],
+    labels: tuple[str, str],
+    widths: tuple[float, float],
+) -> None:
+    """Draw a measured and a modelled loop over the voltage."""
+    dress(axes)
+    voltage, measured, modelled = loops
+    axes.plot(voltage, measured, color=CYCLE[1], linewidth=widths[0], label=labels[0])
+    look = {"color": CYCLE[0], "linewidth": widths[1], "linestyle": DASHED, "label": labels[1]}
+    axes.plot(voltage, modelled, **look)
+    add_legend(axes, loc="upper left")
+
+
+def _about_zero(axes: "Axes", x: Array, rest: Array, width: float) -> None:
     dress(axes)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    top = 0.0
-    for run, i in zip(made.runs, (0, 2, 3, 4), strict=False):
-        error = UM * (run.output - made.reference)
-        top = max(top, float(np.abs(error).max()))
-        axes.plot(
-            made.time, error, color=CYCLE[i], linewidth=0.7,
-            label=f"{run.title}: {1e3 * UM * run.tracking.rms:.0f} nm rms, "
-            f"{1e3 * UM * run.tracking.largest:.0f} nm at most",
-        )  # fmt: skip
-    axes.set_xlim(made.time[0], made.time[-1])
-    axes.set_ylim(-1.1 * top, 1.6 * top)
-    axes.set(xlabel="time [s]", ylabel="output less reference [µm]")
+    axes.plot(x, rest, color=CYCLE[0], linewidth=width)
+
+
+def _over_reference(axes: "Axes", curves: Iterable[_Curve]) -> None:
+    dress(axes)
+    for reference, output, colour, label in curves:
+        axes.plot(reference, output, color=colour, linewidth=0.9, label=label)
+    axes.set(xlabel="reference [µm]", ylabel="output [µm]")
     add_legend(axes, loc="upper left", size=7.0)
-    entitle(axes, "error that the loop's width hides")
 
 
-#: Colour of each way, the same in every figure.
+def _over_time(axes: "Axes", curves: Sequence[_Curve], head: float) -> None:
+    """Draw errors over time, with room for the legend: `head` times the largest of them."""
+    dress(axes)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    for time, error, colour, label in curves:
+        axes.plot(time, error, color=colour, linewidth=0.7, label=label)
+    top = max((float(np.abs(error).max()) for _, error, _, _ in curves), default=0.0)
+    axes.set_ylim(-1.1 * top, head * top)
+    axes.set_xlim(curves[0][0][0], max(float(time[-1]) for time, _, _, _ in curves))
+    add_legend(axes, loc="upper left", size=7.0)
+
+
+#: Colour of each inverse, and of each control mode, the same in every figure.
+_INVERSES = (CYCLE[0], CYCLE[2], CYCLE[3], CYCLE[4])
 _COLOURS = {
     "open loop": CYCLE[1],
     "inverse": CYCLE[0],
@@ -140,56 +159,42 @@ def draw_following(step: "VerifiedStep") -> "Figure":
     another way; and the error of each trial where something was learned.
     """
     learned = [run for run in step.runs if len(run.errors) > 1]
-    figure = new_figure(10.6, 3.4)
-    grid = figure.subplots(
-        1, 3 if learned else 2, squeeze=False,
-        width_ratios=(1.0, 1.3, 0.7) if learned else (1.0, 1.5),
-    )[0]  # fmt: skip
-    _ways_over_reference(grid[0], step)
-    _errors(grid[1], step)
-    if learned:
-        _trials(grid[2], learned[0])
+    count, ratios = (3, (1.0, 1.3, 0.7)) if learned else (2, (1.0, 1.5))
+    figure, (loops, errors, *trials) = panels(10.6, 3.4, count, count, width_ratios=ratios)
+    _over_reference(
+        loops,
+        (
+            (
+                UM * run.reference[at],
+                UM * run.output[at],
+                _COLOURS[run.way],
+                f"{run.way}, loop {_length(run.tracking.loop_width)}",
+            )
+            for run in step.runs
+            for at in (thinned(0, run.time.size),)
+        ),
+    )
+    entitle(loops, f"{step.axis}: {UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
+    shown = [run for run in step.runs if run.way != "open loop"] or list(step.runs)
+    _over_time(errors, [_error(run) for run in shown], 1.25 + 0.15 * len(shown))
+    errors.set_xlim(0.0, max(float(np.ptp(run.time)) for run in shown))
+    errors.set(xlabel="time [s]", ylabel="reading less reference [nm]")
+    entitle(errors, "error, which the width of a loop hides in part")
+    for axes in trials:
+        _trials(axes, learned[0])
     return figure
 
 
-def _ways_over_reference(axes: "Axes", step: "VerifiedStep") -> None:
-    dress(axes)
-    for run in step.runs:
-        at = _thin(run.time.size)
-        axes.plot(
-            UM * run.reference[at], UM * run.output[at], color=_COLOURS[run.way], linewidth=0.9,
-            label=f"{run.way}, loop {_length(run.tracking.loop_width)}",
-        )  # fmt: skip
-    axes.set(xlabel="reference [µm]", ylabel="output [µm]")
-    add_legend(axes, loc="upper left", size=7.0)
-    entitle(axes, f"{step.axis}: {UM * step.stroke:.3g} µm at {step.rate_hz:g} Hz")
-
-
-def _errors(axes: "Axes", step: "VerifiedStep") -> None:
-    dress(axes)
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    shown = [run for run in step.runs if run.way != "open loop"] or list(step.runs)
-    top = 0.0
-    for run in shown:
-        at = _thin(run.time.size)
-        error = NM * (run.output - run.reference)[at]
-        top = max(top, float(np.abs(error).max()))
-        axes.plot(
-            run.time[at] - run.time[0], error, color=_COLOURS[run.way], linewidth=0.7,
-            label=f"{run.way}: {_length(run.tracking.rms)} rms, "
-            f"{_length(run.tracking.largest)} at most",
-        )  # fmt: skip
-    axes.set_ylim(-1.1 * top, (1.25 + 0.15 * len(shown)) * top)
-    axes.set_xlim(0.0, max(float(np.ptp(run.time)) for run in shown))
-    axes.set(xlabel="time [s]", ylabel="reading less reference [nm]")
-    add_legend(axes, loc="upper left", size=7.0)
-    entitle(axes, "error, which the width of a loop hides in part")
+def _error(run: "FollowedRun") -> _Curve:
+    at = thinned(0, run.time.size)
+    label = f"{run.way}: {_length(run.tracking.rms)} rms, {_length(run.tracking.largest)} at most"
+    error = NM * (run.output - run.reference)[at]
+    return run.time[at] - run.time[0], error, _COLOURS[run.way], label
 
 
 def _trials(axes: "Axes", run: "FollowedRun") -> None:
     from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-    dress(axes)
     errors = NM * np.asarray(run.errors)
     axes.plot(np.arange(errors.size), errors, "o-", color=_COLOURS["learning"], markersize=4)
     axes.set_yscale("log")
@@ -203,36 +208,18 @@ def _trials(axes: "Axes", run: "FollowedRun") -> None:
 
 def draw_drive_fit(step: "IdentifiedStep") -> "Figure":
     """Draw a record and the model identified from it, over voltage, and its rest over time."""
-    figure = new_figure(10.6, 3.2)
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
-    at = _thin(step.time.size)
-    dress(left)
-    left.plot(
-        step.voltage[at], UM * step.measured[at], color=CYCLE[1], linewidth=1.8, label="reading"
-    )
-    left.plot(
-        step.voltage[at], UM * step.modelled[at], color=CYCLE[0], linewidth=0.8, label=step.kind,
-        linestyle=(0, (4, 2)),
-    )  # fmt: skip
+    figure, (left, right) = panels(10.6, 3.2, 2, 2, width_ratios=(1.0, 1.5))
+    at = thinned(0, step.time.size)
+    loops = (step.voltage[at], UM * step.measured[at], UM * step.modelled[at])
+    _loop(left, loops, ("reading", step.kind), (1.8, 0.8))
     left.set(xlabel="voltage [V]", ylabel=f"{step.axis} [µm]")
-    add_legend(left, loc="upper left")
     entitle(left, f"{step.name}: {step.kind} on axis {step.axis}")
-    dress(right)
-    right.axhline(0.0, color=MUTED, linewidth=0.6)
-    right.plot(
-        step.time[at], NM * (step.measured - step.modelled)[at], color=CYCLE[0], linewidth=0.6
-    )
+    _about_zero(right, step.time[at], NM * (step.measured - step.modelled)[at], 0.6)
     # what is drawn in grey still remembers what was before the record
     right.axvspan(step.time[0], step.settled, color=MUTED, alpha=0.18, linewidth=0.0)
     right.set(xlabel="time [s]", ylabel="reading less model [nm]")
     entitle(right, f"model error, {_length(step.deviation)} at most after the grey part")
     return figure
-
-
-def _thin(size: int) -> NDArray[np.intp]:
-    # points of a curve, so that the page stays small
-    points = 3000
-    return np.arange(0, size, max(1, size // points))
 
 
 def _length(value: float) -> str:
@@ -266,10 +253,8 @@ def _command(axes: "Axes", made: "Feedforward", model: "DriveModel") -> None:
     axes.tick_params(labelbottom=False)
     axes.set_xlim(made.time[0], made.time[-1])
     low, high = float(made.command.min()), float(made.command.max())
-    entitle(
-        axes,
-        f"{made.time.size} samples, {readable(model.input_unit, low, high, digits=4)}",
-    )
+    shown = readable(model.input_unit, low, high, digits=4)
+    entitle(axes, f"{made.time.size} samples, {shown}")
 
 
 def _command_error(
@@ -308,7 +293,7 @@ def _command_loop(axes: "Axes", made: "Feedforward", model: "DriveModel") -> Non
     ends = [int(made.wanted.argmin()), int(made.wanted.argmax())]
     axes.plot(
         factor * made.wanted[ends], made.command[ends], color=MUTED, linewidth=0.8,
-        linestyle=(0, (5, 3)), label="in proportion",
+        linestyle=LONG_DASHED, label="in proportion",
     )  # fmt: skip
     axes.set(xlabel=f"wanted{unit}", ylabel=f"command{scale(model.input_unit)[0]}")
     add_legend(axes, loc="upper left")

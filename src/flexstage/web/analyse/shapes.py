@@ -12,7 +12,7 @@ from flexstage.arrays import Array, Integers
 from flexstage.comparison import title_of
 from flexstage.quantities import number
 from flexstage.report.figures.body_motion import SHOWN_OF_MODES, exaggeration
-from flexstage.report.figures.neck_stress import STRESS_CLEAR, STRESS_COLOURS
+from flexstage.report.figures.hinges import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed

@@ -11,7 +11,7 @@ from flexstage import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
 from flexstage.report.analysis_files import analysis_files
-from flexstage.report.figures.convergence import draw_convergence
+from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
 from flexstage.studies.models import run_model
 from flexstage.studies.requests import ModelOptions

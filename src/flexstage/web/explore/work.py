@@ -136,7 +136,7 @@ def _of_sweep(found: Sweep) -> _Shown:
 def _of_lot(study: ToleranceStudy, choice: ToleranceChoice | None) -> _Shown:
     from flexstage.report import tolerance
     from flexstage.report.explored_files import tolerance_files
-    from flexstage.report.figures.tolerance import draw_shares, draw_spreads
+    from flexstage.report.figures.distributions import draw_shares, draw_spreads
 
     tables = [tolerance.yield_table(study.yields)] if study.yields else []
     tables.append(tolerance.spread_table(study))

@@ -30,8 +30,12 @@ from flexstage.records.drives import read_drive
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import is_time, likely_drive, moving_columns
 from flexstage.records.write import record_bytes
-from flexstage.report.figures.identification import draw_identification, draw_prediction
-from flexstage.report.figures.record import draw_drive_record, draw_record
+from flexstage.report.figures.identification import (
+    draw_drive_record,
+    draw_identification,
+    draw_prediction,
+    draw_record,
+)
 from flexstage.report.figures.tracking import draw_feedforward
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.pictures import inline
