@@ -52,10 +52,6 @@ def _text(words: str) -> str:
     return (re.sub(r"^-1\b", "- 1", plain) or "NONE")[:80]
 
 
-def _plain(words: str, width: int) -> str:
-    return f"{_text(words)[:width]:<{width}}"
-
-
 def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> list[str]:
     """Write numbers in columns."""
     words = [f"{v:{width}.{digits}E}" for v in values]
@@ -148,7 +144,7 @@ def frequency_function(
     """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     places = "".join(
-        f" {_plain(name, 10)}{point:10d}{direction:4d}"
+        f" {_text(name)[:10]:<10}{point:10d}{direction:4d}"
         for name, point, direction in (response, reference)
     )
     lines.append(f"{_FRF:5d}{number:10d}{0:5d}{0:10d}{places}")

@@ -204,7 +204,8 @@ def _rows(found: Identification) -> list[tuple[str, str, str, str]]:
         value, error = row["value"], row["standard_error"]
         if not isinstance(value, float) or (value == 0.0 and error is None):
             continue  # a table, or what this model does without
-        power = _power(parameter_unit(found.kind, name, "input", "output"))
+        over, _, under = parameter_unit(found.kind, name, "input", "output").partition("/")
+        power = ("output" in over) - ("output" in under)
         unit = parameter_unit(found.kind, name, m.input_unit, shown)
         made.append((name, *_numbers(value, error, factor**power), unit))
     for name, row in chain_found(found).items():
@@ -220,12 +221,6 @@ def _rows(found: Identification) -> list[tuple[str, str, str, str]]:
         known = "not determined" if name in unknown else known
         made.append((name.replace("_", " "), number, known, own))
     return made
-
-
-def _power(unit: str) -> int:
-    """Whether the output is over or under the line of a unit."""
-    over, _, under = unit.partition("/")
-    return ("output" in over) - ("output" in under)
 
 
 def _numbers(value: float, error: float | None, factor: float) -> tuple[str, str]:

@@ -8,7 +8,6 @@ from typing import Any
 import flexstage
 from flexstage.cache.memory import Memory
 from flexstage.characteristic import shown_units
-from flexstage.estimate import Estimate
 from flexstage.experiments.campaign.results import TestResult
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities import Quantity, beside, display, number, prefixed
@@ -57,9 +56,9 @@ def positioning_tables(found: Positioning) -> PositioningTables:
 
     def given(name: str) -> tuple[str, ...]:
         estimate = getattr(found, name, None)
-        return (
-            ("", "") if estimate is None else (text(estimate.value), _two_digits(estimate, factor))
-        )
+        if estimate is None:
+            return "", ""
+        return text(estimate.value), f"{float(f'{factor * estimate.expanded:.2g}'):g}"
 
     across, of_target = prefixed(float(abs(found.target).max()))
     columns = (
@@ -82,10 +81,6 @@ def positioning_tables(found: Positioning) -> PositioningTables:
         axis=table("", ("", "<ISO 230-2", "upward", pm, "downward", pm, "both", pm), of_axis),
         targets=table("", (f"target [{of_target}m]", *heads), at_targets),
     )
-
-
-def _two_digits(estimate: Estimate, factor: float) -> str:
-    return f"{float(f'{factor * estimate.expanded:.2g}'):g}"
 
 
 _MOTIONS = {
@@ -281,14 +276,13 @@ def _positioning(result: TestResult) -> Iterator[Content]:
     tables = positioning_tables(found)
     name = result.test.name
     yield f"Test {name}: {found.runs} runs upward and downward; values in {tables.unit}."
-    yield _pictures(
-        Picture(
-            result=found,
-            title=name,
-            caption=f"Positioning by ISO 230-2, test {name}.",
-            options={"title": f"{result.test.axis}: ISO 230-2"},
-        )
+    shown = Picture(
+        result=found,
+        title=name,
+        caption=f"Positioning by ISO 230-2, test {name}.",
+        options={"title": f"{result.test.axis}: ISO 230-2"},
     )
+    yield Pictures(shown=(shown,))
     yield tables.axis
     yield tables.targets
 
@@ -323,7 +317,7 @@ def _response(result: TestResult) -> Iterator[Content]:
                 caption=f"Stabilisation diagram, test {name}.",
             )
         )
-    yield _pictures(*shown)
+    yield Pictures(shown=tuple(shown))
 
 
 def _standing(result: TestResult) -> Iterator[Content]:
@@ -339,8 +333,5 @@ def _standing(result: TestResult) -> Iterator[Content]:
     else:
         return
     name = f"test {result.test.name}"
-    yield _pictures(Picture(result=shown, title=name, caption=f"{kind}, {name}.", options=options))
-
-
-def _pictures(*shown: Picture) -> Pictures:
-    return Pictures(shown=shown)
+    picture = Picture(result=shown, title=name, caption=f"{kind}, {name}.", options=options)
+    yield Pictures(shown=(picture,))

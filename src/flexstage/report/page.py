@@ -102,12 +102,9 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"kind": _kind, "svg": pass_context(_svg), "typeset": _typeset}
+    kind = {"kind": lambda item: type(item).__name__}
+    made.filters |= kind | {"svg": pass_context(_svg), "typeset": _typeset}
     return made
-
-
-def _kind(item: object) -> str:
-    return type(item).__name__
 
 
 def _svg(context: Mapping[str, Any], picture: Picture, key: str) -> "Markup":

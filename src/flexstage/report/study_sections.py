@@ -33,7 +33,6 @@ from flexstage.studies.virtual_experiments import (
 from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from flexstage.estimate import Estimate
     from flexstage.hysteresis.loops import Tracking
     from flexstage.studies.compensation import AxisExperiment
     from flexstage.studies.models import ModelRun
@@ -290,18 +289,17 @@ def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
         of = {f.axis: f.estimate for f in figures if f.quantity == quantity}
         if of:
             shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
-            values = (_with_spread(of[a], shown.factor) if a in of else "–" for a in axes)
+            k = shown.factor
+            values = (
+                " ± ".join(beside(k * of[a].value, k * of[a].expanded)) if a in of else "–"
+                for a in axes
+            )
             rows.append((shown.heading, *values))
     if rows:
         caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
         if len(figures) < len(main):
             caption += " Straightness that nobody has measured is assumed, and left out."
         yield table(caption, ("Quantity", *(Column(axis) for axis in axes)), rows)
-
-
-def _with_spread(estimate: "Estimate", factor: float) -> str:
-    value, spread = beside(factor * estimate.value, factor * estimate.expanded)
-    return f"{value} ± {spread}"
 
 
 def _resonances(found: MeasurementComparison) -> Iterator[Picture]:

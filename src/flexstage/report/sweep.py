@@ -132,7 +132,8 @@ def _sections(sweep: Sweep) -> Iterator[Section]:
         title="Figures over what was varied",
         caption="Figures that vary, over what was varied.",
     )
-    yield Section(key="figures", title="Figures", content=(picture, *_first_tables(sweep)))
+    first = sweep_tables(replace(sweep, indices=None))
+    yield Section(key="figures", title="Figures", content=(picture, *first))
     if sweep.indices is not None:
         bars = Picture(
             result=partial(draw_indices, sweep),
@@ -155,11 +156,6 @@ def _sections(sweep: Sweep) -> Iterator[Section]:
         }
     )
     yield Section(key="settings", title="Settings", content=(settings,))
-
-
-def _first_tables(sweep: Sweep) -> list[Table]:
-    shown = replace(sweep, indices=None)
-    return list(sweep_tables(shown))
 
 
 def _said_of_lines(sweep: Sweep) -> str:
@@ -204,7 +200,8 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
     import plotly.graph_objects as go
     from markupsafe import Markup
 
-    values = [_rounded(column) for _, column in axes]
+    # with the digits that are seen
+    values = [[float(f"{value:.6g}") for value in column] for _, column in axes]
 
     def colour(i: int) -> dict[str, Any]:
         return {"line.color": [values[i]], "line.colorbar.title.text": _broken(axes[i][0])}
@@ -245,11 +242,6 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
             config={"displaylogo": False, "modeBarButtons": [["toImage"]]},
         )
     )
-
-
-def _rounded(column: np.ndarray) -> list[float]:
-    """Return numbers with the digits that are seen."""
-    return [float(f"{value:.6g}") for value in column]
 
 
 def _broken(heading: str) -> str:

@@ -12,7 +12,6 @@ from flexstage.studies.traditional import (
     MEASURES,
     SPAN,
     ComparedStage,
-    Reduction,
     TraditionalComparison,
     drift_verdict,
     verdict,
@@ -91,7 +90,7 @@ def claim_table(found: TraditionalComparison) -> Table:
             (
                 row.against,
                 number(_UM * row.other, 3),
-                *(_share(r) for r in (row, straight, yaw)),
+                *("–" if r is None else number(1.0 - r.reduction, 2) for r in (row, straight, yaw)),
                 "yes" if row.holds else "no",
                 f"{100.0 * row.share:.0f} %",
             )
@@ -233,8 +232,3 @@ def _small(value: float, decimals: int = 3) -> str:
     """Write a figure with as many decimals as a comparison needs; one that rounds to 0 as 0."""
     text = f"{value:.{decimals}f}"
     return text.replace("-", "−") if float(text) else "0"
-
-
-def _share(row: Reduction | None) -> str:
-    """Write the figure of the stage over that of another."""
-    return "–" if row is None else number(1.0 - row.reduction, 2)

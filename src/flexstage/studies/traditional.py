@@ -318,7 +318,7 @@ def _compared(
         ),
         # the lower plate carries the upper one, where there are two
         mass=sum(m.mass for m in mass_properties(parts[0]).values()),
-        actuators=_actuators(drives),
+        actuators=", ".join(f"{drives.count(one)} × {one}" for one in dict.fromkeys(drives)),
     )
 
 
@@ -336,11 +336,6 @@ def _drift(systems: list[MechanicalSystem]) -> dict[str, tuple[float, float, flo
             moved += (y, x, -yaw) if i else (x, y, yaw)
         total[load] = (float(moved[0]), float(moved[1]), float(moved[2]))
     return total
-
-
-def _actuators(drives: list[str]) -> str:
-    """Say how many actuators of which kind and stroke there are."""
-    return ", ".join(f"{drives.count(one)} × {one}" for one in dict.fromkeys(drives))
 
 
 def claim_verdict(found: TraditionalComparison) -> str:

@@ -131,14 +131,19 @@ def add_hinge(
     stiffness = np.asarray(hinge.stiffness)
     meaning = f"stiffness of {words} [N/m, N, N m/rad]"
     spring = group.gain("spring", "K", meaning, stiffness, "spring")
-    from_motion = _add_difference(builder, sides, group, words, "motion")
+    count = stiffness.shape[0]
+    what = f"deformation of {words} [m, m, rad]"
+    gains = _add_parts(builder, group, sides, "motion", "B", what)
+    from_motion = _add_total(builder, group, gains, "motion", what, count)
     builder.connect(from_motion, spring, f"e_{hinge.name} [m, m, rad]")
     force = spring
     if damping.beta > 0.0:
         meaning = f"damping of {words} [N s/m, N s, N m s/rad]"
         damper = group.gain("damper", "βK", meaning, damping.beta * stiffness, "damper")
-        builder.connect(_add_difference(builder, sides, group, words, "rate"), damper)
-        force = group.sum("force", f"force of {words} [N, N, N m]", stiffness.shape[0])
+        what = f"rate of deformation of {words} [m/s, m/s, rad/s]"
+        gains = _add_parts(builder, group, sides, "rate", "B", what)
+        builder.connect(_add_total(builder, group, gains, "rate", what, count), damper)
+        force = group.sum("force", f"force of {words} [N, N, N m]", count)
         builder.term(force, spring, 1)
         builder.term(force, damper, 1)
     signal = f"f_{hinge.name} [N, N, N m]"
@@ -149,36 +154,42 @@ def add_hinge(
         builder.term(end.forces, back, -sign, signal)
 
 
-def _add_difference(
+def _add_parts(
     builder: DiagramBuilder,
-    sides: list[tuple[BodyBlocks, int, Array]],
     group: GroupBuilder,
-    words: str,
+    sides: list[tuple[BodyBlocks, int, Array]],
     of: str,
-) -> str:
-    """Add gains from the bodies at the ends of a hinge, and their sum; return its name."""
-    what = "deformation" if of == "motion" else "rate of deformation"
-    units = "[m, m, rad]" if of == "motion" else "[m/s, m/s, rad/s]"
+    label: str,
+    what: str,
+) -> list[tuple[str, int]]:
+    """Add what the ``motion`` or ``rate`` of each body is in something, with its sign."""
     gains = []
     for number, (end, sign, matrix) in enumerate(sides):
-        meaning = f"part of body {end.name} in the {what} of {words} {units}"
-        gain = group.gain(f"{of}_{number + 1}", "B", meaning, matrix, "geometry")
-        connect_end(builder, end, gain, of)
+        meaning = f"part of body {end.name} in the {what}"
+        gain = group.gain(f"{of}_{number + 1}", label, meaning, matrix, "geometry")
+        if of == "motion":
+            builder.connect(end.motion, gain, f"q_{end.name} [m, m, rad]")
+        else:
+            builder.connect(end.rate, gain, f"q'_{end.name} [m/s, m/s, rad/s]")
         gains.append((gain, sign))
+    return gains
+
+
+def _add_total(
+    builder: DiagramBuilder,
+    group: GroupBuilder,
+    gains: list[tuple[str, int]],
+    name: str,
+    meaning: str,
+    width: int = 1,
+) -> str:
+    """Add the sum of parts and return its name; of one alone it is the part."""
     if len(gains) == 1:
         return gains[0][0]
-    total = group.sum(of, f"{what} of {words} {units}", sides[0][2].shape[0])
+    total = group.sum(name, meaning, width)
     for gain, sign in gains:
         builder.term(total, gain, sign)
     return total
-
-
-def connect_end(builder: DiagramBuilder, end: BodyBlocks, target: str, of: str) -> None:
-    """Lead the ``motion`` or the ``rate`` of a body to a block."""
-    if of == "motion":
-        builder.connect(end.motion, target, f"q_{end.name} [m, m, rad]")
-    else:
-        builder.connect(end.rate, target, f"q'_{end.name} [m/s, m/s, rad/s]")
 
 
 def _line_of_sight(
@@ -233,7 +244,8 @@ def _add_drive_spring(
     name = sight.name
     stretch = group.sum("compression", f"free displacement less elongation of drive {name} [m]")
     builder.term(stretch, free, 1, f"w_{name} [m]")
-    for gain, sign in _add_rows(builder, name, sides, group, "motion"):
+    length = f"length of {name} [m or m/s]"
+    for gain, sign in _add_parts(builder, group, sides, "motion", "r", length):
         builder.term(stretch, gain, -sign)
     stands_in = ", which stands in for an imposed displacement" if spring.stands_in else ""
     meaning = f"stiffness of drive {name} [N/m]{stands_in}"
@@ -245,35 +257,11 @@ def _add_drive_spring(
     builder.term(force, stiffness, 1)
     meaning = f"damping of drive {name} [N s/m]"
     damper = group.gain("damper", "βk", meaning, damping.beta * spring.stiffness, "damper")
-    rates = _add_rows(builder, name, sides, group, "rate")
-    if len(rates) == 1:
-        builder.connect(rates[0][0], damper)
-    else:
-        total = group.sum("rate", f"rate of elongation of drive {name} [m/s]")
-        for gain, sign in rates:
-            builder.term(total, gain, sign)
-        builder.connect(total, damper)
+    rates = _add_parts(builder, group, sides, "rate", "r", length)
+    meaning = f"rate of elongation of drive {name} [m/s]"
+    builder.connect(_add_total(builder, group, rates, "rate", meaning), damper)
     builder.term(force, damper, -1)
     return force
-
-
-def _add_rows(
-    builder: DiagramBuilder,
-    sight: str,
-    sides: list[tuple[BodyBlocks, int, Array]],
-    group: GroupBuilder,
-    of: str,
-    what: str = "",
-    unit: str = "m",
-) -> list[tuple[str, int]]:
-    """Add what each body's ``motion`` or ``rate`` is in the length of a line, with its sign."""
-    gains, what = [], what or f"length of {sight}"
-    for number, (end, sign, row) in enumerate(sides):
-        meaning = f"part of body {end.name} in the {what} [{unit} or {unit}/s]"
-        gain = group.gain(f"{of}_{number + 1}", "r", meaning, row, "geometry")
-        connect_end(builder, end, gain, of)
-        gains.append((gain, sign))
-    return gains
 
 
 def add_reading(
@@ -285,16 +273,14 @@ def add_reading(
 ) -> str:
     """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
     sides = _line_of_sight(mechanism, sight, bodies)
-    what, unit = ("length", "m") if sight.direction is not None else ("rotation", "rad")
-    whole = f"{what} of probe {sight.name}"
-    gains = _add_rows(builder, sight.name, sides, group, "motion", whole, unit)
-    if len(gains) < 2:
-        return gains[0][0] if gains else ""
-    what = "distance" if what == "length" else what
-    total = group.sum("distance", f"{what} that probe {sight.name} reads [{unit}]")
-    for gain, sign in gains:
-        builder.term(total, gain, sign)
-    return total
+    if not sides:
+        return ""
+    what, unit = ("rotation", "rad") if sight.direction is None else ("length", "m")
+    part = f"{what} of probe {sight.name} [{unit} or {unit}/s]"
+    gains = _add_parts(builder, group, sides, "motion", "r", part)
+    read = "rotation" if sight.direction is None else "distance"
+    meaning = f"{read} that probe {sight.name} reads [{unit}]"
+    return _add_total(builder, group, gains, "distance", meaning)
 
 
 def output_scale(model: DynamicModel, drive: ModelDrive) -> float:

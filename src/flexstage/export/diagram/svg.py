@@ -157,19 +157,15 @@ def _values(diagram: Diagram) -> list[tuple[str, ...]]:
         if label.startswith("1/m"):
             label, value, unit = label[2:], 1.0 / value, "kg"
             words = words.replace("inverse ", "")
+        # as one writes them for a stage of this size
+        factor, shown = _USUAL.get(unit, (1.0, unit))
         single.setdefault(
             f"{label} {words}" if label != "i" else label,
-            (label, *_shown(value, unit), words.strip()),
+            (label, f"{factor * value:.4g}", shown, words.strip()),
         )
     rows = list(single.values())
     rows += [(b.label, "", "", b.meaning) for b in diagram.blocks if b.model is not None]
     return [("", "value", "unit", ""), *rows]
-
-
-def _shown(value: float, unit: str) -> tuple[str, str]:
-    """Return a number and its unit as one writes them for a stage of this size."""
-    factor, name = _USUAL.get(unit, (1.0, unit))
-    return f"{factor * value:.4g}", name
 
 
 def _split(meaning: str) -> tuple[str, str, str]:

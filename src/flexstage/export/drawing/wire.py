@@ -267,7 +267,8 @@ def cuts(
             f"{start_hole * 1e3:.6g} mm"
         )
     sides = [Curve(*s) for c in contours.contours for s in c.loop.segments()]
-    middle = _middle(contours.outline)
+    whole = contours.outline.loop.integrals()
+    middle = whole.x / whole.area, whole.y / whole.area
     found = []
     for path in paths:
         radius = 0.5 * start_hole
@@ -288,11 +289,6 @@ def _rank(contour: Contour, start: Pair, middle: Pair) -> tuple[float, ...]:
     group = 2 if contour.kind == "outline" else int(any(contour.hinges))
     um = (math.dist(start, middle), start[1], start[0])
     return (group, *(round(v * 1e6) for v in um))
-
-
-def _middle(contour: Contour) -> Pair:
-    a = contour.loop.integrals()
-    return a.x / a.area, a.y / a.area
 
 
 def _inside(contour: Contour, contours: PlateContours, radius: float) -> Pair:

@@ -3,8 +3,6 @@
 import re
 from xml.etree import ElementTree as ET
 
-import numpy as np
-
 from flexstage.export.fmu.layout import FmuLayout, FmuVariable
 from flexstage.hysteresis.dynamic_model import DynamicModel
 
@@ -57,14 +55,11 @@ def model_description(model: DynamicModel, layout: FmuLayout, version: str, toke
         _variable(variables, v, second)
     _structure(root, model, layout, second)
     ET.indent(root, "  ")
-    note = ET.Comment(f" {_plain(model.title or model.name)}. Written by {tool()}. ")
+    title = (model.title or model.name).replace("--", "-").strip("-")
+    note = ET.Comment(f" {title}. Written by {tool()}. ")
     body = ET.tostring(root, encoding="unicode")
     head = '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(note, encoding="unicode")
     return f"{head}\n{body}\n".encode()
-
-
-def _plain(text: str) -> str:
-    return text.replace("--", "-").strip("-")
 
 
 def _interfaces(root: ET.Element, model: DynamicModel, layout: FmuLayout, second: bool) -> None:
@@ -185,7 +180,9 @@ def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
         [layout.first["input"] + d if at.voltage_at[d] < 0 else x + at.voltage_at[d]]
         for d in drives
     ]
-    lags = [[x + at.lag_at[d] + j for j in range(_lags(model, d))] for d in drives]
+    lags = [
+        [x + at.lag_at[d] + j for j in range(model.drives[d].lag_weights.shape[1])] for d in drives
+    ]
     total = [source[d] + lags[d] for d in drives]
     found: dict[int, list[int]] = {}
     for d in drives:
@@ -218,10 +215,6 @@ def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
             reference = layout.first["indicator"] + each * j + which
             found[reference] = [layout.first["input"] + d, *source[d]]
     return {key: sorted(set(value)) for key, value in found.items()}
-
-
-def _lags(model: DynamicModel, d: int) -> int:
-    return int(np.shape(model.drives[d].lag_weights)[1])
 
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")

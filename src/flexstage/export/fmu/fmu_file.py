@@ -132,7 +132,10 @@ def documentation(model: DynamicModel, layout: FmuLayout, version: str, compiled
         modes=[(str(i), f"{f:.6g}", f"{zeta:.4g}") for i, (f, zeta) in enumerate(shown, start=1)],
         more_modes=max(model.omega.size - _SHOWN, 0),
         highest=f"{frequencies[-1]:.6g}",
-        parameters=[_parameter(v) for v in (layout.variables[1], *layout.of("parameter"))],
+        parameters=[
+            (_code(v.name), v.unit, f"{v.start:.7g}", v.description)
+            for v in (layout.variables[1], *layout.of("parameter"))
+        ],
         folder=folder,
         library=f"{layout.identifier}{extension}",
         main=MAIN[version],
@@ -160,10 +163,6 @@ def _port(v: FmuVariable) -> tuple[Any, ...]:
     limits = "" if v.limits is None else f"{v.limits[0]:g} to {v.limits[1]:g}"
     start = "" if v.start is None else f"{v.start:g}"
     return _code(v.name), v.unit, start, limits, _PORTS[v.causality] + v.description
-
-
-def _parameter(v: FmuVariable) -> tuple[Any, ...]:
-    return _code(v.name), v.unit, f"{v.start:.7g}", v.description
 
 
 def _code(name: str) -> "Markup":

@@ -208,7 +208,7 @@ def _drive(drive: ModelDrive, port: DrivePort) -> dict[str, Any]:
         "gain": drive.gain,
         # a rigid drive imposes its displacement
         "stiffness": np.inf if drive.stiffness is None else drive.stiffness,
-        "stroke": _number(port.stroke),
+        "stroke": np.nan if port.stroke is None else port.stroke,
         "input_range": _pair(drive.input_range),
         "hysteresis": _hysteresis(drive),
         "amplifier": _amplifier(drive.amplifier),
@@ -276,10 +276,6 @@ def _probe(probe: ModelProbe, model: DynamicModel) -> dict[str, Any]:
             "mains_phase": sensor.mains_phase,
         }
     }
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
 
 
 def _pair(value: tuple[float, float] | None) -> Array:

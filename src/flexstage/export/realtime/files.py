@@ -81,7 +81,7 @@ def realtime_files(
         + body
         + "\n#endif\n"
     )
-    limit = _single_limit(model, samples) if single else _DOUBLE_LIMIT
+    limit = float(np.max(rounding_bound(model) / _swing(samples))) if single else _DOUBLE_LIMIT
     return {
         f"{prefix}.h": header.encode("ascii"),
         f"{prefix}_example.c": _example(model, prefix, limit).encode("ascii"),
@@ -119,10 +119,6 @@ def _without_nothing(model: DynamicModel) -> DynamicModel:
 
 def _swing(samples: CheckSamples) -> list[float]:
     return [float(s) or 1.0 for s in np.ptp(samples.readings, axis=0)]
-
-
-def _single_limit(model: DynamicModel, samples: CheckSamples) -> float:
-    return float(np.max(rounding_bound(model) / _swing(samples)))
 
 
 def _self_test(model: DynamicModel, samples: CheckSamples) -> str:

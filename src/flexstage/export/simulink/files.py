@@ -262,7 +262,9 @@ def simulink_files(
     }
     notes = _notes(diagram, model, step, bool(functions.texts))
     script = build_script(name, made.system, settings=settings, notes=notes)
-    readme = _readme(name, made, variables, functions, (*notes, *_solver_note(solver, fastest)))
+    stiff = "is stiff" if solver == "ode15s" else "is not stiff"
+    why = f"Solver {solver}: the fastest pole is {fastest:.3g} 1/s, which {stiff}."
+    readme = _readme(name, made, variables, functions, (*notes, why))
     return {
         f"{name}_build.m": script.encode("ascii"),
         f"{name}_data.mat": variables.mat_file(),
@@ -308,11 +310,6 @@ def _of_model(model: DynamicModel) -> tuple[str, ...]:
 def _sentence(note: str) -> str:
     note = note[:1].upper() + note[1:]
     return note if note.endswith((".", "!", "?")) else f"{note}."
-
-
-def _solver_note(solver: str, fastest: float) -> tuple[str, ...]:
-    why = "which is stiff" if solver == "ode15s" else "which is not stiff"
-    return (f"Solver {solver}: the fastest pole is {fastest:.3g} 1/s, {why}.",)
 
 
 def _readme(

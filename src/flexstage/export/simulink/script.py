@@ -40,7 +40,10 @@ def build_script(
     """
     systems = list(_walk(top))
     # systems hold mappings, so that they are told apart by what they are, not by what they hold
-    names = {id(system): _function_name(system, i) for i, system in enumerate(systems)}
+    names = {
+        id(system): f"fill_{i}_{identifier(system.title)[:36]}" if i else "fill_model"
+        for i, system in enumerate(systems)
+    }
     text = _head(name, top, notes) + _main(name, top, settings, notes)
     text += "".join(_fill(system, names) for system in systems)
     return text + _helpers(with_functions=_has_function(top))
@@ -58,10 +61,6 @@ def _has_function(system: System) -> bool:
         node.function or (node.inside is not None and _has_function(node.inside))
         for node in system.nodes
     )
-
-
-def _function_name(system: System, number: int) -> str:
-    return "fill_model" if number == 0 else f"fill_{number}_{identifier(system.title)[:36]}"
 
 
 def _arguments(system: System, at: str) -> str:

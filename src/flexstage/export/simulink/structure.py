@@ -31,13 +31,13 @@ def structure(
     places = _Places(diagram, top, inner)
     for block in diagram.blocks:
         if block.kind == "input":
-            places.put(block, _inport(block))
+            places.put(block, _port(block, "Inport", {"PortDimensions": str(block.width)}))
     for block in diagram.blocks:
         if block.kind not in ("input", "output"):
             places.put(block, _node(block, variables, functions, sample_time))
     for block in diagram.blocks:
         if block.kind == "output":
-            places.put(block, _outport(block))
+            places.put(block, _port(block, "Outport", {}))
     places.wire()
     return top.system(diagram.notes)
 
@@ -132,14 +132,8 @@ class _Places:
                 )
 
 
-def _inport(block: Block) -> Node:
-    return Node(
-        block.name, "Inport", {"PortDimensions": str(block.width)}, block.meaning, label=block.label
-    )
-
-
-def _outport(block: Block) -> Node:
-    return Node(block.name, "Outport", meaning=block.meaning, label=block.label)
+def _port(block: Block, kind: str, settings: dict[str, str]) -> Node:
+    return Node(block.name, kind, settings, block.meaning, label=block.label)
 
 
 def _node(block: Block, variables: Variables, functions: Functions, sample_time: str) -> Node:

@@ -2,6 +2,7 @@
 
 from importlib.resources import files
 
+from flexstage import __version__
 from flexstage.errors import ModelError
 from flexstage.export.source.model_numbers import form_of, model_data
 from flexstage.hysteresis.dynamic_model import DynamicModel
@@ -39,9 +40,12 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
     """
     if not model.probes:
         raise ModelError(f"stage '{model.name}' has no probe: there is nothing to read from it")
-    codes = _codes(model)
+    codes = {
+        d.name: hysteresis_code(d.hysteresis) for d in model.drives if d.hysteresis is not None
+    }
     out = {name: _core_file(name) for name in _CORE}
-    out["model_data.h"] = model_data(model, codes, _origin(model)).encode()
+    origin = f"{model.title or model.name}. Written by flexstage {__version__}."
+    out["model_data.h"] = model_data(model, codes, origin).encode()
     headers = dict.fromkeys(h for c in codes.values() for h in (*c.headers, c.header))
     for name in (*_BEHIND_DATA, *headers):
         out.setdefault(name, _core_file(name))
@@ -54,16 +58,6 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
 def _core_file(name: str) -> bytes:
     core = files("flexstage.export.source") / "c" / name
     return core.read_bytes() if core.is_file() else source_file(name)
-
-
-def _origin(model: DynamicModel) -> str:
-    from flexstage import __version__
-
-    return f"{model.title or model.name}. Written by flexstage {__version__}."
-
-
-def _codes(model: DynamicModel) -> dict[str, HysteresisCode]:
-    return {d.name: hysteresis_code(d.hysteresis) for d in model.drives if d.hysteresis is not None}
 
 
 def _switch(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:

@@ -241,7 +241,9 @@ def field_files(
         still = moving = _of_bodies(stage, analysis)
     else:
         _require_analysed(mesh, analysis)
-        still = _of_mesh(mesh, _fine(mesh) if divisions is None else divisions)
+        solid = mesh.problems[0].continuum.dimension == 3
+        usual = 2 if solid else min(mesh.mesh_settings.order, 4)
+        still = _of_mesh(mesh, usual if divisions is None else divisions)
         # frames are many and small
         moving = _of_mesh(mesh, 2) if frames and divisions is None else still
     files = _still(analysis, still)
@@ -261,11 +263,6 @@ def _require_analysed(mesh: "StageModel", analysis: Analysis) -> None:
             f"analysis of a {analysis.system.model} model with {analysis.system.order}: give the "
             "mesh that was analysed"
         )
-
-
-def _fine(mesh: "StageModel") -> int:
-    solid = mesh.problems[0].continuum.dimension == 3
-    return 2 if solid else min(mesh.mesh_settings.order, 4)
 
 
 def _of_mesh(mesh: "StageModel", divisions: int) -> _Drawn:

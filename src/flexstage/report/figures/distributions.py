@@ -23,6 +23,7 @@ from flexstage.report.figures.style import (
     entitle,
     one_panel,
     panels,
+    shortened,
 )
 
 if TYPE_CHECKING:
@@ -122,8 +123,7 @@ def _budget(axes: "Axes", propagated: Propagated) -> None:
     if len(ranked) > _BARS:
         rest = 100.0 * sum(line.share for line in ranked[_BARS:])
         bars.append((f"{len(ranked) - _BARS} more", rest, ""))
-    names = [name if len(name) <= 24 else name[:23] + "…" for name, _, _ in bars]
-    at = _rows(axes, names)
+    at = _rows(axes, [shortened(name, 24) for name, _, _ in bars])
     values = np.array([share for _, share, _ in bars])
     colours = [{"A": CYCLE[0], "B": CYCLE[4]}.get(kind, MUTED) for _, _, kind in bars]
     axes.barh(at, values, height=0.62, color=colours)

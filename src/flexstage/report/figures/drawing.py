@@ -25,6 +25,7 @@ from flexstage.report.figures.style import (
     entitle,
     one_panel,
     panels,
+    shortened,
 )
 from flexstage.stage import Drive, Screw, Stage
 
@@ -362,6 +363,4 @@ def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
         corner = (at - 0.11, y - 0.045)
         look = {"facecolor": entry.colour, "edgecolor": INK, "linewidth": 0.4}
         axes.add_patch(Rectangle(corner, 0.22, 0.09, **look))
-    longest = longest_name - 3 if entry.detail else longest_name
-    name = entry.text if len(entry.text) <= longest else f"{entry.text[: longest - 1]}…"
-    write(left + 0.34, name)
+    write(left + 0.34, shortened(entry.text, longest_name - 3 * bool(entry.detail)))

@@ -23,6 +23,7 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_arrow,
+    add_words,
     entitle,
     on_paper,
     one_panel,
@@ -319,12 +320,15 @@ def _drive(axes: "Axes", drive: Drive, size: float) -> None:
     middle = (tip[0] - 0.5 * c * length, tip[1] - 0.5 * s * length)
     kind = "piezo stack" if isinstance(drive, PiezoStack) else "screw"
     upright = abs(s) > abs(c)
-    axes.annotate(
-        f"{kind} {drive.name}", middle, fontsize=7.5, color=INK, parse_math=False,
-        xytext=(9, 0) if upright else (0, 8), textcoords="offset points",
-        ha="left" if upright else "center", va="center" if upright else "bottom",
+    add_words(
+        axes,
+        f"{kind} {drive.name}",
+        middle,
+        (9, 0) if upright else (0, 8),
+        ha="left" if upright else "center",
+        va="center" if upright else "bottom",
         bbox=on_paper(0.8, 0.8),
-    )  # fmt: skip
+    )
 
 
 def _reach(
@@ -363,8 +367,11 @@ def _sensor(
     axes.add_patch(Polygon(corners, facecolor=CYCLE[2], edgecolor=INK, linewidth=0.5))
     beyond = abs(s) > 0.5
     at = end if beyond else (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]) + half)
-    axes.annotate(
-        f"sensor {probe.name}", at, fontsize=7.5, color=INK,
-        xytext=(0.0, -5.0 if s < -0.5 else 5.0), textcoords="offset points", ha="center",
-        va="top" if s < -0.5 else "bottom", parse_math=False,
-    )  # fmt: skip
+    add_words(
+        axes,
+        f"sensor {probe.name}",
+        at,
+        (0.0, -5.0 if s < -0.5 else 5.0),
+        ha="center",
+        va="top" if s < -0.5 else "bottom",
+    )

@@ -18,6 +18,7 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_shared_legend,
+    add_words,
     dress,
     entitle,
     label_axes,
@@ -397,8 +398,12 @@ def _asked(axes: "Axes", refinement: "Refinement", *, own: bool) -> None:
         axes.axhline(refinement.accuracy, color=MUTED, linewidth=0.6, linestyle=(0, (1, 3)))
         return
     axes.axhline(refinement.accuracy, color=INK, linewidth=1.0, linestyle=DASHED)
-    axes.annotate(
-        f"asked for: {100.0 * refinement.accuracy:.3g} %", (0.0, refinement.accuracy),
-        xycoords=("axes fraction", "data"), xytext=(4, 3), textcoords="offset points",
-        fontsize=7, color=INK, bbox=on_paper(0.6),
-    )  # fmt: skip
+    add_words(
+        axes,
+        f"asked for: {100.0 * refinement.accuracy:.3g} %",
+        (0.0, refinement.accuracy),
+        (4, 3),
+        7,
+        xycoords=("axes fraction", "data"),
+        bbox=on_paper(0.6),
+    )

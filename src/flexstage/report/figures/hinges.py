@@ -24,6 +24,7 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_legend,
+    add_words,
     dress,
     entitle,
     label_axes,
@@ -89,10 +90,7 @@ def draw_stress(analysis: Analysis) -> "Figure":
         for k, (value, colour) in enumerate(bars):
             at = row + (k - 0.5 * (len(bars) - 1)) * height
             axes.barh(at, value, height=height, color=colour)
-            axes.annotate(
-                f"{value:.0f}", (value, at), xytext=(2, 0), textcoords="offset points",
-                va="center", fontsize=6, color=MUTED,
-            )  # fmt: skip
+            add_words(axes, f"{value:.0f}", (value, at), (2, 0), 6, MUTED, va="center")
     material = analysis.stage.material
     limits: list[tuple[float, str, Any]] = [
         (limit * MPA, label, dashes)
@@ -108,11 +106,14 @@ def draw_stress(analysis: Analysis) -> "Figure":
     apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
     for i, (limit, label, dashes) in enumerate(limits):
         axes.axvline(limit, color=INK, linestyle=dashes, linewidth=1.0)
-        axes.annotate(
-            f"{label} {limit:.0f} MPa", (limit, 1.0), xycoords=("data", "axes fraction"),
-            xytext=(0, 3), textcoords="offset points", fontsize=7.5, color=INK,
+        add_words(
+            axes,
+            f"{label} {limit:.0f} MPa",
+            (limit, 1.0),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
             ha="center" if apart else ("right", "left")[i],
-        )  # fmt: skip
+        )
     axes.set(xlim=(0.0, 1.08 * furthest), ylim=(len(names) - 0.4, -0.6))
     axes.set_yticks(
         rows, [f"{name} · {numbers[name]}" for name in names], fontsize=6.5, parse_math=False
@@ -347,11 +348,7 @@ def _ruler(axes: "Axes", half: float, words: str) -> None:
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = x0 + 0.04 * (x1 - x0), y0 + 0.05 * (y1 - y0)
     axes.plot([x, x + length], [y, y], color=INK, linewidth=1.6, zorder=7)
-    axes.annotate(
-        f"{length:g} mm{words}", (x, y), xytext=(0, 4), textcoords="offset points",
-        fontsize=7, color=INK, zorder=7,
-        bbox=on_paper(1.2, 0.8),
-    )  # fmt: skip
+    add_words(axes, f"{length:g} mm{words}", (x, y), (0, 4), 7, zorder=7, bbox=on_paper(1.2, 0.8))
 
 
 def _motion(sample: "Sample", at: Sequence[float]) -> Array:

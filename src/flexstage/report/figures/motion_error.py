@@ -17,6 +17,7 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_legend,
+    add_words,
     entitle,
     label_axes,
     one_panel,
@@ -136,11 +137,17 @@ def _label(
 ) -> None:
     text = f"{number(1e6 * length.value)} µm"
     frame = {"boxstyle": "round,pad=0.15", "facecolor": axes.get_facecolor(), "edgecolor": "none"}
-    axes.annotate(
-        text, (float(at[0]), float(at[1])), xytext=offset, textcoords="offset points",
-        ha=horizontal, va=vertical, rotation=turn, rotation_mode="default", fontsize=7.5, color=INK,
+    add_words(
+        axes,
+        text,
+        (float(at[0]), float(at[1])),
+        offset,
+        ha=horizontal,
+        va=vertical,
+        rotation=turn,
+        rotation_mode="default",
         bbox=frame if box else None,
-    )  # fmt: skip
+    )
 
 
 def _short(value: float) -> str:
@@ -220,10 +227,7 @@ def _beside(axes: "Axes", at: float, ends: tuple[tuple[float, float], ...], text
     for x, y in ((x_low, low), (x_high, high)):
         axes.plot((x, at), (y, y), color=MUTED, linewidth=0.5)
     _arrow(axes, at, low, high, INK)
-    axes.annotate(
-        text, (at, 0.5 * (low + high)), xytext=(3, 0), textcoords="offset points", ha="left",
-        va="center", rotation=90, fontsize=7.5, color=INK,
-    )  # fmt: skip
+    add_words(axes, text, (at, 0.5 * (low + high)), (3, 0), ha="left", va="center", rotation=90)
 
 
 def _at_targets(
@@ -261,8 +265,12 @@ def _arrow(axes: "Axes", x: float, low: float, high: float, colour: str) -> None
 
 
 def _text(axes: "Axes", x: float, y: float, text: str, side: int) -> None:
-    axes.annotate(
-        text, (x, y), xytext=(0, 4 * side), textcoords="offset points", ha="center",
-        va="bottom" if side > 0 else "top", fontsize=7.5, color=INK,
+    add_words(
+        axes,
+        text,
+        (x, y),
+        (0, 4 * side),
+        ha="center",
+        va="bottom" if side > 0 else "top",
         bbox={"boxstyle": "round,pad=0.1", "facecolor": PAPER, "edgecolor": "none", "alpha": 0.8},
-    )  # fmt: skip
+    )

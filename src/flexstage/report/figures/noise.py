@@ -15,6 +15,7 @@ from flexstage.report.figures.style import (
     CYCLE,
     MUTED,
     add_legend,
+    add_words,
     entitle,
     label_axes,
     panels,
@@ -144,10 +145,16 @@ def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
     white = value[0] * np.sqrt(tau[0] / tau)
     axes.loglog(tau, white, color=MUTED, linewidth=0.8, linestyle="--")
     middle = tau.size // 2
-    axes.annotate(
-        "white noise", (tau[middle], white[middle]), (-4, -4), textcoords="offset points",
-        ha="right", va="top", fontsize=7.5, color=MUTED,
-    )  # fmt: skip
+    add_words(
+        axes,
+        "white noise",
+        (tau[middle], white[middle]),
+        (-4, -4),
+        7.5,
+        MUTED,
+        ha="right",
+        va="top",
+    )
     label_axes(axes, "averaging time [s]", f"Allan deviation [{label}]")
     best = int(np.argmin(value))
     entitle(axes, f"Least {value[best]:.3g} {label} at {tau[best]:.3g} s", 8.5)

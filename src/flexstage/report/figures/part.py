@@ -10,10 +10,20 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+from scipy.optimize import isotonic_regression
 
 from flexstage.arrays import Array, Integers
 from flexstage.fem.part import Part, PartSurface, part_surface
-from flexstage.report.figures.style import BODY, CYCLE, INK, MUTED, PAPER, entitle, new_figure
+from flexstage.report.figures.style import (
+    BODY,
+    CYCLE,
+    INK,
+    MUTED,
+    PAPER,
+    entitle,
+    new_figure,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,6 +112,7 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
     fewest_pixels = 12  # pixels of a face by which it counts as seen
     lowest = 0.45  # height of a view over its width, at least: names need room beside flat parts
     column = 0.34  # room for names beside a view, in widths of it
+    letters = 22  # of a name; a longer one is cut, and stands whole in the list of faces
     surface = part_surface(part)
     outer = np.array([len(f.bodies) == 1 for f in part.faces])
     shown = PartSurface(
@@ -124,16 +135,11 @@ def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()
         _show(axes, view, wide, high)
         entitle(axes, title)
         named = [f for f in range(count) if seen[f] and best[f] == k]
-        _name(axes, view, named, [_short(f.name) for f in part.faces])
+        _name(axes, view, named, [shortened(f.name, letters) for f in part.faces])
     figure.supxlabel(
         _caption(part, seen, held, moved), fontsize=_TYPE + 1, color=INK, parse_math=False
     )
     return figure
-
-
-def _short(name: str) -> str:
-    letters = 22  # of a name; a longer one is cut, and stands whole in the list of faces
-    return name if len(name) <= letters else f"{name[: letters - 1]}…"
 
 
 def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
@@ -240,14 +246,8 @@ def _spread(wanted: Sequence[float], apart: float, limits: tuple[float, float]) 
         return np.zeros(0)
     low, high = limits[0] + 0.5 * apart, limits[1] - 0.5 * apart
     steps = apart * np.arange(len(wanted))
-    # of all rising sequences the nearest in mean square: pooled adjacent violators
-    pools: list[list[float]] = []
-    for value in np.array(wanted) - steps:
-        pools.append([float(value), 1.0])
-        while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
-            (a, n), (b, m) = pools.pop(-2), pools.pop()
-            pools.append([(a * n + b * m) / (n + m), n + m])
-    flat = np.concatenate([np.full(int(n), a) for a, n in pools])
+    # of all rising sequences the nearest in mean square
+    flat = isotonic_regression(np.array(wanted) - steps).x
     return np.asarray(np.clip(flat, low, max(low, high - steps[-1])) + steps, dtype=float)
 
 

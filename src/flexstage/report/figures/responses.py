@@ -16,6 +16,7 @@ from flexstage.report.figures.style import (
     INK,
     MUTED,
     add_legend,
+    add_words,
     entitle,
     on_paper,
     panels,
@@ -164,11 +165,14 @@ def _resonances(
         axes.plot(f[at], magnitude[at], "o", color=CYCLE[0], markersize=3.5)
         if apart and len(placed) < 8:
             placed.append(where)
-            axes.annotate(
-                f"{number(nearest)} Hz", (f[at], magnitude[at]), xytext=(0, 5),
-                textcoords="offset points", ha="center", fontsize=7.5, color=INK,
+            add_words(
+                axes,
+                f"{number(nearest)} Hz",
+                (f[at], magnitude[at]),
+                (0, 5),
+                ha="center",
                 bbox=on_paper(0.6, 0.85),
-            )  # fmt: skip
+            )
 
 
 def _published(upper: "Axes", lower: "Axes", stage: Stage, axis: str) -> None:

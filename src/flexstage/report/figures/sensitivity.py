@@ -17,6 +17,7 @@ from flexstage.report.figures.style import (
     MM,
     MUTED,
     PAPER,
+    add_words,
     entitle,
     one_panel,
     panels,
@@ -177,9 +178,14 @@ def _panel(axes: "Axes", stage: Stage, changes: dict[str, float]) -> None:
         axes.plot(x, y, "o", color=colour, markersize=size, markeredgewidth=0.0, alpha=0.85)
     # the number stands at one of those that move it most: the last that is drawn, on top
     top = max(stage.hinges, key=lambda hinge: abs(changes.get(hinge.name, 0.0)))
-    axes.annotate(
-        change_text(changes[top.name]), (top.at[0] * MM, top.at[1] * MM), xytext=(12, 12),
-        textcoords="offset points", fontsize=7, color=INK, ha="left", va="center",
+    add_words(
+        axes,
+        change_text(changes[top.name]),
+        (top.at[0] * MM, top.at[1] * MM),
+        (12, 12),
+        7,
+        ha="left",
+        va="center",
         bbox={"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": "none"},
         arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.5, "shrinkB": 0.0},
-    )  # fmt: skip
+    )

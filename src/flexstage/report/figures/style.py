@@ -194,6 +194,25 @@ def add_arrow(
     axes.annotate("", xy=tip, xytext=start, arrowprops=arrow, **look)
 
 
+def add_words(
+    axes: "Axes",
+    text: str,
+    at: Any,
+    offset: tuple[float, float],
+    size: float = 7.5,
+    colour: str = INK,
+    **look: Any,
+) -> None:
+    """Write words at a place, or so many points off it; a dollar sign in them is no formula."""
+    look |= {"fontsize": size, "color": colour, "parse_math": False}
+    axes.annotate(text, at, xytext=offset, textcoords="offset points", **look)
+
+
+def shortened(name: str, letters: int) -> str:
+    """Return a name of so many letters at most, with an ellipsis where it is cut."""
+    return name if len(name) <= letters else f"{name[: letters - 1]}…"
+
+
 def on_paper(pad: float, alpha: float = 1.0) -> dict[str, Any]:
     """Return the box of words that lie over lines; its pad is in points."""
     return {"facecolor": PAPER, "edgecolor": "none", "pad": pad, "alpha": alpha}
