@@ -4,7 +4,6 @@ And samples of commands and readings with which a target is checked.
 """
 
 import textwrap
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from flexstage.export.source.model_numbers import c_comment, lag_rates
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
 
-_COUNT = 200
 #: Roundings of a step over the largest force: six terms of the size of the force in deflection and
 #: in rate, each with the rounding of its factor, its product and three sums.
 ROUNDINGS = 42.0
@@ -167,16 +165,6 @@ def state_numbers(model: DynamicModel) -> int:
     return total + sum(3 for p in model.probes if p.sensor is not None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CheckSamples:
-    """Commands, and what the stage reads under them, from rest at zero commands."""
-
-    commands: Array
-    """Commands in order of the drives, exact in single precision too, shape (n, m)."""
-    readings: Array
-    """Readings in order of the probes, shape (n, p)."""
-
-
 def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
     """Return between what a drive may well be commanded [unit of the command].
 
@@ -194,11 +182,14 @@ def command_span(model: DynamicModel, drive: ModelDrive) -> tuple[float, float]:
     return -size, size
 
 
-def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
+def check_samples(model: DynamicModel) -> tuple[Array, Array]:
     """Return commands that take every drive through loops, steps and rest, and the readings.
 
-    They are stepped one sample at a time, as a target steps.
+    Commands are in order of the drives, exact in single precision too, shape (n, m), and readings
+    in order of the probes, shape (n, p). They begin at rest at zero commands, and are stepped one
+    sample at a time, as a target steps.
     """
+    count = 200
     share = np.arange(1, count + 1) / count
     commands = np.empty((count, len(model.drives)))
     for j, drive in enumerate(model.drives):
@@ -217,14 +208,14 @@ def check_samples(model: DynamicModel, count: int = _COUNT) -> CheckSamples:
         found = exported.simulate(u, state)
         state = found.state
         readings[i] = [found.readings[p.name][0] for p in model.probes]
-    return CheckSamples(commands=commands, readings=readings)
+    return commands, readings
 
 
-def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array:
+def rounding_bound(model: DynamicModel) -> Array:
     r"""Return a bound of the error that rounding makes in the readings, for ever, by probe.
 
     What is rounded in a step, at most :math:`c\,u\,W` with the largest free displacement W and unit
-    roundoff u, decays with the mode: errors of all steps add up to
+    roundoff u of single precision, decays with the mode: errors of all steps add up to
 
     .. math:: \sum_d W_d \sum_i |r_{di}| \frac{c\,u}{1 - e^{-\zeta_i\omega_i h}}
 
@@ -259,7 +250,7 @@ def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array
         total = reach.sum(axis=1) + np.abs(d.lag_weights).sum(axis=1) + np.abs(d.feedthrough)
         bound += (
             largest
-            * unit_roundoff
+            * _SINGLE
             * (
                 ROUNDINGS * (reach @ growth)
                 + _LAG_ROUNDINGS * np.abs(d.lag_weights).sum(axis=1)
@@ -269,5 +260,5 @@ def rounding_bound(model: DynamicModel, unit_roundoff: float = _SINGLE) -> Array
     for j, p in enumerate(model.probes):
         if p.sensor is not None:
             bound[j] = abs(p.sensor.gain) * bound[j] + p.sensor.quantisation
-            bound[j] += 4.0 * unit_roundoff * abs(p.sensor.offset)
+            bound[j] += 4.0 * _SINGLE * abs(p.sensor.offset)
     return bound

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 import flexstage
+from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.realtime.comment import (
-    CheckSamples,
     check_samples,
     command_span,
     opening,
@@ -69,10 +69,11 @@ def realtime_files(
             f"'{prefix}' is no prefix of names in C: begin with a letter, then letters, digits and "
             f"_, {_LONGEST} in all"
         )
-    samples = check_samples(model)
+    commands, readings = check_samples(model)
+    swing = [float(s) or 1.0 for s in np.ptp(readings, axis=0)]
     written = _without_nothing(model) if single else model
     guard = f"{prefix.upper()}_HEADER"
-    body = amalgamated(render_source(written)) + _self_test(model, samples)
+    body = amalgamated(render_source(written)) + _self_test(commands, readings, swing)
     body = prefixed(in_single(body) if single else body, prefix)
     header = (
         opening(model, prefix, single=single)
@@ -81,11 +82,11 @@ def realtime_files(
         + body
         + "\n#endif\n"
     )
-    limit = float(np.max(rounding_bound(model) / _swing(samples))) if single else _DOUBLE_LIMIT
+    limit = float(np.max(rounding_bound(model) / swing)) if single else _DOUBLE_LIMIT
     return {
         f"{prefix}.h": header.encode("ascii"),
         f"{prefix}_example.c": _example(model, prefix, limit).encode("ascii"),
-        f"{prefix}_check.csv": _table(model, samples),
+        f"{prefix}_check.csv": _table(model, commands, readings),
     }
 
 
@@ -117,18 +118,14 @@ def _without_nothing(model: DynamicModel) -> DynamicModel:
     return replace(model, drives=tuple(cleared(d) for d in model.drives))
 
 
-def _swing(samples: CheckSamples) -> list[float]:
-    return [float(s) or 1.0 for s in np.ptp(samples.readings, axis=0)]
-
-
-def _self_test(model: DynamicModel, samples: CheckSamples) -> str:
+def _self_test(commands: Array, readings: Array, swing: list[float]) -> str:
     """The function that steps through the samples, with the samples."""
-    count = str(len(samples.commands))
+    count = str(len(commands))
     arrays = "\n".join(
         (
-            c_array("commands", (count, "FS_DRIVES"), samples.commands, "commands, a row a step"),
-            c_array("expected", (count, "FS_PROBES"), samples.readings, "readings by flexstage"),
-            c_array("swing", ("FS_PROBES",), _swing(samples), "largest less smallest reading"),
+            c_array("commands", (count, "FS_DRIVES"), commands, "commands, a row a step"),
+            c_array("expected", (count, "FS_PROBES"), readings, "readings by flexstage"),
+            c_array("swing", ("FS_PROBES",), swing, "largest less smallest reading"),
         )
     )
     indented = "".join(f"    {line}\n" if line else "" for line in arrays.splitlines())
@@ -185,9 +182,9 @@ def _columns(model: DynamicModel) -> list[str]:
     ]
 
 
-def _table(model: DynamicModel, samples: CheckSamples) -> bytes:
-    time = model.step * np.arange(1, len(samples.commands) + 1)
-    rows = np.column_stack((time, samples.commands, samples.readings)).tolist()
+def _table(model: DynamicModel, commands: Array, readings: Array) -> bytes:
+    time = model.step * np.arange(1, len(commands) + 1)
+    rows = np.column_stack((time, commands, readings)).tolist()
     written = ([f"{value:.17g}" for value in row] for row in rows)
     return csv_text([_columns(model), *written]).encode()
 

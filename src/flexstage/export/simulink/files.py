@@ -1,8 +1,6 @@
 """The files from which Simulink builds the model of a stage, and the bench that it is run on."""
 
 import textwrap
-from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,18 +24,6 @@ _POINTS = 401
 _USUAL = {"V": 10.0, "m": 1e-5, "N": 1.0}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bench:
-    """A model and what it records."""
-
-    system: System
-    """The top of the model."""
-    commands: Mapping[str, str]
-    """Variable of the command by input of the diagram."""
-    readings: Mapping[str, str]
-    """What is held, by variable in the workspace of MATLAB."""
-
-
 def bench(
     diagram: Diagram,
     model: DynamicModel | None,
@@ -47,8 +33,11 @@ def bench(
     duration: float,
     variables: Variables,
     functions: Functions,
-) -> Bench:
+) -> tuple[System, dict[str, str], dict[str, str]]:
     """Return the top of a Simulink model; without a dynamic model, with the diagram alone.
+
+    Besides, the variable of the command by input of the diagram, and what is held, by variable in
+    the workspace of MATLAB.
 
     The sample time of the hysteresis is an expression [s]; commands last for the duration [s].
     """
@@ -78,7 +67,7 @@ def bench(
         probe = model.probes[i - 1]
         words = f"{probe.name} [{probe.unit}], modes"
         _keep(w, readings, "modes", i, f"{name}_modes_{i}", words)
-    return Bench(system=w.system(), commands=commands, readings=readings)
+    return w.system(), commands, readings
 
 
 def _signal(block: Block, diagram: Diagram) -> str:
@@ -242,7 +231,7 @@ def simulink_files(
             raise ModelError(f"the {what} must be positive and finite, got {value!r} s")
     variables, functions = Variables(), Functions(f"{name}_hysteresis_")
     rate = variables.add("sample_time", step, "time between samples of the hysteresis [s]")
-    made = bench(
+    top, commands, readings = bench(
         diagram,
         model,
         name=name,
@@ -261,10 +250,10 @@ def simulink_files(
         "AbsTol": "1e-12",
     }
     notes = _notes(diagram, model, step, bool(functions.texts))
-    script = build_script(name, made.system, settings=settings, notes=notes)
+    script = build_script(name, top, settings=settings, notes=notes)
     stiff = "is stiff" if solver == "ode15s" else "is not stiff"
     why = f"Solver {solver}: the fastest pole is {fastest:.3g} 1/s, which {stiff}."
-    readme = _readme(name, made, variables, functions, (*notes, why))
+    readme = _readme(name, top, (commands, readings), variables, functions, (*notes, why))
     return {
         f"{name}_build.m": script.encode("ascii"),
         f"{name}_data.mat": variables.mat_file(),
@@ -313,8 +302,15 @@ def _sentence(note: str) -> str:
 
 
 def _readme(
-    name: str, made: Bench, variables: Variables, functions: Functions, notes: tuple[str, ...]
+    name: str,
+    top: System,
+    signals: tuple[dict[str, str], dict[str, str]],
+    variables: Variables,
+    functions: Functions,
+    notes: tuple[str, ...],
 ) -> str:
+    commands, readings = signals
+
     def table(rows: dict[str, str]) -> str:
         wide = max((len(key) for key in rows), default=0)
         return "".join(f"  {key:<{wide}}  {plain(text)}\n" for key, text in rows.items())
@@ -329,8 +325,8 @@ def _readme(
         **{f"{n}.m": "a hysteresis, for its MATLAB Function block, and by itself"
            for n in functions.texts},
     }  # fmt: skip
-    first = next(iter(made.commands.values()))
-    blocks, subsystems = _counts(made.system)
+    first = next(iter(commands.values()))
+    blocks, subsystems = _counts(top)
     example = plain(f"assignin(get_param('{name}', 'ModelWorkspace'), '{first}', [time, command])")
     hysteresis = (
         "\nEach hysteresis function has a memory: 'clear' with its name brings it back to rest. A "
@@ -338,7 +334,7 @@ def _readme(
         if functions.texts
         else ""
     )
-    return f"""{name}: {plain(made.system.title)}
+    return f"""{name}: {plain(top.title)}
 Written by flexstage {__version__}. SI units throughout.
 
 Files
@@ -352,9 +348,9 @@ How to use it
      or put any block in the place of the From Workspace blocks.
 
 Commands
-{table({variable: variables.meanings[variable] for variable in made.commands.values()})}
+{table({variable: variables.meanings[variable] for variable in commands.values()})}
 Readings, in the workspace of MATLAB after a run, or in what sim returns (structures with time)
-{table(dict(made.readings))}{hysteresis}
+{table(readings)}{hysteresis}
 How far it holds
 {"".join(_item(note) for note in notes)}
 How it was tested

@@ -103,53 +103,41 @@ def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: st
 
     `codes` are those of the drives that have hysteresis; the first comment says the origin.
     """
-    rooms = _Rooms(model, codes)
     parts = [
         f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"
         f" * {c_comment(origin)}\n */",
         '#ifndef FS_MODEL_DATA_H\n#define FS_MODEL_DATA_H\n\n#include "real.h"\n',
-        _sizes(model, codes, rooms),
-        _drives(model, codes, rooms),
+        _sizes(model, codes),
+        _drives(model, codes),
         _modes(model),
-        _creep(model, rooms),
+        _creep(model),
         _sensors(model),
         "#endif",
     ]
     return "\n".join(parts) + "\n"
 
 
-class _Rooms:
-    """How large the arrays are that all drives share."""
-
-    def __init__(self, model: DynamicModel, codes: dict[str, HysteresisCode]) -> None:
-        found = codes.values()
-        self.parameters = max([1, *(c.parameters.size for c in found)])
-        self.memory = max([1, *(c.memory for c in found)])
-        self.pieces = max([1, *(c.pieces for c in found)])
-        self.lags = max([1, *(lag_rates(d).size for d in model.drives)])
+def _filled(rows: Sequence[Array], least: int = 1) -> list[Array]:
+    """Put zeros behind rows along the last axis, so that all are as long as the longest."""
+    size = max(least, *(r.shape[-1] for r in rows))
+    return [np.pad(r, [(0, 0)] * (r.ndim - 1) + [(0, size - r.shape[-1])]) for r in rows]
 
 
-def _filled(values: Array, size: int) -> Array:
-    """Values along the last axis, then zeros."""
-    room = np.zeros((*values.shape[:-1], size))
-    room[..., : values.shape[-1]] = values
-    return room
-
-
-def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms) -> str:
+def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     forms = [form_of(codes.get(d.name)) for d in model.drives]
-    creep = any(lag_rates(d).size for d in model.drives)
+    lags = max(lag_rates(d).size for d in model.drives)
+    used = codes.values()
     sizes = {
         "FS_MODES": model.omega.size,
         "FS_DRIVES": len(model.drives),
         "FS_PROBES": len(model.probes),
-        "FS_LAGS_MAX": rooms.lags,
-        "FS_PARAMETERS_MAX": rooms.parameters,
-        "FS_MEMORY_MAX": rooms.memory,
-        "FS_PIECES_MAX": rooms.pieces,
+        "FS_LAGS_MAX": max(lags, 1),
+        "FS_PARAMETERS_MAX": max([1, *(c.parameters.size for c in used)]),
+        "FS_MEMORY_MAX": _memory(codes),
+        "FS_PIECES_MAX": max([1, *(c.pieces for c in used)]),
         "FS_HAS_PIECES": int("FS_FORM_PIECES" in forms),
         "FS_HAS_FITTED": int("FS_FORM_FITTED" in forms),
-        "FS_HAS_CREEP": int(creep),
+        "FS_HAS_CREEP": int(lags > 0),
     }
     lines = [f"#define FS_STEP FS_R({c_number(model.step)}) /* [s] */"]
     lines += [f"#define {name} {value}" for name, value in sizes.items()]
@@ -162,7 +150,11 @@ def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms)
     return "\n".join(lines)
 
 
-def _drives(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms) -> str:
+def _memory(codes: dict[str, HysteresisCode]) -> int:
+    return max([1, *(c.memory for c in codes.values())])
+
+
+def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     drives, h, k = model.drives, model.step, model.omega.size
     named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
     found = [codes.get(d.name) for d in drives]
@@ -206,13 +198,13 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode], rooms: _Rooms
             c_array(
                 "fs_data_parameters",
                 (by[0], "FS_PARAMETERS_MAX"),
-                [_filled(none if c is None else c.parameters, rooms.parameters) for c in found],
+                _filled([none if c is None else c.parameters for c in found]),
                 "parameters of the hysteresis",
             ),
             c_array(
                 "fs_data_rest",
                 (by[0], "FS_MEMORY_MAX"),
-                [_filled(r, rooms.memory) for r in rest],
+                _filled(rest, _memory(codes)),
                 "memory of the hysteresis without history",
             ),
             c_array(
@@ -292,7 +284,7 @@ def _modes(model: DynamicModel) -> str:
     )
 
 
-def _creep(model: DynamicModel, rooms: _Rooms) -> str:
+def _creep(model: DynamicModel) -> str:
     drives, k = model.drives, model.omega.size
     rates = [lag_rates(d) for d in drives]
     ratios = [model.step / d.creep.time_constants if r.size and d.creep is not None else r
@@ -302,28 +294,25 @@ def _creep(model: DynamicModel, rooms: _Rooms) -> str:
         c_array(
             "fs_data_lag_ratio",
             sizes,
-            [_filled(r, rooms.lags) for r in ratios],
+            _filled(ratios),
             "step over the time constant of a lag",
         ),
         c_array(
             "fs_data_lag_decay",
             sizes,
-            [_filled(np.exp(-r), rooms.lags) for r in ratios],
+            _filled([np.exp(-r) for r in ratios]),
             "what is left of a lag after a step",
         ),
         c_array(
             "fs_data_lag_moments",
             (sizes[0], str(ORDERS), sizes[1]),
-            [_filled(lag_moments(r), rooms.lags) for r in ratios],
+            _filled([lag_moments(r) for r in ratios]),
             "what the derivatives of the input do to a lag in a step",
         ),
         c_array(
             "fs_data_reader_lag",
             (sizes[0], "FS_PROBES", sizes[1]),
-            [
-                _filled(d.lag_weights[:, : r.size], rooms.lags)
-                for d, r in zip(drives, rates, strict=True)
-            ],
+            _filled([d.lag_weights[:, : r.size] for d, r in zip(drives, rates, strict=True)]),
             "what a probe reads of a lag [1]",
         ),
     ]
@@ -335,13 +324,13 @@ def _creep(model: DynamicModel, rooms: _Rooms) -> str:
             c_array(
                 "fs_data_lag_rate",
                 sizes,
-                [_filled(r, rooms.lags) for r in rates],
+                _filled(rates),
                 "one over the time constant of a lag [1/s]",
             ),
             c_array(
                 "fs_data_lag_share",
                 sizes,
-                [_filled(s, rooms.lags) for s in shares],
+                _filled(shares),
                 "static gain of a lag over the rise of the creep in a decade",
             ),
             c_array(
