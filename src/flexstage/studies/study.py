@@ -23,7 +23,7 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import MODELS, ModelRun, run_model
 from flexstage.studies.requests import ModelOptions, Plane, StudyRequest, models_of
-from flexstage.studies.virtual_experiments import carry_out, virtual_steps
+from flexstage.studies.virtual_experiments import carry_out
 from flexstage.system import Analysis
 
 if TYPE_CHECKING:
@@ -264,13 +264,17 @@ def run_study(
         measured=measured,
         traditional=compared,
     )
-    steps = virtual_steps(stage, measure=request.virtual, compensate=request.identification)
-    if not steps:
-        return replace(made, read=memory.read)
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
-        found = carry_out(steps, stage, made.main.system, seed=request.seed, memory=memory)
-    of_stage = {step.verb: given for step, given in found.items() if step.verb != "verify"}
-    of_axes = {step.axis: given for step, given in found.items() if step.verb == "verify"}
+        found = carry_out(
+            stage,
+            made.main.system,
+            measure=request.virtual,
+            compensate=request.identification,
+            seed=request.seed,
+            memory=memory,
+        )
+    of_stage = {verb: given for (verb, _), given in found.items() if verb != "verify"}
+    of_axes = {axis: given for (verb, axis), given in found.items() if verb == "verify"}
     return replace(
         made,
         virtual=of_stage.get("characterise"),
