@@ -51,9 +51,9 @@ def test_a_waveform_is_led_to_recorded_and_streamed() -> None:
     wave = voltages()
     with progress.listen(lambda what, done: told.append((what, done))):
         record = run_waveform(
-            instrument, wave, [X, U, ACROSS], rate_hz=2500.0, cycles=3, after=41, writer=kept
+            instrument, wave, [X, U, ACROSS], rate_hz=2500.0, cycles=3, writer=kept
         )
-    n = round(3 * 730 / 700.0 * 2500.0) + 41
+    n = round(3 * 730 / 700.0 * 2500.0)
     assert record.size == n
     k = np.minimum(np.arange(n) / 2500.0 * 700.0, 3 * 730 - 1)
     closed = np.append(wave.values["x"], wave.values["x"][0])
@@ -100,16 +100,6 @@ def test_positions_run_under_control_with_voltages_beside_them() -> None:
     assert record.channel("x").values == pytest.approx(r, abs=1e-15)
     assert record.channel("y").values == pytest.approx(0.7 * r, abs=1e-15)
     assert instrument.waves.feedforward is beside
-
-
-def test_samples_before_the_waveform() -> None:
-    instrument = SimpleInstrument()
-    record = run_waveform(instrument, voltages(), [U], rate_hz=1000.0, before=60, after=200)
-    u = record.channel("u").values
-    assert np.ptp(u[:60]) == 0.0
-    begins = int(np.argmax(u != u[0])) - 1
-    assert 60 <= begins < 160
-    assert "after 60 samples or a little more" in record.notes[-1]
 
 
 def refused(instrument: SimpleInstrument, error: type[Exception], match: str, **given: Any) -> None:

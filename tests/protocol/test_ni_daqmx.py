@@ -154,7 +154,10 @@ def test_a_ramp_goes_with_the_outputs_own_clock(card: Card, instrument: NiAcquis
 def test_a_waveform_during_a_record_goes_with_its_clock_at_once(
     card: Card, instrument: NiAcquisition
 ) -> None:
-    run_waveform(instrument, wave(), SIGNALS, rate_hz=1000.0, before=100)
+    instrument.recorder.configure(SIGNALS, 1000.0, 300)
+    instrument.recorder.start()
+    instrument.waves.load(wave())
+    instrument.waves.start()
     outputs = [a for n, a in card.log if n == "Task.timing.cfg_samp_clk_timing"][-1]
     assert outputs["source"] == "/Dev1/ai/SampleClock"
     # The start of the inputs has passed: who waited for it would wait for ever.

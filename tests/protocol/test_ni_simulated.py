@@ -18,6 +18,7 @@ from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.ni.simulated import SimulatedBackend, _Output
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Recorder, Signal
 from flexstage.instruments.protocol import WaveGenerator as Generator
+from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
@@ -118,8 +119,8 @@ def test_limits_are_those_at_the_drive() -> None:
 def test_a_waveform_and_what_it_does_are_in_step(cycles: int) -> None:
     instrument = card()
     wave = cosine()
-    record = run_waveform(instrument, wave, [U, X, ROLL], rate_hz=10e3, cycles=cycles, after=100)
-    n = 4000 * cycles + 100
+    record = run_waveform(instrument, wave, [U, X, ROLL], rate_hz=10e3, cycles=cycles)
+    n = 4000 * cycles
     assert record.size == n
     k = np.minimum(np.arange(n) / 10.0, 400 * cycles - 1) % 400
     given_ = {a: np.interp(k, np.arange(401), np.append(v, v[0])) for a, v in wave.values.items()}
@@ -173,7 +174,7 @@ def test_any_rates_go_together(
     u = 20.0 + 0.4 * rng.uniform(-1.0, 1.0, n)  # at most 0.8 V from sample to sample
     wave = Waveform(values={"x": u}, sample_rate_hz=wave_rate, quantity="voltage")
     instrument = card(rate=2500.0)
-    record = run_waveform(instrument, wave, [U], rate_hz=record_rate, cycles=cycles, after=7)
+    record = run_waveform(instrument, wave, [U], rate_hz=record_rate, cycles=cycles)
     # A clock of 100 MHz has every rate to a thousandth; the record's own time is the kept one's.
     assert record.sample_rate_hz == pytest.approx(record_rate, rel=1e-3)
     k = record.time * wave_rate
@@ -245,9 +246,16 @@ def test_voltages_that_are_set_while_a_record_runs_are_in_it() -> None:
     assert np.array_equal(instrument.recorder.read(0, 2000).channel("u").values, u)
 
 
-def test_samples_before_the_waveform_run_into_it() -> None:
+def test_a_waveform_that_is_started_during_a_record_goes_with_it() -> None:
     instrument = card()
-    record = run_waveform(instrument, cosine(), [U, X], rate_hz=10e3, before=300, after=400)
+    lead_to(instrument, {"x": 6.0, "y": 3.6}, "voltage")
+    instrument.recorder.configure([U, X], 10e3, 4700)
+    instrument.recorder.start()
+    instrument.pause(0.03)
+    instrument.waves.load(cosine())
+    instrument.waves.start()
+    instrument.pause(1.0)
+    record = instrument.recorder.read(0, 4700)
     u, x = record.channel("u").values, record.channel("x").values
     assert np.ptp(u[:300]) == 0.0
     shift = [

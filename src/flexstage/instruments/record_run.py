@@ -4,8 +4,8 @@ The samples are read while they are recorded and handed to a writer at once, so 
 recorded before a link was lost, or a program died, is kept.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,9 @@ from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.ramp import lead_to, require_loop
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
+
+#: Time at a place before it is recorded [s].
+_SETTLE = 0.1
 
 
 class SampleWriter(Protocol):
@@ -37,8 +40,6 @@ def run_waveform(
     cycles: int = 1,
     feedforward: Waveform | None = None,
     writer: SampleWriter | None = None,
-    before: int = 0,
-    after: int = 0,
     timeout: float | None = None,
 ) -> Record:
     """Run a waveform and record what happens.
@@ -49,9 +50,8 @@ def run_waveform(
 
     The position control is off for a waveform of voltages, on for one of positions, beside which
     a feedforward of voltages can be given. The record says which rate the instrument could keep.
-    With samples `before` the waveform the recorder is started first, and how many they became is
-    known only to the reaction of the link: the notes of the record say so. `timeout` is how long to
-    wait for the record beyond its own duration [s]; 10 s and half of that duration where not given.
+    `timeout` is how long to wait for the record beyond its own duration [s]; 10 s and half of that
+    duration where not given.
 
     Raises
     ------
@@ -66,8 +66,6 @@ def run_waveform(
     """
     if cycles < 1:
         raise LimitError(f"a recorded waveform runs 1 time or more, got {cycles}")
-    if before < 0 or after < 0:
-        raise ModelError(f"samples before and after cannot be negative, got {before} and {after}")
     limits = {name: axis.limits for name, axis in instrument.axes.items()}
     check_waveform(limits, waveform, cycles=cycles)
     if feedforward is not None:
@@ -82,7 +80,7 @@ def run_waveform(
     duration = waveform.duration * cycles
 
     def samples(rate: float) -> int:
-        return max(round(duration * rate), 2) + before + after
+        return max(round(duration * rate), 2)
 
     run = RecordedRun(instrument, signals, writer)
     run.configure(rate_hz, samples)  # what cannot be recorded shows before anything moves
@@ -91,19 +89,17 @@ def run_waveform(
         waves = instrument.waves
         waves.load(waveform, feedforward=feedforward)
         run.configure(rate_hz, samples)
-        if before:
-            instrument.recorder.start()
-            run.read(timeout, until=before)
-            run.notes.append(
-                f"the waveform was started after {before} samples or a little more, as fast as the "
-                "link allowed"
-            )
-            waves.start(cycles)
-        else:
-            instrument.recorder.arm()
-            waves.start(cycles)
+        instrument.recorder.arm()
+        waves.start(cycles)
         run.read(timeout)
-        run.wait(waves.running, "the waveform", timeout)
+        waited, most = 0.0, 10.0 if timeout is None else timeout
+        while waves.running():
+            if waited > most:
+                raise ControllerError(
+                    f"the waveform still runs {waited:.4g} s after its record ended: it was stopped"
+                )
+            instrument.pause(0.01)
+            waited += 0.01
     return run.record()
 
 
@@ -113,18 +109,16 @@ def record_now(
     rate_hz: float,
     samples: int,
     writer: SampleWriter | None = None,
-    *,
-    timeout: float | None = None,
 ) -> Record:
     """Record while the instrument does what it does, such as to hold its place.
 
-    2 samples at least; time-out and errors are those of `run_waveform`.
+    2 samples at least; errors are those of `run_waveform`.
     """
     run = RecordedRun(instrument, signals, writer)
     with run.stopping():
         run.configure(rate_hz, lambda _: samples)
         instrument.recorder.start()
-        run.read(timeout)
+        run.read()
     return run.record()
 
 
@@ -135,8 +129,6 @@ def record_blow(
     rate_hz: float,
     samples: int,
     writer: SampleWriter | None = None,
-    *,
-    timeout: float | None = None,
 ) -> Record:
     """Record a blow of the hammer along an axis; `signals` are its ``force`` and ``response``."""
     if Capability.IMPACT not in instrument.capabilities:
@@ -149,7 +141,7 @@ def record_blow(
         run.configure(rate_hz, lambda _: samples)
         instrument.recorder.arm()
         instrument.strike(axis)
-        run.read(timeout)
+        run.read()
     return run.record()
 
 
@@ -161,16 +153,13 @@ def run_moves(
     signals: Sequence[Signal],
     *,
     rate_hz: float,
-    settle: float = 0.1,
-    command: str = "command",
     writer: SampleWriter | None = None,
-    timeout: float | None = None,
 ) -> Record:
     """Move an axis from place to place [m] and record while it stands at each of them.
 
     For instruments without a generator of waveforms, and for drives that are slow. Before each
-    record it waits `settle` [s], then records for `dwell` [s]; the column `command` holds the
-    commanded position, for the writer too. The time counts the recorded samples alone.
+    record it waits 0.1 s, then records for `dwell` [s]; the column ``command`` holds the commanded
+    position, for the writer too. The time counts the recorded samples alone.
     """
     if not len(positions):
         raise ModelError("moves need at least one position, got none")
@@ -182,15 +171,13 @@ def run_moves(
     done = 0
     for k, position in enumerate(positions):
         with progress.subtask(k / len(positions), (k + 1) / len(positions)):
-            run = RecordedRun(
-                instrument, signals, writer, first=done, extra=(command, float(position))
-            )
+            run = RecordedRun(instrument, signals, writer, first=done, command=float(position))
             with run.stopping():
                 mover.move_to(float(position))
-                instrument.pause(settle)
+                instrument.pause(_SETTLE)
                 run.configure(rate_hz, lambda rate: max(round(dwell * rate), 2))
                 instrument.recorder.start()
-                run.read(timeout)
+                run.read()
             parts.append(run.record())
             done += parts[-1].size
     rate = parts[0].sample_rate_hz
@@ -213,8 +200,8 @@ class RecordedRun:
     """One record, from the choice of its signals to its last sample.
 
     Samples are read while they are recorded; each is looked at, kept, and handed to the writer,
-    for which the first has the number `first`. `extra` is a column that does not change: its name
-    and value [m].
+    for which the first has the number `first`. `command` is what the column of that name holds, a
+    position that does not change [m].
     """
 
     def __init__(
@@ -224,20 +211,18 @@ class RecordedRun:
         writer: SampleWriter | None,
         *,
         first: int = 0,
-        extra: tuple[str, float] | None = None,
+        command: float | None = None,
     ) -> None:
-        names = [s.name for s in signals] + ([extra[0]] if extra else [])
+        names = [s.name for s in signals] + ["command"] * (command is not None)
         if not signals or len(set(names)) != len(names):
             raise ModelError(
                 "a record needs one signal or more, each with a name of its own, got "
                 f"{', '.join(names) or 'none'}"
             )
         self.instrument, self.signals, self.writer = instrument, tuple(signals), writer
-        self.first, self.extra = first, extra
+        self.first, self.command = first, command
         self.rate, self.samples, self.done = 0.0, 0, 0
-        self.notes: list[str] = []
         self._parts: list[dict[str, Array]] = []
-        self._waited = 0.0
 
     def configure(self, rate_hz: float, samples: Callable[[float], int]) -> None:
         """Choose what is recorded, and how many samples at the rate that is kept [Hz]."""
@@ -264,55 +249,52 @@ class RecordedRun:
                 return
             rate = self.rate
 
-    def stopping(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def stopping(self) -> Iterator[None]:
         """Stop the instrument when the block fails, and say what is safe when the link fails."""
-        return _Stopping(self)
+        try:
+            yield
+        except BaseException as error:
+            self.instrument.stop()
+            if not isinstance(error, NotConnectedError):
+                raise
+            kept = "were read and not kept" if self.writer is None else "are safe with the writer"
+            of = f", of {self.first + self.samples}" if self.samples else ""
+            raise NotConnectedError(
+                f"{error}; {self.first + self.done} samples {kept}{of}"
+            ) from error
 
-    def read(self, timeout: float | None, until: int | None = None) -> None:
-        """Read samples until all of them, or `until` so many, are there.
+    def read(self, timeout: float | None = None) -> None:
+        """Read samples until all of them are there.
 
         `timeout` is beyond the time of the samples themselves [s], on the instrument's clock.
         """
-        recorder = self.instrument.recorder
-        goal = self.samples if until is None else until
-        expected = (goal - self.done) / self.rate
+        recorder, goal = self.instrument.recorder, self.samples
+        expected = goal / self.rate
         most = expected + (10.0 + 0.5 * expected if timeout is None else timeout)
         step = min(max(expected / 50.0, 0.01), 0.25)
         waited = 0.0
         while True:
-            there = min(recorder.available(), self.samples)
+            there = min(recorder.available(), goal)
             # A record has two samples at least: a single one waits for its neighbour.
-            if there - self.done >= 2 or (there == self.samples and there > self.done):
+            if there - self.done >= 2 or (there == goal and there > self.done):
                 self._take(there)
-            if self.done >= goal or (there >= goal and until is not None):
+            if self.done >= goal:
                 return
             if waited > most:
                 raise ControllerError(
-                    f"{self.done} of {self.samples} samples came in {waited:.4g} s, and all should "
-                    f"have come in {expected:.4g} s: check that the recorder was started, and its "
-                    "rate"
+                    f"{self.done} of {goal} samples came in {waited:.4g} s, and all should have "
+                    f"come in {expected:.4g} s: check that the recorder was started, and its rate"
                 )
             self.instrument.pause(step)
             waited += step
-
-    def wait(self, busy: Callable[[], bool], what: str, timeout: float | None) -> None:
-        """Wait until something has ended, for 10 s where no time is given."""
-        waited, most = 0.0, 10.0 if timeout is None else timeout
-        while busy():
-            if waited > most:
-                raise ControllerError(
-                    f"{what} still runs {waited:.4g} s after its record ended: it was stopped"
-                )
-            self.instrument.pause(0.01)
-            waited += 0.01
 
     def record(self) -> Record:
         """Return all samples; the time counts from 0 [s]."""
         identity = self.instrument.identity
         columns = [(s.name, s.unit) for s in self.signals]
-        if self.extra is not None:
-            columns.append((self.extra[0], "m"))
-        notes = ("simulated: nothing in it was measured",) if identity.simulated else ()
+        if self.command is not None:
+            columns.append(("command", "m"))
         return Record(
             channels=tuple(
                 Channel(name=n, values=np.concatenate([p[n] for p in self._parts]), unit=u)
@@ -320,7 +302,7 @@ class RecordedRun:
             ),
             time=np.arange(self.done) / self.rate,
             source=f"{identity.vendor} {identity.model} {identity.serial_number}".strip(),
-            notes=(*notes, *self.notes),
+            notes=("simulated: nothing in it was measured",) if identity.simulated else (),
             attributes={
                 **self.instrument.settings(),
                 "simulated": "yes" if identity.simulated else "no",
@@ -350,8 +332,8 @@ class RecordedRun:
     def _keep(self, columns: dict[str, Array], count: int) -> None:
         if not count:
             return
-        if self.extra is not None:
-            columns[self.extra[0]] = np.full(count, self.extra[1])
+        if self.command is not None:
+            columns["command"] = np.full(count, self.command)
         self._parts.append(columns)
         at = self.first + self.done
         self.done += count
@@ -372,23 +354,3 @@ class RecordedRun:
             f"'{signal.name}' ({where}) reads {columns[signal.name][good]} at {at}: the stage was "
             f"stopped, the {self.done} samples before it are good; look at the sensor and its cable"
         )
-
-
-class _Stopping(AbstractContextManager[None]):
-    def __init__(self, run: RecordedRun) -> None:
-        self._run = run
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if error is None:
-            return
-        run = self._run
-        run.instrument.stop()
-        if isinstance(error, NotConnectedError):
-            kept = "were read and not kept" if run.writer is None else "are safe with the writer"
-            of = f", of {run.first + run.samples}" if run.samples else ""
-            raise NotConnectedError(
-                f"{error}; {run.first + run.done} samples {kept}{of}"
-            ) from error

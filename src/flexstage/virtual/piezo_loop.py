@@ -90,6 +90,27 @@ class LoopState(NamedTuple):
     """Two numbers of each filter, shape (axes, most, 2)."""
 
 
+class LoopSignals(NamedTuple):
+    """What goes into some samples of the loop, and what comes of them, each of shape (axes, n)."""
+
+    command: Array
+    """A position [m] where control is on, else a voltage [V]."""
+    feedforward: Array
+    """Voltage that is added under control [V], NaN for none."""
+    drift: Array
+    """Drift of the platform [m]; more rows may follow."""
+    noise: Array
+    """Noise of the sensors [m]; more rows may follow."""
+    reading: Array
+    """Written: what the sensors read [m]; more rows may follow."""
+    position: Array
+    """Written: true position [m]."""
+    voltage: Array
+    """Written: voltage at the stacks [V]."""
+    asked: Array
+    """Written: voltage that is asked of the amplifiers [V]."""
+
+
 @compiled
 def run_loop(
     drives: DriveArrays,
@@ -99,22 +120,10 @@ def run_loop(
     sensors: SensorArrays,
     servo: ServoArrays,
     state: LoopState,
-    command: Array,
-    feedforward: Array,
-    drift: Array,
-    noise: Array,
-    reading: Array,
-    position: Array,
-    voltage: Array,
-    asked: Array,
+    signals: LoopSignals,
 ) -> None:
-    """Run some samples; arrays of signals have the shape (axes, n).
-
-    Read are the command, a position [m] where control is on, else a voltage [V]; the feedforward,
-    a voltage that is added under control [V], NaN for none; the drift of the platform and the noise
-    of the sensors [m]. Written are the reading, the true position [m], the voltage at the stacks
-    and the one that is asked of the amplifiers [V]. `memory` and `state` are changed.
-    """
+    """Run some samples; `memory` and `state` are changed, and the signals that come of it written."""
+    command, feedforward, drift, noise, reading, position, voltage, asked = signals
     axes, n = command.shape
     rise = np.empty(axes)
     own = np.empty(axes)

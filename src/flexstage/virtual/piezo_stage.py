@@ -19,6 +19,7 @@ from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.laboratory import Blow
 from flexstage.virtual.piezo_loop import (
     DriveArrays,
+    LoopSignals,
     LoopState,
     ModeArrays,
     SensorArrays,
@@ -188,7 +189,8 @@ class PiezoStage(VirtualStage):
         position, voltage, asked = (np.empty((axes, n)) for _ in range(3))
         run_loop(
             self._drives, self._stacks, self._memory, self._modes, self._sensors, self._servo,
-            self._state, wanted, forward, drift, noise, reading, position, voltage, asked,
+            self._state,
+            LoopSignals(wanted, forward, drift, noise, reading, position, voltage, asked),
         )  # fmt: skip
         readings_beside(
             self._source, self._rows, position, drift, noise, self._disturbances.gain,
