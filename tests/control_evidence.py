@@ -18,8 +18,10 @@ from flexstage.control import (
     ServoDesign,
     Trajectory,
     Way,
+    compensate,
     control_run,
     learn,
+    shifted_model,
     sine,
     triangle,
     trimmed_model,
@@ -192,19 +194,16 @@ def feedforward_figures(own: Bench) -> dict[str, float]:
         wanted, axis, own.open_loop(straight).position[own.number], skip=2, free_offset=True
     )
     own.open_loop(np.zeros(2 * int(RATE_HZ)))
-    made = own.errors(
-        control_run("feedforward", wanted, periods=3, models=models, limits=limits,
-                    history=own.history())
-    )  # fmt: skip
     blind = control_run("feedforward", wanted, periods=3, models=models, limits=limits)
+    plain = compensate(models, wanted, periods=blind.periods, limits=limits)
+    known = compensate(models, wanted, periods=blind.periods, limits=limits, history=own.history())
+    made = own.errors(replace(blind, waveform=known.voltage, lead_in=known.lead_in))
     assert blind.lead_in is not None
     lead_in = blind.lead_in.values[axis]
     own.open_loop(lead_in)
     zero = float(own.open_loop(np.full(200, lead_in[-1])).reading[own.number].mean())
-    zeroed = own.errors(
-        control_run("feedforward", wanted, periods=3, models=models, limits=limits,
-                    zero={axis: zero})
-    )  # fmt: skip
+    moved = {axis: shifted_model(own.model, zero - plain.predicted[axis])}
+    zeroed = own.errors(control_run("feedforward", wanted, periods=3, models=moved, limits=limits))
     size = 100.0 / float(np.ptp(wanted.positions[axis]))
     return {
         "open loop, loop width [um]": 1e6 * opened.whole.loop_width,

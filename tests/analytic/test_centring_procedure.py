@@ -26,7 +26,7 @@ from flexstage.centring.procedure import (
 )
 from flexstage.designs import design
 from flexstage.errors import ModelError, RecordError
-from flexstage.virtual.positioner import VirtualPositioner
+from flexstage.virtual.positioner import TableMounting, VirtualPositioner
 from flexstage.virtual.table import ScaleErrors, VirtualBench, VirtualTable, scale_errors
 from tests.tiers import limits, sizes
 
@@ -44,10 +44,12 @@ def bench(seed, *, stage=PIEZO, heads=(0.3,), method="reference", mode="open loo
         stage,
         mode=mode,
         start=(-1.0, -1.0) if corner else (0.0, 0.0),
-        mounting_angle=random.uniform(-np.pi, np.pi),
-        mirrored=bool(random.integers(2)),
-        squareness=0.012,
-        cross_coupling=(0.006, -0.004),
+        mounting=TableMounting(
+            angle=random.uniform(-np.pi, np.pi),
+            mirrored=bool(random.integers(2)),
+            squareness=0.012,
+            cross_coupling=(0.006, -0.004),
+        ),
         seed=seed,
         **more,
     )
@@ -166,7 +168,7 @@ def test_predictions_with_sensors_are_as_good_as_they_say(heads, repeats) -> Non
 
 
 def test_what_the_limits_do_not_reach_is_said() -> None:
-    positioner = VirtualPositioner(PIEZO, mode="closed loop", mounting_angle=0.3)
+    positioner = VirtualPositioner(PIEZO, mode="closed loop", mounting=TableMounting(angle=0.3))
     table = VirtualTable(radius=RADIUS, heads=FOUR, eccentricity=(70e-6, 5e-6), noise=ARCSEC)
     made = VirtualBench(table, positioner)
     done = centre(made.measure, positioner, approach="direct")
@@ -295,10 +297,9 @@ def test_the_virtual_stage_has_the_stroke_and_loop_that_were_measured() -> None:
 def test_mounting_of_the_virtual_stage() -> None:
     positioner = VirtualPositioner(
         SCREW,
-        mounting_angle=0.5,
-        mirrored=True,
-        squareness=0.1,
-        cross_coupling=(0.03, -0.02),
+        mounting=TableMounting(
+            angle=0.5, mirrored=True, squareness=0.1, cross_coupling=(0.03, -0.02)
+        ),
         noise=0.0,
     )
     a, b = positioner.move_to(8e-6, -11e-6)

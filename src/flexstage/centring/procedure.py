@@ -233,9 +233,9 @@ def centre(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.virtual import VirtualBench, VirtualPositioner, VirtualTable
+    >>> from flexstage.virtual import TableMounting, VirtualBench, VirtualPositioner, VirtualTable
     >>> stage = VirtualPositioner(
-    ...     design("vgtu-piezo"), start=(-1.0, -1.0), mounting_angle=0.7, mirrored=True
+    ...     design("vgtu-piezo"), start=(-1.0, -1.0), mounting=TableMounting(angle=0.7, mirrored=True)
     ... )
     >>> x, y = -50e-6 * np.array([np.cos(0.2), np.sin(0.2)]) - stage.true_position
     >>> table = VirtualTable(

@@ -12,7 +12,7 @@ from flexstage.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.control.design import Requirements, ServoDesign, tune
-    from flexstage.control.feedforward import Compensation, compensate, trimmed_model
+    from flexstage.control.feedforward import Compensation, compensate, shifted_model, trimmed_model
     from flexstage.control.learning import learn
     from flexstage.control.learning_axis import Learning, LearningSettings, Trial
     from flexstage.control.loop_plant import loop_margins
@@ -45,6 +45,7 @@ __all__ = [
     "learn",
     "loop_margins",
     "raster",
+    "shifted_model",
     "sine",
     "trajectory_of",
     "triangle",

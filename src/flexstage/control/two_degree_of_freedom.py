@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from flexstage.choose import has_no
-from flexstage.control.feedforward import Compensation, compensate, shifted_model
+from flexstage.control.feedforward import Compensation, compensate
 from flexstage.control.trajectories.trajectory import Trajectory, delayed
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
@@ -80,8 +80,6 @@ def control_run(
     reading_delay: float | None = None,
     settling: int = _SETTLING,
     repeat: bool = False,
-    zero: Mapping[str, float] | None = None,
-    history: Waveform | None = None,
 ) -> ControlRun:
     """Return what is sent to an instrument to follow a trajectory.
 
@@ -108,12 +106,6 @@ def control_run(
     repeat : bool
         Whether feedforward alone repeats one period as well, which makes its tables short but
         leaves the creep that does not repeat.
-    zero : Mapping, optional
-        What the sensor of each axis reads at the end of the lead-in [m]: creep of what was before,
-        drift and the zero of the sensor are in it, and the inverse is counted from it. Run the
-        lead-in once, read, and ask for the run again.
-    history : Waveform, optional
-        Voltages that the drives had before the lead-in, as of `compensate`.
 
     Returns
     -------
@@ -146,12 +138,7 @@ def control_run(
                 "feedforward needs the model of each axis: identify them, or choose 'feedback'"
             )
         several = total if chosen is Way.FEEDFORWARD and not repeat else 0
-        made = compensate(models, trajectory, periods=several, limits=limits, history=history)
-        if zero:
-            there = {a: shifted_model(models[a], at - made.predicted[a]) for a, at in zero.items()}
-            made = compensate(
-                {**models, **there}, trajectory, periods=several, limits=limits, history=history
-            )
+        made = compensate(models, trajectory, periods=several, limits=limits)
     if chosen is Way.FEEDFORWARD:
         assert made is not None
         return ControlRun(

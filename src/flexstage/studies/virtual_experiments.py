@@ -115,7 +115,7 @@ def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> Cen
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
     from flexstage.experiments.verbs.centre import Centre
-    from flexstage.virtual.positioner import VirtualPositioner
+    from flexstage.virtual.positioner import TableMounting, VirtualPositioner
     from flexstage.virtual.table import VirtualBench, scale_errors
 
     # angle of the stage on the table, which trial moves find out [rad]
@@ -124,9 +124,8 @@ def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> Cen
     direction = 0.8
 
     del system, axis
-    positioner = VirtualPositioner(
-        stage, start=(-1.0, -1.0), mounting_angle=mounting_angle, mirrored=True, seed=seed
-    )
+    mounting = TableMounting(angle=mounting_angle, mirrored=True)
+    positioner = VirtualPositioner(stage, start=(-1.0, -1.0), mounting=mounting, seed=seed)
     towards = positioner.matrix @ np.array((np.cos(direction), np.sin(direction)))
     mount = -ECCENTRICITY * towards / np.hypot(*towards) - positioner.true_position
     action = Centre(

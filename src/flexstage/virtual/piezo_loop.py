@@ -122,7 +122,7 @@ def run_loop(
     state: LoopState,
     signals: LoopSignals,
 ) -> None:
-    """Run some samples; `memory` and `state` are changed, and the signals that come of it written."""
+    """Run some samples; `memory` and `state` are changed, and what comes of it is written."""
     command, feedforward, drift, noise, reading, position, voltage, asked = signals
     axes, n = command.shape
     rise = np.empty(axes)

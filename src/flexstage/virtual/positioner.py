@@ -1,6 +1,7 @@
 """A stage on a table that carries a scale, simulated: stroke, hysteresis, steps, mounting."""
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -107,13 +108,6 @@ def _open_loop_axis(
     )
 
 
-def _closed_loop_axis(stage: Stage, axis: str, quantum: float | None, noise: float) -> VirtualAxis:
-    """An axis that a position sensor and a controller make follow its commands."""
-    stroke = _stroke(stage, axis)
-    step = stroke / 2**CONVERTER_BITS if quantum is None else quantum
-    return VirtualAxis(axis, stroke, step, noise)
-
-
 def _stroke(stage: Stage, axis: str) -> float:
     stroke = platform_stroke(stage, axis)
     if stroke is None:
@@ -121,6 +115,33 @@ def _stroke(stage: Stage, axis: str) -> float:
             f"the drive of axis '{axis}' of {stage.name} has no stroke: it cannot be simulated"
         )
     return stroke
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableMounting:
+    """How a stage stands on the table, and how square its axes are."""
+
+    angle: float = 0.0
+    """Angle of the stage on the table, mu [rad]."""
+    mirrored: bool = False
+    """Whether its y axis counts the other way."""
+    squareness: float = 0.0
+    """By how much the angle between the axes falls short of square, sigma [rad]."""
+    cross_coupling: tuple[float, float] = (0.0, 0.0)
+    """Motion in y for that of the x drive, c_yx, and in x for that of the y drive, c_xy [1]."""
+
+    @property
+    def matrix(self) -> Array:
+        """How a scale moves with the axes, shape (2, 2)."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        own = np.array(
+            [
+                [1.0, math.sin(self.squareness) + self.cross_coupling[1]],
+                [self.cross_coupling[0], math.cos(self.squareness)],
+            ]
+        )
+        sign = np.diag([1.0, -1.0 if self.mirrored else 1.0])
+        return np.array([[c, -s], [s, c]]) @ sign @ own
 
 
 class VirtualPositioner(Positioner):
@@ -145,14 +166,8 @@ class VirtualPositioner(Positioner):
         Whether the axes are commanded by voltage or by a position sensor each.
     start : tuple of float
         Where the axes are at first, as shares of the stroke from -1 to 1.
-    mounting_angle : float
-        Angle of the stage on the table, mu [rad].
-    mirrored : bool
-        Whether its y axis counts the other way.
-    squareness : float
-        By how much the angle between the axes falls short of square, sigma [rad].
-    cross_coupling : tuple of float
-        Motion in y for that of the x drive, c_yx, and in x for that of the y drive, c_xy [1].
+    mounting : TableMounting
+        How it stands on the table, and how square its axes are.
     noise : float
         Standard deviation with which an axis settles [m].
     sensor_noise : float
@@ -178,7 +193,7 @@ class VirtualPositioner(Positioner):
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> stage = VirtualPositioner(design("vgtu-piezo"), mounting_angle=0.4)
+    >>> stage = VirtualPositioner(design("vgtu-piezo"), mounting=TableMounting(angle=0.4))
     >>> low, high = stage.limits[0]
     >>> print(f"{1e6 * (high - low):.2f} um")
     63.12 um
@@ -194,10 +209,7 @@ class VirtualPositioner(Positioner):
         *,
         mode: Literal["open loop", "closed loop"] = "open loop",
         start: tuple[float, float] = (0.0, 0.0),
-        mounting_angle: float = 0.0,
-        mirrored: bool = False,
-        squareness: float = 0.0,
-        cross_coupling: tuple[float, float] = (0.0, 0.0),
+        mounting: TableMounting = TableMounting(),
         noise: float = SETTLING,
         sensor_noise: float = POSITION_NOISE,
         quantum: float | None = None,
@@ -219,18 +231,15 @@ class VirtualPositioner(Positioner):
                 _open_loop_axis(stage, a.name, quantum, backlash, noise) for a in stage.axes
             ]
         else:
-            settled = math.hypot(noise, sensor_noise)
-            self._axes = [_closed_loop_axis(stage, a.name, quantum, settled) for a in stage.axes]
+            # a position sensor and a controller make the axes follow their commands
+            self._axes = []
+            for axis in stage.axes:
+                stroke = _stroke(stage, axis.name)
+                step = stroke / 2**CONVERTER_BITS if quantum is None else quantum
+                settled = math.hypot(noise, sensor_noise)
+                self._axes.append(VirtualAxis(axis.name, stroke, step, settled))
         super().__init__(self._axes)
-        c, s = math.cos(mounting_angle), math.sin(mounting_angle)
-        own = np.array(
-            [
-                [1.0, math.sin(squareness) + cross_coupling[1]],
-                [cross_coupling[0], math.cos(squareness)],
-            ]
-        )
-        sign = np.diag([1.0, -1.0 if mirrored else 1.0])
-        self._matrix = np.array([[c, -s], [s, c]]) @ sign @ own
+        self._matrix = mounting.matrix
         self._random = np.random.default_rng(seed)
         self.name = f"virtual {stage.name}, {mode}"
         self.move_to(*(share * axis.half for share, axis in zip(start, self._axes, strict=True)))
