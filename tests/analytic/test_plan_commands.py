@@ -157,7 +157,7 @@ def test_corners_are_gone_round_anticlockwise_and_numbered_where_both_axes_rest(
 def test_a_designed_record_is_that_of_the_identification_room():
     from flexstage.hysteresis import excitation
 
-    found = made(Designed(axis="x", rates=(1.0, 8.0), hold=2.0))
+    found = made(Designed(axis="x", rates=(1.0, 8.0), hold_time=2.0, multisine=False))
     own = excitation((-13.0, 107.0), sample_rate=1e3, rates=(1.0, 8.0), slew=4e4,
                      frequency=870.0, multisine=False, hold_time=2.0)  # fmt: skip
     assert np.array_equal(found.waveform.values["x"], own.voltage)

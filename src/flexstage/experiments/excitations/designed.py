@@ -1,17 +1,16 @@
 """The record that identifies a drive, as the room of hysteresis designs it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 from flexstage.errors import FlexstageError, ModelError, PlanError, StageError
 from flexstage.experiments.axis_limits import AxisSetting, lowest_frequency
 from flexstage.experiments.command import CommandWaveform
-from flexstage.experiments.verbs.excite import NONE_OR_SOME, SOME, Excite, command_of, require_stack
-from flexstage.files.ranges import Seed
+from flexstage.experiments.verbs.excite import Excite, command_of, require_stack, whole_part
+from flexstage.files.request import require_fields
 from flexstage.hysteresis.requests import ExciteRequest
 from flexstage.stage import PiezoStack, Stage
-from flexstage.units import Frequency, Time
 
 
 def of_stage(
@@ -42,48 +41,45 @@ def of_stage(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Designed(Excite):
-    """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`."""
+class Designed(Excite, ExciteRequest):
+    """The drive record that identifies hysteresis, lag and creep: of `hysteresis.excitation`.
+
+    What is not given is as the stage, its instrument and the plan have it.
+    """
 
     kind: ClassVar[str] = "designed"
     needs_frequency: ClassVar[bool] = True
 
     axis: str
     """The axis, of a piezo stack."""
-    rates: tuple[Annotated[Frequency, SOME], ...] = (0.5, 5.0)
-    """How often a major loop repeats, one rate or more [Hz]."""
-    duration: Annotated[Time, SOME] | None = None
-    """Longest time that it may take [s]."""
-    hold: Annotated[Time, NONE_OR_SOME] | None = None
-    """Time of its step and hold [s]."""
-    multisine: bool = False
-    """Whether it ends with a multisine about the lowest resonance."""
-    seed: Seed = 0
-    """Seed of the phases of that multisine."""
 
     def __post_init__(self) -> None:
-        Excite.__post_init__(self)
-        if not self.rates:
-            raise PlanError("designed needs one rate at least, got none")
+        require_fields(self, ExciteRequest, PlanError, " of designed")
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:
         from flexstage.hysteresis import excitation
 
-        del base
         s = settings[0]
         require_stack(s, "a designed record is")
-        try:
-            made = excitation(
-                (s.low, s.high),
-                sample_rate=fs,
-                duration=self.duration,
-                rates=self.rates,
-                slew=s.largest_rate,
-                frequency=s.natural_frequency_hz,
-                multisine=self.multisine and s.natural_frequency_hz is not None,
-                hold_time=self.hold,
-                seed=self.seed,
+        asked = {f.name: getattr(self, f.name) for f in fields(ExciteRequest)}
+        low, high = self.voltage or (s.low, s.high)
+        if not s.low <= low < high <= s.high:
+            raise PlanError(
+                f"the voltage of designed must be within {s.low:g} V to {s.high:g} V, which axis "
+                f"'{s.axis}' allows, got {low:g} V to {high:g} V"
             )
+        fs = whole_part(self.sample_rate, base) if self.sample_rate else fs
+        frequency = self.frequency or s.natural_frequency_hz
+        asked |= {
+            "voltage": (low, high),
+            "sample_rate": fs,
+            "slew": min((r for r in (self.slew, s.largest_rate) if r), default=None),
+            "capacitance": self.capacitance or s.capacitance,
+            "frequency": frequency,
+            "multisine": self.multisine and frequency is not None,
+        }
+        try:
+            made = excitation(request=ExciteRequest(**asked))
         except FlexstageError as error:
             raise PlanError(str(error)) from error
         return command_of(s, made.voltage, fs, notes=made.warnings)
