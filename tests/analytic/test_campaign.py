@@ -92,7 +92,7 @@ def test_every_kind_has_an_evaluation() -> None:
 
 
 def test_motion() -> None:
-    test = Test(name="m", kind="motion", axis="left arm", records=("a",), columns=SIX)
+    test = Test(name="m", test="motion", axis="left arm", records=("a",), columns=SIX)
     found = run(test, motion())
     truth = {
         "output_displacement": (STROKE, 1e-8),
@@ -121,7 +121,7 @@ def test_motion() -> None:
 
 def test_what_was_not_read_gives_no_figure() -> None:
     columns = Columns(command="command", along="along")
-    found = run(Test(name="m", kind="motion", axis="x", records=("a",), columns=columns), motion())
+    found = run(Test(name="m", test="motion", axis="x", records=("a",), columns=columns), motion())
     assert {f.quantity for f in found.figures} == {
         "output_displacement", "linearity", "hysteresis_loop_width", "drift", "repeatability",
     }  # fmt: skip
@@ -131,7 +131,7 @@ def test_a_sensor_mounted_the_other_way_round() -> None:
     data = motion()
     turned = tuple(replace(c, values=-c.values) if c.name == "along" else c for c in data.channels)
     columns = Columns(command="command", along="along", across="across")
-    test = Test(name="m", kind="motion", axis="x", records=("a",), columns=columns)
+    test = Test(name="m", test="motion", axis="x", records=("a",), columns=columns)
     here = run(test, data)
     there = run(test, replace(data, channels=turned))
     for quantity in ("output_displacement", "linearity", "hysteresis_loop_width", "straightness"):
@@ -142,7 +142,7 @@ def test_a_sensor_mounted_the_other_way_round() -> None:
 
 def test_sensors_enter_the_budget() -> None:
     test = Test(
-        name="m", kind="motion", axis="x", records=("a",), columns=SIX, along="gauge",
+        name="m", test="motion", axis="x", records=("a",), columns=SIX, along="gauge",
         transverse="side", angle="turn",
     )  # fmt: skip
     plain = run(replace(test, along=None, transverse=None, angle=None), motion())
@@ -174,7 +174,7 @@ def test_sensors_enter_the_budget() -> None:
 
 def test_resolution_of_a_screw_is_its_step_times_the_ratio() -> None:
     test = Test(
-        name="m", kind="motion", axis="x", records=("a",), smallest_step=4.7e-7,
+        name="m", test="motion", axis="x", records=("a",), smallest_step=4.7e-7,
         columns=Columns(command="command", along="along"),
     )  # fmt: skip
     found = run(test, motion(unit="m", span=371e-6))
@@ -195,7 +195,7 @@ STEPS = Columns(command="command", along="along")
 
 
 def test_staircase() -> None:
-    test = Test(name="s", kind="staircase", axis="y", records=("a",), columns=STEPS)
+    test = Test(name="s", test="staircase", axis="y", records=("a",), columns=STEPS)
     found = run(test, staircase(31e-9, 4e-9))
     # of the 42 samples of a level that are left when it has settled one half counts
     expected = 2.0 * math.sqrt(2.0) * ndtri(0.95) * 4e-9 / math.sqrt(21)
@@ -210,7 +210,7 @@ def test_staircase() -> None:
 
 def test_smallest_steps_are_the_resolution() -> None:
     test = Test(
-        name="s", kind="staircase", axis="y", records=("a",), columns=STEPS, smallest_steps=True
+        name="s", test="staircase", axis="y", records=("a",), columns=STEPS, smallest_steps=True
     )
     found = run(test, staircase(31e-9, 4e-9))
     figure = found.figure("resolution", "y")
@@ -227,7 +227,7 @@ def test_hold() -> None:
     # what the drive is told stays the same as long as it holds
     data = record(t, along=(values, "m"), command=(np.full(t.size, 31.0), "V"))
     test = Test(
-        name="h", kind="hold", axis="x", records=("a",), columns=Columns(along="along"),
+        name="h", test="hold", axis="x", records=("a",), columns=Columns(along="along"),
         along="gauge",
     )  # fmt: skip
     found = run(test, data, instruments=SENSORS)
@@ -258,7 +258,7 @@ def struck(seed, hits=4, block=4096):
 
 def test_response() -> None:
     test = Test(
-        name="r", kind="response", axis="x", records=("a", "b"), excitation="hammer",
+        name="r", test="response", axis="x", records=("a", "b"), excitation="hammer",
         columns=Columns(input="f", output=("a",)), band=(90.0, 300.0), modes=1.0, along="clock",
     )  # fmt: skip
     clock = SensorSpecification(name="clock", time_base=2e-5)
@@ -281,12 +281,12 @@ def test_response_over_frequency_from_a_universal_file(tmp_path) -> None:
     white = rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)
     h += 2e-3 * np.abs(h).max() * white
     (tmp_path / "frf.uff").write_bytes(function_58(h, start=80.0, step=0.25))
-    test = Test(name="r", kind="response", axis="x", records=("frf.uff",), modes=1.0)
+    test = Test(name="r", test="response", axis="x", records=("frf.uff",), modes=1.0)
     found = characterise(Campaign(tests=(test,)), tmp_path)
     near(found.figure("natural_frequency_hz", "x").estimate, FREQUENCY, 0.05)
     near(found.figure("damping_ratio", "x").estimate, DAMPING, 3e-4)
     assert list(found.sources) == [str(tmp_path / "frf.uff")]
-    bad = replace(test, kind="hold", columns=Columns(along="0"), modes=None)
+    bad = replace(test, test="hold", columns=Columns(along="0"), modes=None)
     with pytest.raises(RecordError, match=r"of kind hold: .* is over frequency, and it needs"):
         characterise(Campaign(tests=(bad,)), tmp_path)
 
@@ -298,7 +298,7 @@ def test_ring_down() -> None:
     free = np.exp(-DAMPING * w0 * since) * np.cos(w0 * math.sqrt(1.0 - DAMPING**2) * since)
     values = 2e-6 * np.where(since < 0.0, 1.0, free) + 5e-9 * rng.standard_normal(t.size)
     test = Test(
-        name="d", kind="ring-down", axis="y", records=("a",), columns=Columns(output=("p",))
+        name="d", test="ring-down", axis="y", records=("a",), columns=Columns(output=("p",))
     )
     found = run(test, record(t, p=(values, "m")))
     near(found.figure("natural_frequency_hz", "y").estimate, FREQUENCY, 0.05)
@@ -321,7 +321,7 @@ def corners(rounds=8, seed=8, noise=6e-9):
 
 def test_workspace() -> None:
     test = Test(
-        name="w", kind="workspace", axis="uv", records=("a",), along="gauge",
+        name="w", test="workspace", axis="uv", records=("a",), along="gauge",
         columns=Columns(corner="corner", x="u", y="v"),
     )  # fmt: skip
     found = run(replace(test, along=None), corners())
@@ -341,7 +341,7 @@ def test_workspace() -> None:
 
 def test_corners_that_are_missing_or_over() -> None:
     test = Test(
-        name="w", kind="workspace", axis="xy", records=("a",),
+        name="w", test="workspace", axis="xy", records=("a",),
         columns=Columns(corner="corner", x="u", y="v"),
     )  # fmt: skip
     whole = corners(rounds=3)
@@ -374,7 +374,7 @@ def test_positioning() -> None:
     # of 300 seeds the interval of B holds the truth in 97 %
     command, along = approached(seed=10)
     test = Test(
-        name="p", kind="positioning", axis="x", records=("a",),
+        name="p", test="positioning", axis="x", records=("a",),
         columns=Columns(command="wanted", along="along"),
     )  # fmt: skip
     found = run(test, record(over="point", wanted=(command, "m"), along=(along, "m")))
@@ -402,7 +402,7 @@ def test_positioning() -> None:
 def test_the_gain_of_a_sensor_counts_over_the_travel_of_a_positioning_test() -> None:
     command, along = approached(seed=10)
     test = Test(
-        name="p", kind="positioning", axis="x", records=("a",), along="gauge",
+        name="p", test="positioning", axis="x", records=("a",), along="gauge",
         columns=Columns(command="wanted", along="along"),
     )  # fmt: skip
     found = run(
@@ -429,7 +429,7 @@ def test_positioning_by_dwells() -> None:
     wanted, reading = (np.repeat(v, 20) for v in (command, along))
     reading = reading + 1e-9 * np.random.default_rng(10).standard_normal(reading.size)
     test = Test(
-        name="p", kind="positioning", axis="x", records=("a",),
+        name="p", test="positioning", axis="x", records=("a",),
         columns=Columns(command="wanted", along="along"),
     )  # fmt: skip
     found = run(test, record(over="point", wanted=(wanted, "m"), along=(reading, "m")))
@@ -469,7 +469,7 @@ def probed(axis, seed=11, count=6, stations=15):
 @pytest.mark.parametrize(("axis", "runs"), [("x", "x"), ("y", "y"), ("travel", "y"), ("y", "x")])
 def test_spheres(axis, runs) -> None:
     test = Test(
-        name="b", kind="spheres", axis=axis, records=("a",),
+        name="b", test="spheres", axis=axis, records=("a",),
         columns=Columns(command="command", spheres=("A", "B", "C")),
     )  # fmt: skip
     found = run(test, probed(runs))  # an axis may be called as it likes
@@ -490,7 +490,7 @@ def test_spheres(axis, runs) -> None:
 
 def test_spheres_that_cannot_tell_a_motion() -> None:
     test = Test(
-        name="b", kind="spheres", axis="x", records=("a",),
+        name="b", test="spheres", axis="x", records=("a",),
         columns=Columns(command="command", spheres=("A", "B", "C")),
     )  # fmt: skip
     data = probed("x")
@@ -512,7 +512,7 @@ def test_spheres_that_cannot_tell_a_motion() -> None:
 
 def test_the_first_test_of_a_figure_counts() -> None:
     test = Test(
-        name="one", kind="staircase", axis="x", records=("a",), columns=STEPS, smallest_steps=True
+        name="one", test="staircase", axis="x", records=("a",), columns=STEPS, smallest_steps=True
     )
     other = replace(test, name="two")
     data = {"one": staircase(31e-9, 4e-9), "two": staircase(43e-9, 4e-9)}
@@ -528,14 +528,14 @@ def test_the_first_test_of_a_figure_counts() -> None:
 
 @pytest.mark.parametrize("kind", ["motion", "spheres", "staircase", "hold", "workspace"])
 def test_two_records_for_a_test_of_one(kind) -> None:
-    test = Test(name="t", kind=kind, axis="x", records=("a", "b"), columns=SIX)
+    test = Test(name="t", test=kind, axis="x", records=("a", "b"), columns=SIX)
     with pytest.raises(RecordError, match=f"'t' of kind {kind} is evaluated from one file, got 2"):
         run(test, motion(), motion())
 
 
 def test_columns_that_cannot_be_used() -> None:
     data = motion()
-    test = Test(name="t", kind="motion", axis="x", records=("a",), columns=SIX)
+    test = Test(name="t", test="motion", axis="x", records=("a",), columns=SIX)
 
     def changed(name, **how):
         channels = tuple(
@@ -569,7 +569,7 @@ def test_a_stage_that_rests_at_its_ends_is_not_cut_off() -> None:
     coarse = np.round(STROKE * held / 5e-8) * 5e-8
     data = record(t, command=(97.0 * held, "V"), along=(coarse, "m"))
     columns = Columns(command="command", along="along")
-    test = Test(name="t", kind="motion", axis="x", records=("a",), columns=columns)
+    test = Test(name="t", test="motion", axis="x", records=("a",), columns=columns)
     found = run(test, data)
     assert found.figure("output_displacement", "x").estimate.value == pytest.approx(
         STROKE, abs=5e-8
@@ -586,16 +586,16 @@ def test_a_record_sampled_unevenly() -> None:
         channels=tuple(replace(c, values=c.values[keep]) for c in data.channels),
         time=data.time[keep],
     )
-    found = run(Test(name="t", kind="motion", axis="x", records=("a",), columns=SIX), thin)
+    found = run(Test(name="t", test="motion", axis="x", records=("a",), columns=SIX), thin)
     near(found.figure("output_displacement", "x").estimate, STROKE, 1.5e-8)
     near(found.figure("straightness", "x").estimate, BOW, 3e-9)
-    hold = Test(name="h", kind="hold", axis="x", records=("a",), columns=Columns(along="along"))
+    hold = Test(name="h", test="hold", axis="x", records=("a",), columns=Columns(along="along"))
     with pytest.raises(RecordError, match="test 'h'"):
         run(hold, thin)
 
 
 def test_too_few_cycles() -> None:
-    test = Test(name="t", kind="motion", axis="x", records=("a",), columns=SIX)
+    test = Test(name="t", test="motion", axis="x", records=("a",), columns=SIX)
     near(run(test, motion(count=3)).figure("straightness", "x").estimate, BOW, 2e-8)
     with pytest.raises(RecordError, match=r"test 't': 3 whole cycles over .* are needed.*got 2"):
         run(test, motion(count=2))
@@ -604,7 +604,7 @@ def test_too_few_cycles() -> None:
 @pytest.mark.parametrize(
     ("said", "changes"),
     [
-        ("test 't'.*unknown kind 'jump': choose from motion", {"kind": "jump"}),
+        ("test 't'.*unknown kind 'jump': choose from motion", {"test": "jump"}),
         ("test 't' names no record", {"records": ()}),
         ("test 't' names no axis", {"axis": " "}),
         ("test 't'.*unknown excitation 'kick'", {"excitation": "kick"}),
@@ -616,7 +616,7 @@ def test_too_few_cycles() -> None:
     ],
 )
 def test_tests_that_cannot_be(said, changes) -> None:
-    given = {"name": "t", "kind": "hold", "axis": "x", "records": ("a",)}
+    given = {"name": "t", "test": "hold", "axis": "x", "records": ("a",)}
     with pytest.raises(ModelError, match=said):
         Test(**(given | changes))
     with pytest.raises(RecordError, match="sample_rate must be above 0, got -3"):
@@ -624,7 +624,7 @@ def test_tests_that_cannot_be(said, changes) -> None:
 
 
 def test_campaigns_that_cannot_be() -> None:
-    test = Test(name="t", kind="hold", axis="x", records=("a",))
+    test = Test(name="t", test="hold", axis="x", records=("a",))
     with pytest.raises(ModelError, match="two test entries are called 't'"):
         Campaign(tests=(test, test))
     with pytest.raises(ModelError, match="one of measured, virtual, got 'dreamt'"):
@@ -642,7 +642,7 @@ def test_commands_of_a_report_that_has_none() -> None:
     told = data.channel("command").values
     without = replace(data, channels=tuple(c for c in data.channels if c.name != "command"))
     named = Test(
-        name="b", kind="spheres", axis="x", records=("a",),
+        name="b", test="spheres", axis="x", records=("a",),
         columns=Columns(command="command", spheres=("A", "B", "C")),
     )  # fmt: skip
     listed = replace(named, columns=Columns(spheres=("A", "B", "C")), commands=tuple(told.tolist()))
@@ -664,7 +664,7 @@ def test_an_abbe_offset_counts_by_the_pitch_that_was_read() -> None:
     )
     columns = Columns(command="command", along="along", pitch="pitch")
     test = Test(
-        name="m", kind="motion", axis="x", records=("a",), columns=columns, along="off", angle="off"
+        name="m", test="motion", axis="x", records=("a",), columns=columns, along="off", angle="off"
     )
 
     def stroke_of(**sensor: float) -> Estimate:

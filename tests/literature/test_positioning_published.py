@@ -194,7 +194,7 @@ def dense(listed: list[tuple[float, float, str]], beyond: bool) -> dict[str, Cha
 
 def formed(form: str, machine: Machine) -> tuple[Test, Record]:
     listed = rows(machine)
-    test = Test(name="t", kind="positioning", axis="x", records=("a",), columns=PLAIN)
+    test = Test(name="t", test="positioning", axis="x", records=("a",), columns=PLAIN)
     columns = table(listed)
     if form == "said":
         test = replace(test, columns=SAID)
@@ -290,7 +290,7 @@ def test_published_figures_of_the_third_machine() -> None:
         listed += [(MM * t, MM * r, "") for t, r in zip(targets, reading, strict=True)]
     columns = tuple(table(listed).values())[:2]
     record = Record(channels=columns, time=np.arange(float(len(listed))), over="point")
-    test = Test(name="t", kind="positioning", axis="x", records=("a",), columns=PLAIN)
+    test = Test(name="t", test="positioning", axis="x", records=("a",), columns=PLAIN)
     found = evaluated(test, record)
     for name, value in OWIS_PRINTED.items():
         assert 1e6 * getattr(found, name).value == pytest.approx(value, abs=1.5e-2), name

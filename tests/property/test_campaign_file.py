@@ -75,7 +75,7 @@ def described(draw: st.DrawFn, name: str, sensors: list[str]) -> Test:
         st.builds(
             Test,
             name=st.just(name),
-            kind=st.sampled_from(sorted(KINDS)),
+            test=st.sampled_from(sorted(KINDS)),
             axis=names,
             records=st.lists(names, min_size=1, max_size=3).map(tuple),
             columns=written,
@@ -131,7 +131,7 @@ def test_round_trip(campaign: Campaign, folder: Path) -> None:
 def test_what_only_equals_the_usual_is_written(folder: Path) -> None:
     # -0.0 is the usual offset to a comparison, and another number
     probe = SensorSpecification(name="probe", abbe_offset=-0.0, drift=0.0)
-    test = Test(name="t", kind="hold", axis="x", records=("a",), along="probe")
+    test = Test(name="t", test="hold", axis="x", records=("a",), along="probe")
     campaign = Campaign(instruments=(probe,), tests=(test,))
     text = campaign_text(campaign)
     assert "abbe_offset" in text
@@ -147,7 +147,7 @@ instruments:
     resolution_step: 1.5 nm}
 tests:
   loop:
-    kind: response
+    test: response
     axis: x
     records: [a.csv]
     columns: {input: 1, output: [2, tip]}
@@ -170,14 +170,14 @@ tests:
 
 
 def test_what_is_as_usual_is_left_out() -> None:
-    test = Test(name="t", kind="hold", axis="x", records=("a",))
+    test = Test(name="t", test="hold", axis="x", records=("a",))
     text = campaign_text(Campaign(tests=(test,)))
     assert text.split() == [
-        "campaign:", "1", "tests:", "t:", "axis:", "x", "kind:", "hold", "records:", "[a]",
+        "campaign:", "1", "tests:", "t:", "axis:", "x", "test:", "hold", "records:", "[a]",
     ]  # fmt: skip
 
 
-HEAD = "campaign: 1\ntests:\n  t:\n    kind: hold\n    axis: x\n    records: [a.csv]\n"
+HEAD = "campaign: 1\ntests:\n  t:\n    test: hold\n    axis: x\n    records: [a.csv]\n"
 
 
 @pytest.mark.parametrize(

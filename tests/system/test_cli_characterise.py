@@ -492,7 +492,7 @@ instruments:
   gauge: {{calibration: 0.001}}
 tests:
   loop:
-    kind: motion
+    test: motion
     axis: x
     records: [loop.csv]
     columns: {{command: drive, along: {along}}}

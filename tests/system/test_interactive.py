@@ -318,7 +318,7 @@ def test_tests_and_drives_are_evaluated(tmp_path: Path) -> None:
     path = tmp_path / "loops.csv"
     np.savetxt(path, np.column_stack((t, u, x)), delimiter=",", header="t (s),u (V),x (m)",
                comments="")  # fmt: skip
-    test = Test(name="loops", kind="motion", axis="x", records=(str(path),),
+    test = Test(name="loops", test="motion", axis="x", records=(str(path),),
                 columns=Columns(command="u", along="x"))  # fmt: skip
     campaign = Campaign(tests=(test,))
     stroke = fs.characterise(campaign).figure("output_displacement", "x").value

@@ -75,7 +75,7 @@ def campaign(stage):
 
 def characterised(stage, kinds=None):
     made = campaign(stage)
-    kept = tuple(t for t in made.campaign.tests if kinds is None or t.kind in kinds)
+    kept = tuple(t for t in made.campaign.tests if kinds is None or t.test in kinds)
     return evaluate(
         replace(made.campaign, tests=kept), lambda test: [made.records[n] for n in test.records]
     )
@@ -94,9 +94,9 @@ def thinned(found, keep=()):
     """The same results with the pictures of the first test of every kind, or of kinds to keep."""
     seen, results = set(), []
     for r in found.results:
-        drawn = r.test.kind in keep or r.test.kind not in seen
+        drawn = r.test.test in keep or r.test.test not in seen
         results.append(r if drawn else replace(r, details={}))
-        seen.add(r.test.kind)
+        seen.add(r.test.test)
     return replace(found, results=tuple(results))
 
 
@@ -344,7 +344,7 @@ def test_measured_files_join_a_study(capsys, tmp_path):
     np.savetxt(tmp_path / "x.csv", data, delimiter=",", header="u (V),p (um)", comments="")
     plan = tmp_path / "bench.yaml"
     plan.write_text(
-        "campaign: 1\ntests:\n  stroke of x:\n    kind: motion\n    axis: x\n"
+        "campaign: 1\ntests:\n  stroke of x:\n    test: motion\n    axis: x\n"
         "    records: [x.csv]\n    columns: {command: u, along: p}\n"
         "    reading: {sample_rate: 40 Hz}\n"
     )

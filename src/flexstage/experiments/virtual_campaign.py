@@ -67,10 +67,10 @@ def virtual_campaign(
     campaign = _description(built, lab)
     records = {}
     for test in campaign.tests:
-        if test.kind == "response":
+        if test.test == "response":
             made = hammer.record(test.axis, seed=seed)
         else:
-            made = record_of(test.kind, built, lab, test.axis, seed=seed)
+            made = record_of(test.test, built, lab, test.axis, seed=seed)
         records[test.records[0]] = made
     return VirtualCampaign(built=built, campaign=campaign, records=records)
 
@@ -127,7 +127,7 @@ def _test(kind: str, axis: str, columns: Columns) -> Test:
     name = f"{kind}-{axis}"
     return Test(
         name=name,
-        kind=kind,
+        test=kind,
         axis=axis,
         records=(f"{name}.csv",),
         columns=columns,

@@ -166,7 +166,7 @@ def measurement_results(result: MeasurementComparison) -> dict[str, Any]:
         "tests": [
             {
                 "name": r.test.name,
-                "kind": r.test.kind,
+                "kind": r.test.test,
                 "axis": r.test.axis,
                 "records": list(r.test.records),
                 "figures": [f.quantity for f in r.figures],

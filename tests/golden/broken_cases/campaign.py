@@ -10,14 +10,14 @@ instruments:
   clock: {time_base: 5e-5}
 tests:
   cycles-x:
-    kind: motion
+    test: motion
     axis: x
     records: [cycles.csv]
     columns: {command: command, along: along, across: across}
     along: probe
     smallest_step: 0.49 um
   hammer-x:
-    kind: response
+    test: response
     axis: x
     records: [hit1.csv, hit2.csv]
     columns: {input: force, output: [ax, ay]}
@@ -53,14 +53,14 @@ EDITS: Edits = {
         "tests: [cycles-x]\n",
     ),
     "a text as test": (TEXT[TEXT.index("  hammer-x:") :], "  hammer-x: hit.csv\n"),
-    "a test without a kind": without("    kind: motion"),
+    "a test without a kind": without("    test: motion"),
     "a test without records": without("    records: [cycles.csv]"),
     "a test of no records": ("records: [cycles.csv]", "records: []"),
-    "a test without an axis": ("    kind: motion\n    axis: x\n", "    kind: motion\n"),
-    "an empty axis": ("    kind: motion\n    axis: x\n", "    kind: motion\n    axis: ''\n"),
-    "a kind of test near one": ("kind: motion", "kind: moton"),
-    "a number as kind of test": ("kind: motion", "kind: 7"),
-    "a list as kind of test": ("kind: motion", "kind: [motion]"),
+    "a test without an axis": ("    test: motion\n    axis: x\n", "    test: motion\n"),
+    "an empty axis": ("    test: motion\n    axis: x\n", "    test: motion\n    axis: ''\n"),
+    "a kind of test near one": ("test: motion", "test: moton"),
+    "a number as kind of test": ("test: motion", "test: 7"),
+    "a list as kind of test": ("test: motion", "test: [motion]"),
     "an excitation near one": ("excitation: hammer", "excitation: hamer"),
     "a text for records": ("records: [cycles.csv]", "records: cycles.csv"),
     "a list among records": ("records: [cycles.csv]", "records: [[cycles.csv]]"),

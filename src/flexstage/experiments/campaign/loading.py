@@ -39,7 +39,7 @@ def load_records(test: Test, folder: Path) -> list[Record]:
             how,
             units=units,
             columns=wanted or None,
-            over="point" if KINDS[test.kind].points else "time",
+            over="point" if KINDS[test.test].points else "time",
             labels=test.columns.direction,
         )
         for name, how in zip(test.records, test.reading.of_each(len(test.records)), strict=True)
@@ -51,12 +51,12 @@ def load_records(test: Test, folder: Path) -> list[Record]:
 
 def _require_kind(test: Test, record: Record) -> None:
     """Refuse points where times are needed, and spectra where neither has a meaning."""
-    allowed = KINDS[test.kind].over
+    allowed = KINDS[test.test].over
     if record.over not in allowed:
         such = {"time": "samples with their times or their rate", "point": "rows of points"}
         such["frequency"] = "responses over frequency"
         raise RecordError(
-            f"test '{test.name}' of kind {test.kind}: '{record.source}' is over {record.over}, "
+            f"test '{test.name}' of kind {test.test}: '{record.source}' is over {record.over}, "
             f"and it needs {' or '.join(such[kind] for kind in allowed)}"
         )
 
@@ -65,7 +65,7 @@ def columns_of(test: Test) -> list[str]:
     """Return the columns that a test uses, by name or number."""
     roles = test.columns
     listed = [*roles.named().values(), *roles.output, *roles.upward, *roles.downward]
-    if test.kind == "spheres":
+    if test.test == "spheres":
         listed += [name for sphere in test.columns.spheres for name in sphere_columns(sphere)]
     return list(dict.fromkeys(listed))
 
@@ -102,11 +102,11 @@ def column(test: Test, record: Record, role: str) -> Array:
     named = getattr(test.columns, role)
     if not isinstance(named, str):
         raise RecordError(
-            f"test '{test.name}' of kind {test.kind} needs the column of '{role}': name it"
+            f"test '{test.name}' of kind {test.test} needs the column of '{role}': name it"
         )
     channel = _in_unit(test, record, role, named)
     require_live(record, [channel.name])
-    if role in _SENSORS and not KINDS[test.kind].points:
+    if role in _SENSORS and not KINDS[test.test].points:
         _require_whole(test, record, channel)
     return channel.values
 
@@ -119,7 +119,7 @@ def runs_of(test: Test, record: Record, role: str) -> Array:
     named = getattr(test.columns, role)
     if not named:
         raise RecordError(
-            f"test '{test.name}' of kind {test.kind} needs the columns of '{role}', one for each "
+            f"test '{test.name}' of kind {test.test} needs the columns of '{role}', one for each "
             "run: name them"
         )
     return np.stack([_in_unit(test, record, role, name).values for name in named], axis=1)
@@ -180,7 +180,7 @@ def only(test: Test, records: list[Record]) -> Record:
     """Return the record of a test that has one."""
     if len(records) != 1:
         raise RecordError(
-            f"test '{test.name}' of kind {test.kind} is evaluated from one file, got "
+            f"test '{test.name}' of kind {test.test} is evaluated from one file, got "
             f"{len(records)}: describe a test for each"
         )
     return records[0]

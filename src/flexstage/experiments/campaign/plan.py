@@ -121,8 +121,8 @@ class Test(Evaluation, TestOptions):
 
     name: str
     """Its name."""
-    kind: str
-    """One of `KINDS`."""
+    test: str
+    """Kind of test, one of `KINDS`."""
     records: tuple[str, ...]
     """Its files, from the folder of the file that describes them."""
     columns: Columns = field(default_factory=Columns)
@@ -140,7 +140,7 @@ class Test(Evaluation, TestOptions):
 
     def __post_init__(self) -> None:
         for what, given, known in (
-            ("kind", self.kind, KINDS),
+            ("kind", self.test, KINDS),
             ("excitation", self.excitation, EXCITATIONS),
         ):
             if given not in known:
@@ -197,7 +197,7 @@ class Campaign:
         test = Test(
             **shared,
             name=request.test,
-            kind=request.test,
+            test=request.test,
             records=tuple(files),
             columns=request.columns,
             units=request.units,

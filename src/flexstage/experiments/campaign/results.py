@@ -160,7 +160,7 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
             progress.update(f"test {test.name}"[:17])
             try:
                 records = load(test)
-                results.append(KINDS[test.kind].evaluate(test, records, campaign))
+                results.append(KINDS[test.test].evaluate(test, records, campaign))
             except FlexstageError as error:
                 if f"'{test.name}'" in str(error):
                     raise

@@ -89,7 +89,7 @@ class Characterise(Verb):
 
         def load(test: Test) -> list[Record]:
             record = context.measured(test.name).evaluated
-            if test.kind != "workspace":
+            if test.test != "workspace":
                 return [record]
             return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
 
@@ -165,7 +165,7 @@ def _test(context: "RunContext", name: str) -> Test:
         given["output"] = tuple(map(RESPONSE.format, outputs)) if source.struck else outputs
     return Test(
         name=name,
-        kind=action.test or "",
+        test=action.test or "",
         axis=axis,
         records=(context.measured(name).file.name,),
         columns=Columns(**given),
