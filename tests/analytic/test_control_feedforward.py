@@ -15,7 +15,7 @@ from flexstage.control import (
 )
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.tracking_run import evaluate_run
-from flexstage.control.trajectories.trajectory import delayed
+from flexstage.control.trajectory import delayed
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import (
     DriveModel,

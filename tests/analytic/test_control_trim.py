@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexstage.control import compensate, sine, trimmed_model
-from flexstage.control.trajectories.trajectory import delayed
+from flexstage.control.trajectory import delayed
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 

@@ -57,7 +57,7 @@ def excite(
     refuse(stage is None and axis is not None, "--axis needs a STAGE: name it before the options")
     plant: dict[str, Any] = {"stage": None, "axis": None, "natural_frequency_hz": None}
     if stage is not None:
-        from flexstage.experiments.excitations.designed import of_stage
+        from flexstage.experiments.excitations.cycles import of_stage
 
         described, given = taken.stage(stage), request.frequency
         axis, request = of_stage(request, described, axis)

@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from flexstage.control.learning_axis import Learning, LearningSettings, Trial
     from flexstage.control.loop_plant import loop_margins
     from flexstage.control.tracking_run import evaluate_record
-    from flexstage.control.trajectories.from_file import trajectory_of
-    from flexstage.control.trajectories.raster import raster
-    from flexstage.control.trajectories.sine import sine
-    from flexstage.control.trajectories.trajectory import Trajectory
-    from flexstage.control.trajectories.triangle import triangle
+    from flexstage.control.trajectory import Trajectory, trajectory_of
+    from flexstage.control.trajectory_shapes import raster, sine, triangle
     from flexstage.control.two_degree_of_freedom import (
         Way,
         carry_out,

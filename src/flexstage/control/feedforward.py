@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
 from flexstage.control.tracking_run import whole_periods
-from flexstage.control.trajectories.trajectory import Trajectory, smooth_step
+from flexstage.control.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
@@ -134,7 +134,7 @@ def compensate(
 
     Examples
     --------
-    >>> from flexstage.control.trajectories.sine import sine
+    >>> from flexstage.control.trajectory_shapes import sine
     >>> from flexstage.hysteresis import Duhem, DriveModel, ValidityRange
     >>> drive = DriveModel(
     ...     hysteresis=Duhem(rate=0.02, anhysteretic=np.array([0.0, 5e-7]),
@@ -234,7 +234,7 @@ def trimmed_model(
 
     Examples
     --------
-    >>> from flexstage.control.trajectories.sine import sine
+    >>> from flexstage.control.trajectory_shapes import sine
     >>> from flexstage.hysteresis import PrandtlIshlinskii
     >>> drive = DriveModel(
     ...     hysteresis=PrandtlIshlinskii(gain=5e-7, thresholds=[5.0], weights=[1e-7]),

@@ -34,7 +34,7 @@ from flexstage.control.learning_axis import (
     ResponseOf,
     mean_error,
 )
-from flexstage.control.trajectories.trajectory import Trajectory
+from flexstage.control.trajectory import Trajectory
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record

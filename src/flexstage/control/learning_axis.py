@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexstage.arrays import Array, Complex
 from flexstage.control.loop_plant import loop_plant
 from flexstage.control.tracking_run import at_times, samples_of_period
-from flexstage.control.trajectories.trajectory import Trajectory
+from flexstage.control.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
 from flexstage.hysteresis.limited_inverse import chain_response, steady_input, steady_output

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.arrays import Array
-from flexstage.control.trajectories.trajectory import Trajectory
+from flexstage.control.trajectory import Trajectory
 from flexstage.errors import RecordError
 from flexstage.hysteresis import Tracking, tracking
 from flexstage.records import Record
@@ -57,7 +57,7 @@ def evaluate_run(
 
     Examples
     --------
-    >>> from flexstage.control.trajectories.sine import sine
+    >>> from flexstage.control.trajectory_shapes import sine
     >>> wanted = sine("x", 0.0, 40e-6, 2.0, sample_rate_hz=1e3)
     >>> late = np.roll(np.tile(wanted.positions["x"], 3), 2)
     >>> round(evaluate_run(wanted, "x", late).whole.rms * 1e9)

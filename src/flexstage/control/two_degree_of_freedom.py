@@ -17,7 +17,7 @@ from enum import StrEnum
 
 from flexstage.choose import has_no
 from flexstage.control.feedforward import Compensation, compensate
-from flexstage.control.trajectories.trajectory import Trajectory, delayed
+from flexstage.control.trajectory import Trajectory, delayed
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.protocol import Capability, Instrument, Signal

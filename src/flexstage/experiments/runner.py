@@ -19,7 +19,6 @@ from flexstage.experiments.dry_run import dry_run, natural_frequency
 from flexstage.experiments.plan import Plan, Step, plan_stage
 from flexstage.experiments.requests import RunRequest
 from flexstage.experiments.results import PlanResult
-from flexstage.experiments.run_context import RunContext, base_rate_of
 from flexstage.experiments.state import (
     RunState,
     StepState,
@@ -31,6 +30,7 @@ from flexstage.experiments.state import (
     read_state,
     write_state,
 )
+from flexstage.experiments.verb import RunContext, base_rate_of
 from flexstage.files.names import file_name
 from flexstage.files.plain import json_text
 from flexstage.files.request import request_of

@@ -14,6 +14,7 @@ from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.two_degree_of_freedom import ControlRun, made_ready, with_feedforward
 from flexstage.errors import ModelError, PlanError
 from flexstage.experiments.command import CommandWaveform, park, prepare_loops
+from flexstage.experiments.verb import RunContext
 from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
@@ -31,7 +32,6 @@ from flexstage.records import Record
 from flexstage.system.servo import ServoSettings
 
 if TYPE_CHECKING:
-    from flexstage.experiments.run_context import RunContext
     from flexstage.experiments.verbs.verify import Verify
 
 #: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
@@ -60,7 +60,7 @@ class TrackingSetup:
     """By how much the zero of the sensor has moved since the model was identified [m]."""
 
 
-def tracking_setup(context: "RunContext", name: str, action: "Verify") -> TrackingSetup:
+def tracking_setup(context: RunContext, name: str, action: "Verify") -> TrackingSetup:
     """Look where the zero of the sensor is now, and make the reference for it."""
     # readings that are averaged to find by how much the zero of the sensor has moved
     readings = 20
@@ -90,7 +90,7 @@ def tracking_setup(context: "RunContext", name: str, action: "Verify") -> Tracki
     )
 
 
-def follow(context: "RunContext", own: TrackingSetup, way: str) -> Path:
+def follow(context: RunContext, own: TrackingSetup, way: str) -> Path:
     """Follow a reference in one way, and record it."""
     about = context.metadata(own.name, f"verify {way}", own.course.axis)
     about = _with_settings(about, {"way": way, "shift of the zero [m]": f"{own.shift:.3e}"})
@@ -102,7 +102,7 @@ def _with_settings(about: RunMetadata, more: Mapping[str, str]) -> RunMetadata:
 
 
 def _recorded(
-    context: "RunContext",
+    context: RunContext,
     own: TrackingSetup,
     command: CommandWaveform,
     about: RunMetadata,
@@ -118,7 +118,7 @@ def _recorded(
     )
 
 
-def _open_loop(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+def _open_loop(context: RunContext, own: TrackingSetup, about: RunMetadata) -> Path:
     """The voltage in proportion to the reference."""
     course = own.course
     axis, period = course.axis, course.positions
@@ -145,7 +145,7 @@ def _reach(course: ReferenceTrajectory) -> float:
     return high - low
 
 
-def _inverse(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+def _inverse(context: RunContext, own: TrackingSetup, about: RunMetadata) -> Path:
     run = _planned_run(own.course, Way.FEEDFORWARD)
     assert run.lead_in is not None
     return _recorded(context, own, joined(own.course, run.lead_in, run.waveform, run.notes), about)
@@ -172,7 +172,7 @@ def _planned_run(
     )
 
 
-def _controlled(way: Way, context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+def _controlled(way: Way, context: RunContext, own: TrackingSetup, about: RunMetadata) -> Path:
     """Follow the reference under position control, with or without voltages beside it."""
     course = own.course
     can = context.instrument.axes[course.axis].capabilities
@@ -200,7 +200,7 @@ def _controlled(way: Way, context: "RunContext", own: TrackingSetup, about: RunM
 
 
 @contextmanager
-def _ready(context: "RunContext", own: TrackingSetup, run: ControlRun) -> Iterator[None]:
+def _ready(context: RunContext, own: TrackingSetup, run: ControlRun) -> Iterator[None]:
     """Condition the drive and close the loop; settings of the control are as before after it."""
     axis = own.course.axis
     mover = context.instrument.axes[axis]
@@ -249,7 +249,7 @@ def _servo(course: ReferenceTrajectory, loop_rate_hz: float) -> tuple[ServoSetti
     return tuned.settings, ""
 
 
-def _learned(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> Path:
+def _learned(context: RunContext, own: TrackingSetup, about: RunMetadata) -> Path:
     """Learn the voltages of one period, then run the best ones.
 
     They are learned beside a control where the axis takes both and the model can tune it: it takes
@@ -294,7 +294,7 @@ def _learned(context: "RunContext", own: TrackingSetup, about: RunMetadata) -> P
         return _recorded(context, own, command, about, best.feedforward)
 
 
-def _to_learn(context: "RunContext", own: TrackingSetup) -> tuple[ReferenceTrajectory, ControlRun]:
+def _to_learn(context: RunContext, own: TrackingSetup) -> tuple[ReferenceTrajectory, ControlRun]:
     """Return the reference, and the run that learning begins with: beside a control, or alone."""
     course = own.course
     can = context.instrument.axes[course.axis].capabilities
@@ -312,7 +312,7 @@ def _to_learn(context: "RunContext", own: TrackingSetup) -> tuple[ReferenceTraje
 
 
 #: What each way does.
-_WAYS: dict[str, Callable[["RunContext", TrackingSetup, RunMetadata], Path]] = {
+_WAYS: dict[str, Callable[[RunContext, TrackingSetup, RunMetadata], Path]] = {
     "open loop": _open_loop,
     "inverse": _inverse,
     "feedback": partial(_controlled, Way.FEEDBACK),

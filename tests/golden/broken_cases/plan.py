@@ -76,7 +76,7 @@ EDITS: Edits = {
     "a list for a rate": ("rate: 1 Hz, ", "rate: [1 Hz], "),
     "a rate for rates": ("rates: [0.5 Hz, 5 Hz]", "rates: 5 Hz"),
     "a rate among rates without a unit": ("rates: [0.5 Hz, 5 Hz]", "rates: [0.5 Hz, 5]"),
-    "a rate of zero": ("rates: [0.5 Hz, 5 Hz]", "rates: [0 Hz, 5 Hz]"),
+    "a rate of zero among rates": ("rates: [0.5 Hz, 5 Hz]", "rates: [0 Hz, 5 Hz]"),
     "a voltage that falls": ("seed: 3}", "voltage: [90 V, 20 V]}"),
     "a default sample rate of zero": (
         "defaults: {sample_rate: 1 kHz}",

@@ -79,14 +79,14 @@ KINDS: dict[str, KindOfTest] = {
     ),
     "staircase": KindOfTest(
         what="small steps: resolution",
-        evaluated_by="holding.evaluate_staircase",
+        evaluated_by="positioning.evaluate_staircase",
         sensors=("along",),
         needed=("along",),
         beside=_COMMANDED,
     ),
     "hold": KindOfTest(
         what="the stage held: noise and drift",
-        evaluated_by="holding.evaluate_hold",
+        evaluated_by="positioning.evaluate_hold",
         sensors=("along",),
         needed=("along",),
     ),

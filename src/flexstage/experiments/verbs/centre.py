@@ -16,7 +16,7 @@ from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.experiments.command import prepare_loops
-from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import Range, Seed, require_ranges
@@ -31,7 +31,6 @@ from flexstage.units import DIMENSIONS, Angle, Length
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
     from flexstage.section import Content
     from flexstage.virtual.table import VirtualTable
 
@@ -117,7 +116,7 @@ class Centre(Verb):
             seed=self.seed,
         )
 
-    def run(self, context: "RunContext", name: str) -> list[Path]:
+    def run(self, context: RunContext, name: str) -> list[Path]:
         from flexstage.centring.procedure import centre
         from flexstage.experiments.command import park
         from flexstage.virtual.table import VirtualBench
@@ -164,7 +163,7 @@ class Centre(Verb):
         return [target]
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "CentredStep":
         del context, now
         file = files[0]

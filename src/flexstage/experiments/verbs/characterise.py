@@ -15,14 +15,13 @@ from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
 from flexstage.experiments.campaign.requests import Evaluation
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
-from flexstage.experiments.verb import StepResult, Verb
+from flexstage.experiments.verb import RunContext, StepResult, Verb
 from flexstage.experiments.verbs.measure import Measure
 from flexstage.records import Channel, Record
 
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
 
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
 
@@ -74,7 +73,7 @@ class Characterise(Verb):
         return (plan.sensors, *(plan.step(name).action for name in self.of))
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "CharacterisedStep":
         from flexstage.experiments.campaign.results import evaluate
 
@@ -130,7 +129,7 @@ class CharacterisedStep(StepResult):
 
 
 def _ratios(
-    context: "RunContext", campaign: Campaign, found: Characterisation
+    context: RunContext, campaign: Campaign, found: Characterisation
 ) -> Iterator[MeasuredCharacteristic]:
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
@@ -149,7 +148,7 @@ def _ratios(
         yield figure_of(campaign, result.test, "transmission_ratio", gain, note)
 
 
-def _test(context: "RunContext", name: str) -> Test:
+def _test(context: RunContext, name: str) -> Test:
     """Return the description of a test that a step has measured."""
     action = cast("Measure", context.plan.step(name).action)
     kind = KINDS[action.test or ""]

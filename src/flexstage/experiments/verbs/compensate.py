@@ -11,7 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import axis_setting, estimated_stroke
 from flexstage.experiments.command import CommandWaveform, require_size
-from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
 from flexstage.files.ranges import Count, Range, Whole, require_ranges
 from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
@@ -20,7 +20,6 @@ from flexstage.units import Frequency
 if TYPE_CHECKING:
     from flexstage.control import Trajectory
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
     from flexstage.hysteresis import DriveModel
 
 
@@ -89,7 +88,7 @@ class ReferenceTrajectory:
 
 
 def reference_of(
-    context: "RunContext",
+    context: RunContext,
     model: str,
     wanted: Reference,
     drive: "DriveModel | None" = None,
@@ -278,7 +277,7 @@ class Compensate(Verb):
         )
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "CompensatedStep":
         from flexstage.control import compensate
 

@@ -1,4 +1,4 @@
-"""The verb *excite*: a command of one axis or two is designed, each kind in a file of its own."""
+"""The verb *excite*: a command of one axis or two is designed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from flexstage.experiments.verb import (
     PlanContext,
     PlannedMotion,
     PlannedStep,
+    RunContext,
     StepResult,
     Verb,
 )
@@ -27,7 +28,6 @@ from flexstage.stage.limits import AxisLimits
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
 
 #: What stands for above nothing.
 TINY = 1e-12
@@ -133,7 +133,7 @@ class Excite(Verb):
         )
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "CommandedStep":
         del files, now
         rate = context.plan.defaults.command_rate

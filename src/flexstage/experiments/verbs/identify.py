@@ -11,7 +11,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.errors import PlanError
-from flexstage.experiments.verb import StepResult, Verb
+from flexstage.experiments.verb import RunContext, StepResult, Verb
 from flexstage.files.plain import picked
 from flexstage.files.request import require_fields
 from flexstage.files.write import write_whole
@@ -23,7 +23,6 @@ from flexstage.table import Column, table
 
 if TYPE_CHECKING:
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
     from flexstage.experiments.verbs.characterise import CharacterisedStep
     from flexstage.hysteresis import DriveModel
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
@@ -92,7 +91,7 @@ class Identify(Verb, IdentifyRequest):
                 )
         return ""
 
-    def run(self, context: "RunContext", name: str) -> list[Path]:
+    def run(self, context: RunContext, name: str) -> list[Path]:
         from flexstage.hysteresis import ModelFile, identify, model_text
 
         steps = [context.measured(step) for step in self.of]
@@ -129,7 +128,7 @@ class Identify(Verb, IdentifyRequest):
         write_whole(target, model_text(file))
         return [target]
 
-    def _request(self, context: "RunContext") -> IdentifyRequest:
+    def _request(self, context: RunContext) -> IdentifyRequest:
         """Return what is asked for, with the mode that was measured in place."""
         asked = {f.name: getattr(self, f.name) for f in fields(IdentifyRequest)}
         if self.characterised_by is not None:
@@ -140,7 +139,7 @@ class Identify(Verb, IdentifyRequest):
         return IdentifyRequest(**asked)
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "IdentifiedStep":
         from flexstage.hysteresis import read_model_file
 
@@ -243,7 +242,7 @@ class IdentifiedStep(StepResult):
         return f"{self.name}: {self.kind}, {rms:.3g} % of the stroke rms"
 
     def model_entry(
-        self, context: "RunContext", stage: "StageEntry", runs: Mapping[str, str]
+        self, context: RunContext, stage: "StageEntry", runs: Mapping[str, str]
     ) -> "ModelEntry":
         from flexstage.experiments.state import file_hash
         from flexstage.instruments.catalogue.entries import ModelEntry

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from flexstage.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
 from flexstage.experiments.campaign.requests import Evaluation, Roles
-from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range
 from flexstage.quantities import number
@@ -20,7 +20,6 @@ from flexstage.units import Frequency
 if TYPE_CHECKING:
     from flexstage.experiments.plan import Plan
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
 
 _TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 
@@ -105,7 +104,7 @@ class Measure(Recording, Roles, Evaluation):
             motions=source.motions,
         )
 
-    def run(self, context: "RunContext", name: str) -> list[Path]:
+    def run(self, context: RunContext, name: str) -> list[Path]:
         command = context.commands[self.of]
         about = context.metadata(name, self.test or "identification", self.axis_of(context.plan))
         sensors = self.reads({self.of: context.plan.step(self.of).action})
@@ -118,7 +117,7 @@ class Measure(Recording, Roles, Evaluation):
         return [command.record(context.instrument, signals, rate, stream, about)]
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "MeasuredStep":
         record = read_record(files[0])
         first, period = context.commands[self.of].prepared(record)

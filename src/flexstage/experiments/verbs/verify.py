@@ -12,7 +12,7 @@ from flexstage.characteristic import MeasuredCharacteristic, measured_value
 from flexstage.errors import PlanError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiments.axis_limits import estimated_stroke
-from flexstage.experiments.verb import PlanContext, PlannedStep, StepResult, Verb
+from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
 from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
@@ -30,7 +30,6 @@ from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
     from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.run_context import RunContext
     from flexstage.hysteresis import Tracking
     from flexstage.stage import Stage
 
@@ -110,7 +109,7 @@ class Verify(Recording):
             notes=("the voltages follow from the model that is identified",),
         )
 
-    def run(self, context: "RunContext", name: str) -> list[Path]:
+    def run(self, context: RunContext, name: str) -> list[Path]:
         from flexstage.experiments.ways import follow, tracking_setup
 
         require_whole_cycles(name, self.reference, self.rate(context.plan))
@@ -118,7 +117,7 @@ class Verify(Recording):
         return [follow(context, own, way) for way in self.ways]
 
     def result(
-        self, context: "RunContext", name: str, files: list[Path], *, now: bool
+        self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "VerifiedStep":
         del now
         model = context.identified(self.model)
@@ -326,7 +325,7 @@ def _run(way: str, record: Record, file: Path, action: Verify) -> FollowedRun:
     )
 
 
-def _estimate(context: "RunContext", run: FollowedRun, action: Verify) -> Estimate:
+def _estimate(context: RunContext, run: FollowedRun, action: Verify) -> Estimate:
     """Width of the loop of the mean cycle, with the spread of the cycles and the sensor."""
     from flexstage.measure.uncertainty.sensor import measured
 

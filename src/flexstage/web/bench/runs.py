@@ -16,8 +16,8 @@ from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.excitations import EqualCycles
 from flexstage.experiments.plan import find_plan, read_plan
 from flexstage.experiments.requests import RunRequest
-from flexstage.experiments.run_context import base_rate_of
 from flexstage.experiments.runner import new_run_folder
+from flexstage.experiments.verb import base_rate_of
 from flexstage.experiments.verbs.excite import whole_part
 from flexstage.files.write import write_whole
 from flexstage.hysteresis import Tracking, cycles, loop_width, tracking

@@ -1,7 +1,7 @@
-"""Small sines of a band, repeated: all at once, or one whose frequency rises."""
+"""What an axis responds to: small sines, all at once or of rising frequency, and blows."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -10,7 +10,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
-from flexstage.experiments.command import CommandWaveform, require_size
+from flexstage.experiments.command import BASE_RATE_HZ, CommandWaveform, Strike, require_size
+from flexstage.experiments.verb import PlanContext, PlannedStep
 from flexstage.experiments.verbs.excite import (
     SAMPLES_PER_CYCLE,
     SOME,
@@ -18,7 +19,7 @@ from flexstage.experiments.verbs.excite import (
     command_of,
     require_stack,
 )
-from flexstage.files.ranges import Range, Seed, Share
+from flexstage.files.ranges import Count, Range, Seed, Share
 from flexstage.units import DIMENSIONS, Time, Voltage
 
 Band = Annotated[tuple[float, float], DIMENSIONS["frequency"]]
@@ -140,3 +141,31 @@ class Chirp(_SmallSines):
         whole = max(round(2.0 * total), 1) / (2.0 * total)
         phase, total = whole * phase, whole * total
         return np.sin(2.0 * np.pi * np.where(t < half, phase, 2.0 * total - phase))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Blows(Excite):
+    """Blows of a hammer along an axis, its drives taken out."""
+
+    kind: ClassVar[str] = "blows"
+    response: ClassVar[str] = "hammer"
+
+    axis: str
+    """The axis."""
+    hits: Count = 5
+    """How many."""
+
+    def command(
+        self,
+        settings: Mapping[str, AxisSetting],
+        sample_rate_hz: float,
+        *,
+        base_rate_hz: float = BASE_RATE_HZ,
+    ) -> Strike:
+        del settings, sample_rate_hz, base_rate_hz
+        return Strike(axis=self.axis, hits=self.hits)
+
+    def preview(self, context: PlanContext, name: str) -> PlannedStep:
+        self.settings(context)
+        what = f"{self.hits} blows along {self.axis}, drives taken out"
+        return PlannedStep(name=name, verb=self.verb, what=what)
