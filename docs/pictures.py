@@ -185,9 +185,8 @@ def card_centring() -> "Figure":
 def _twin_steps(step: float, dwell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Targets and readings of a staircase of the twin under position control."""
     from flexstage.instruments.connect import connect
-    from flexstage.instruments.protocol import Signal
+    from flexstage.instruments.protocol import Signal, Waveform
     from flexstage.instruments.record_run import run_waveform
-    from flexstage.instruments.waveform import Waveform
 
     rate, start = 1000.0, 30e-6
     levels = [0, 0, 1, 2, 3, 4, 3, 2, 1, 0]

@@ -32,7 +32,7 @@ from flexstage.control.tracking_run import RunTracking, evaluate_run
 from flexstage.control.two_degree_of_freedom import ControlRun
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, excitation, identify
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.records import Channel, Record
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import StageSamples, VirtualStage

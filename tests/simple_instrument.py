@@ -14,8 +14,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
-from flexstage.instruments.protocol import Capability, Identity, Signal
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Capability, Identity, Signal, Waveform
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.designs import design
 from flexstage.errors import ModelError
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits, stage_limits
 
 

@@ -27,8 +27,7 @@ from flexstage.hysteresis import (
     ValidityRange,
 )
 from flexstage.hysteresis.limited_inverse import steady_displacement, steady_input, steady_output
-from flexstage.instruments.protocol import Capability, Signal
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Capability, Signal, Waveform
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

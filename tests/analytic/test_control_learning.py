@@ -10,7 +10,7 @@ from flexstage.control.learning_axis import mean_error
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.hysteresis.limited_inverse import steady_output
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import Notch, ServoSettings

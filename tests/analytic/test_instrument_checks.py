@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from flexstage.errors import LimitError
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
 
 LIMITS = AxisLimits(position=(-3e-6, 41e-6), voltage=(-7.0, 113.0), slew=900.0, speed=2e-4)

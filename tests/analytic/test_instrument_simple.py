@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from flexstage.errors import LimitError, NotConnectedError
-from flexstage.instruments.protocol import Instrument, MotionAxis, Recorder, Signal, WaveGenerator
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import (
+    Instrument,
+    MotionAxis,
+    Recorder,
+    Signal,
+    Waveform,
+    WaveGenerator,
+)
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
 

@@ -9,8 +9,7 @@ from flexstage.arrays import Array
 from flexstage.designs import design
 from flexstage.errors import ModelError
 from flexstage.virtual.build import virtual_stage
-from flexstage.virtual.disturbances import Disturbances
-from flexstage.virtual.sensors import SensorBench, SimulatedSensor, kinds_of
+from flexstage.virtual.sensors import Disturbances, SensorBench, SimulatedSensor, kinds_of
 from tests.twin_parts import small_stage
 
 BENCH = SensorBench(

@@ -9,9 +9,8 @@ import pytest
 from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError, RecordError
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import record_blow, record_now, run_moves, run_waveform
-from flexstage.instruments.waveform import Waveform
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument
 
 X = Signal(kind="position", source="x", name="x")

@@ -8,9 +8,8 @@ import pytest
 from flexstage.errors import LimitError
 from flexstage.instruments.connect import connect
 from flexstage.instruments.guard import guarded
-from flexstage.instruments.protocol import Instrument, Signal
+from flexstage.instruments.protocol import Instrument, Signal, Waveform
 from flexstage.instruments.record_run import record_now, run_moves, run_waveform
-from flexstage.instruments.waveform import Waveform
 
 X = Signal(kind="position", source="x", name="x")
 U = Signal(kind="voltage", source="x", name="u", unit="V")

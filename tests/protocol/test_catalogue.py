@@ -9,8 +9,13 @@ import pytest
 import sqlalchemy as sa
 
 from flexstage.errors import NotConnectedError, RecordError
-from flexstage.instruments.catalogue.address import catalogue_engine, default_catalogue
 from flexstage.instruments.catalogue.catalogue import Catalogue
+from flexstage.instruments.catalogue.database import (
+    METADATA,
+    VERSION,
+    catalogue_engine,
+    default_catalogue,
+)
 from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,
     ModelEntry,
@@ -18,7 +23,6 @@ from flexstage.instruments.catalogue.entries import (
     StageEntry,
 )
 from flexstage.instruments.catalogue.folder import enter_folder, folder_entries
-from flexstage.instruments.catalogue.tables import METADATA, VERSION
 from flexstage.instruments.recording.archive import archived
 from tests.postgresql import database, postgresql_server  # noqa: F401
 from tests.recordings import RunFolder, metadata, truth, writer, written

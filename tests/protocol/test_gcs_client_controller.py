@@ -7,7 +7,7 @@ from flexstage.designs import design
 from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
-from flexstage.instruments.pi.units import VOLTS, WireUnit, axis_unit
+from flexstage.instruments.pi.replies import VOLTS, WireUnit, axis_unit
 from flexstage.instruments.pi.waves import point_lines
 from flexstage.instruments.protocol import (
     Capability,
@@ -15,10 +15,10 @@ from flexstage.instruments.protocol import (
     MotionAxis,
     Recorder,
     Signal,
+    Waveform,
     WaveGenerator,
 )
 from flexstage.instruments.transport import InProcess
-from flexstage.instruments.waveform import Waveform
 from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_script import COMMANDS, InMemory, ScriptedController
 

@@ -19,10 +19,9 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN, ControllerModel
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
-from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.transport import InProcess, TcpLink
-from flexstage.instruments.waveform import Waveform
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage

@@ -12,9 +12,8 @@ from flexstage.errors import ControllerError, FlexstageError, LimitError, NotCon
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.conversation import GcsClient
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.transport import InProcess, NoAnswerError, TcpLink
-from flexstage.instruments.waveform import Waveform
 from tests.gcs_script import CutError, InMemory, ScriptedController, served
 
 STAGE = design("vgtu-piezo")

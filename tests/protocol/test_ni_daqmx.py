@@ -17,9 +17,8 @@ from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import record_now, run_waveform
-from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
 from tests.daqmx_stand_in import Card, value
 

@@ -16,11 +16,17 @@ from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
 from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
 from flexstage.instruments.ni.simulated import SimulatedBackend, _Output
-from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Recorder, Signal
+from flexstage.instruments.protocol import (
+    Capability,
+    Instrument,
+    MotionAxis,
+    Recorder,
+    Signal,
+    Waveform,
+)
 from flexstage.instruments.protocol import WaveGenerator as Generator
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.record_run import record_now, run_waveform
-from flexstage.instruments.waveform import Waveform
 from flexstage.stage.limits import AxisLimits
 
 #: Volts at each input for a volt at each output; both drives reach the third sensor.

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from flexstage.errors import NotConnectedError
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.recording.archive import recover
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import read_record
 from tests.recordings import RunFolder, written
 from tests.simple_instrument import SimpleInstrument

@@ -17,9 +17,8 @@ from flexstage.control import (
 from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, ValidityRange, excitation, identify
 from flexstage.instruments.connect import connect
-from flexstage.instruments.protocol import Signal
+from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import run_waveform
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 from flexstage.virtual.build import virtual_stage
 from tests import control_evidence

@@ -233,10 +233,11 @@ def centre(
     Examples
     --------
     >>> from flexstage.designs import design
-    >>> from flexstage.virtual import TableMounting, VirtualBench, VirtualPositioner, VirtualTable
-    >>> stage = VirtualPositioner(
-    ...     design("vgtu-piezo"), start=(-1.0, -1.0), mounting=TableMounting(angle=0.7, mirrored=True)
+    >>> from flexstage.virtual import (
+    ...     TableMounting, VirtualBench, VirtualPositioner, VirtualTable,
     ... )
+    >>> mounting = TableMounting(angle=0.7, mirrored=True)
+    >>> stage = VirtualPositioner(design("vgtu-piezo"), start=(-1.0, -1.0), mounting=mounting)
     >>> x, y = -50e-6 * np.array([np.cos(0.2), np.sin(0.2)]) - stage.true_position
     >>> table = VirtualTable(
     ...     radius=50e-3, heads=(0.0, 1.6, 3.1, 4.8), eccentricity=(x, y), noise=4.8e-6

@@ -86,7 +86,7 @@ def run(
 
     folder = out if out is not None else new_run_folder(Path("runs"), own.name, file.stem)
     require_writable(folder)
-    from flexstage.instruments.catalogue.address import chosen_catalogue
+    from flexstage.instruments.catalogue.database import chosen_catalogue
 
     catalogue = chosen_catalogue(bench.catalogue)
     result = _carried_out(

@@ -18,7 +18,7 @@ from flexstage.control.trajectory import Trajectory, smooth_step
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
 
 #: Cycles that condition a drive, one a second, and the time of the way to the start [s].

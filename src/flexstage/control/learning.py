@@ -36,7 +36,7 @@ from flexstage.control.learning_axis import (
 )
 from flexstage.control.trajectory import Trajectory
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

@@ -14,7 +14,7 @@ from flexstage.control.trajectory import Trajectory
 from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel
 from flexstage.hysteresis.limited_inverse import chain_response, steady_input, steady_output
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

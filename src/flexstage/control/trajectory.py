@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import LimitError, ModelError, RecordError
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 

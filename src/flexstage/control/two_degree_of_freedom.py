@@ -20,8 +20,7 @@ from flexstage.control.feedforward import Compensation, compensate
 from flexstage.control.trajectory import Trajectory, delayed
 from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
-from flexstage.instruments.protocol import Capability, Instrument, Signal
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

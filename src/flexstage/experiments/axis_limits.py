@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
-from flexstage.instruments.waveform import Quantity
+from flexstage.instruments.protocol import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
 from flexstage.virtual.as_built import platform_stroke

@@ -12,12 +12,11 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.choose import has_no
 from flexstage.errors import PlanError
-from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.protocol import Capability, Instrument, Quantity, Signal, Waveform
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.record_run import record_blow, run_moves, run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.instruments.waveform import Quantity, Waveform
 from flexstage.provenance import content_hash
 from flexstage.stage import PiezoStack, Stage
 

@@ -24,10 +24,9 @@ from flexstage.experiments.verbs.compensate import (
     settled_range,
 )
 from flexstage.experiments.verbs.measure import from_sample
-from flexstage.instruments.protocol import Capability, Signal
+from flexstage.instruments.protocol import Capability, Signal, Waveform
 from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.system.servo import ServoSettings
 

@@ -12,13 +12,12 @@ if TYPE_CHECKING:
     from flexstage.instruments.guard import guarded
     from flexstage.instruments.ni.address import open_address
     from flexstage.instruments.ni.setup import DriveOutput, NiSetup, SensorInput
-    from flexstage.instruments.protocol import Signal
+    from flexstage.instruments.protocol import Signal, Waveform
     from flexstage.instruments.record_run import record_now, run_waveform
     from flexstage.instruments.recording.archive import recover
     from flexstage.instruments.recording.metadata import RunMetadata
     from flexstage.instruments.recording.writer import RunWriter
     from flexstage.instruments.scan_devices import FlyScan, MotionStatus, ScanAxis
-    from flexstage.instruments.waveform import Waveform
 
 __all__ = [
     "CalibrationEntry",

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import LimitError
-from flexstage.instruments.waveform import Quantity, Waveform
+from flexstage.instruments.protocol import Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
 _ROUNDING = 1e-9

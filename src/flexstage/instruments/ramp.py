@@ -12,8 +12,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage
-from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
-from flexstage.instruments.waveform import Quantity, Waveform
+from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most

@@ -14,9 +14,8 @@ from flexstage import progress
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_waveform
-from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.ramp import lead_to, require_loop
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Channel, Record
 
 #: Time at a place before it is recorded [s].

@@ -7,9 +7,8 @@ from typing import Any
 
 from flexstage.errors import ControllerError
 from flexstage.instruments.limits import check_position
-from flexstage.instruments.protocol import Instrument, MotionAxis, Signal
+from flexstage.instruments.protocol import Instrument, MotionAxis, Signal, Waveform
 from flexstage.instruments.record_run import run_waveform
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 
 

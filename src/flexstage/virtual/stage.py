@@ -15,9 +15,14 @@ from flexstage.records import Channel, Record
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.disturbances import Disturbances
 from flexstage.virtual.laboratory import Blow, Hammer
-from flexstage.virtual.sensors import ChannelDescription, SensorBench, beside_channels, kinds_of
+from flexstage.virtual.sensors import (
+    ChannelDescription,
+    Disturbances,
+    SensorBench,
+    beside_channels,
+    kinds_of,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -22,7 +22,7 @@ from flexstage.experiments.verbs.excite import (
     require_span,
 )
 from flexstage.files.ranges import Range, Share
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.units import Length, Time, Voltage
 
 

@@ -13,7 +13,7 @@ from flexstage.experiments.axis_limits import axis_setting, estimated_stroke
 from flexstage.experiments.command import CommandWaveform, require_size
 from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
 from flexstage.files.ranges import Count, Range, Whole, require_ranges
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
 from flexstage.units import Frequency
 

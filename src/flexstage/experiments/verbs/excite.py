@@ -22,7 +22,7 @@ from flexstage.experiments.verb import (
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.instruments.limits import check_waveform
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
 
 if TYPE_CHECKING:

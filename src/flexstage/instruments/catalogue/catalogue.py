@@ -16,21 +16,7 @@ from sqlalchemy.exc import (
 
 from flexstage.errors import FlexstageError, NotConnectedError, RecordError
 from flexstage.files.request import request_fields, request_of
-from flexstage.instruments.catalogue.address import (
-    WRITES,
-    address_of,
-    catalogue_engine,
-    default_catalogue,
-    in_memory,
-    is_absent_file,
-)
-from flexstage.instruments.catalogue.entries import (
-    CalibrationEntry,
-    ModelEntry,
-    RunEntry,
-    StageEntry,
-)
-from flexstage.instruments.catalogue.tables import (
+from flexstage.instruments.catalogue.database import (
     CALIBRATIONS,
     METADATA,
     MODELS,
@@ -38,10 +24,22 @@ from flexstage.instruments.catalogue.tables import (
     STAGES,
     VERSION,
     VERSIONS,
+    WRITES,
     Entry,
+    address_of,
+    catalogue_engine,
+    default_catalogue,
     entry_of,
+    in_memory,
+    is_absent_file,
     question,
     values_of,
+)
+from flexstage.instruments.catalogue.entries import (
+    CalibrationEntry,
+    ModelEntry,
+    RunEntry,
+    StageEntry,
 )
 from flexstage.instruments.requests import CalibrationsRequest, OfStage, RunsRequest
 

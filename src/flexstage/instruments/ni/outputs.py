@@ -11,8 +11,7 @@ from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_voltage, check_waveform
 from flexstage.instruments.ni.setup import DriveOutput, InputTask, NiBackend, NiSetup, OutputTask
-from flexstage.instruments.protocol import WaveGenerator
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.protocol import Waveform, WaveGenerator
 from flexstage.stage.limits import AxisLimits
 
 _LARGEST = 20_000_000  # samples of all drives in memory

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.pi.connection import Connection, ControllerProfile
-from flexstage.instruments.pi.units import VOLTS, WireUnit
+from flexstage.instruments.pi.replies import VOLTS, WireUnit
 from flexstage.instruments.protocol import Capability, MotionAxis, not_able
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import Notch, ServoSettings

@@ -7,7 +7,7 @@ from flexstage.errors import ControllerError, ModelError
 from flexstage.instruments.pi.axis import AxisFacts, tunable
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.recorder import ChannelFacts
-from flexstage.instruments.pi.units import WireUnit, axis_unit
+from flexstage.instruments.pi.replies import WireUnit, axis_unit
 from flexstage.instruments.protocol import Capability
 from flexstage.stage import Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits

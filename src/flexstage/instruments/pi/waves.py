@@ -9,10 +9,8 @@ from flexstage.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import Connection
-from flexstage.instruments.pi.replies import parse_array
-from flexstage.instruments.pi.units import VOLTS, WireUnit
-from flexstage.instruments.protocol import Capability, WaveGenerator
-from flexstage.instruments.waveform import Waveform
+from flexstage.instruments.pi.replies import VOLTS, WireUnit, parse_array
+from flexstage.instruments.protocol import Capability, Waveform, WaveGenerator
 from flexstage.stage.limits import AxisLimits
 
 #: Samples that are read back at each of the places that are looked at.

@@ -22,13 +22,12 @@ from flexstage.experiments.verbs.excite import whole_part
 from flexstage.files.write import write_whole
 from flexstage.hysteresis import Tracking, cycles, loop_width, tracking
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
-from flexstage.instruments.protocol import Capability, Instrument, Signal
+from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.record_run import record_now
 from flexstage.instruments.recording.archive import examine, rescued
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX, in_use
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.instruments.waveform import Waveform
 from flexstage.provenance import content_hash
 from flexstage.records import Record, read_record
 from flexstage.report.run import run_text
@@ -269,7 +268,7 @@ def carry_out(
     held: str,
 ) -> RunOutcome:
     """Carry out a plan; with its folder go on with one that was interrupted."""
-    from flexstage.instruments.catalogue.address import default_catalogue
+    from flexstage.instruments.catalogue.database import default_catalogue
 
     path = find_plan(source)
     plan = read_plan(path)

@@ -18,9 +18,9 @@ from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.gcs_state import MODELS, OWN
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import STOP, ServerSession
+from flexstage.instruments.protocol import Waveform
 from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
-from flexstage.instruments.waveform import Waveform
 from flexstage.records import Record
 from flexstage.records.files import read_files
 from flexstage.records.likely_columns import taken_drive

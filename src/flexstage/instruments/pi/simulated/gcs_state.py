@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
+from flexstage.instruments.pi.replies import METRES
 from flexstage.instruments.pi.simulated.clock import Pace
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import AxisDescription, Refusal, require
 from flexstage.instruments.pi.simulated.record_store import RecordStore
-from flexstage.instruments.pi.units import METRES
 from flexstage.system.servo import Notch, ServoSettings
 
 #: Commands of controllers with reference or limit switches.
