@@ -51,7 +51,7 @@ class Axis:
 
 
 def refuse(reason):
-    raise RefusedError(reason, "no")
+    raise RefusedError(reason)
 
 
 class FormulaRecorder:

@@ -15,14 +15,11 @@ from flexstage.system.servo import ServoSettings
 
 class Axis(MotionAxis):
     limits = AxisLimits(voltage=(-20.0, 120.0), slew=1e4)  # pyright: ignore[reportAssignmentType]
-    name = "x"  # pyright: ignore[reportAssignmentType]
+    name = "x"
+    capabilities = frozenset({Capability.OPEN_LOOP})
 
     def __init__(self, owner: "Minimal") -> None:
         self.owner, self.volts, self.busy = owner, 7.0, 0
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        return frozenset({Capability.OPEN_LOOP})
 
     def position(self) -> float:
         return 0.4e-6 * self.volts
@@ -45,7 +42,7 @@ class Axis(MotionAxis):
 
 
 class Minimal(Instrument):
-    identity = Identity(vendor="v", model="m", simulated=True)  # pyright: ignore[reportAssignmentType]
+    identity = Identity(vendor="v", model="m", simulated=True)
 
     def __init__(self) -> None:
         self.x, self.stops, self.gone, self.paused = Axis(self), 0, False, 0.0

@@ -297,9 +297,7 @@ def test_what_a_screw_cannot_do(screws: VirtualController) -> None:
         (screws.servo, "1"),
         (screws.choose_wave, "1", 1, 2),
     ):
-        error = refusal(call, *args)
-        assert error.reason is Refusal.NOT_ABLE, call
-        assert "is a screw" in str(error)
+        assert refusal(call, *args).reason is Refusal.NOT_ABLE, call
 
 
 # refusals ---------------------------------------------------------------------------------------

@@ -205,24 +205,22 @@ STEEP = 3e4 * 1e-4  # of the voltage in a sample of the loop [V]
 
 
 @pytest.mark.parametrize(
-    ("samples", "cycles", "says"),
+    ("samples", "cycles"),
     [
-        ([3.0, 113.2], 1, "its limits are -7 to 113 V"),
-        ([3.0, 3.0 + 1.01 * STEEP], 1, "a step of 3.03 V from sample 1 on: 3 V is the most"),
-        ([3.0, 5.5, 8.0], 2, "a step of 5 V from its last sample, to the first, on"),
-        ([3.0, 5.5, 8.0], 0, "a step of 5 V from its last sample, to the first, on"),
-        ([3.0 + 1.01 * STEEP, 7.0], 1, "stands at 3 V, and its waveform begins at 6.03 V"),
+        (np.linspace(3.0, 113.2, 50).tolist(), 1),  # beyond 113 V
+        ([3.0, 3.0 + 1.01 * STEEP], 1),  # a step between samples
+        ([3.0, 5.5, 8.0], 2),  # the step from the last one to the first
+        ([3.0, 5.5, 8.0], 0),
+        ([3.0 + 1.01 * STEEP, 7.0], 1),  # the step from where the axis stands
     ],
 )
 def test_a_waveform_is_looked_at_whole_before_its_first_sample(
-    device: VirtualController, stage: SimpleStage, samples: list[float], cycles: int, says: str
+    device: VirtualController, stage: SimpleStage, samples: list[float], cycles: int
 ) -> None:
     load(device, "2", 2, [3.0, 3.1])
     load(device, "1", 1, samples)
     device.set_wave_cycles("1", cycles)
-    error = refusal(device.start_waves, ["2", "1"])
-    assert error.reason is Refusal.OUT_OF_LIMITS
-    assert says in str(error)
+    assert refusal(device.start_waves, ["2", "1"]).reason is Refusal.OUT_OF_LIMITS
     device.advance(0.01)
     assert_array_equal(stage.commands[:, 101:], np.full((2, 100), 3.0))  # neither of them
 
@@ -350,8 +348,7 @@ def test_what_is_appended_is_read_behind_what_was_there(device: VirtualControlle
     with pytest.raises(ValueError, match="read-only"):
         device.wave(4)[0] = 1.0
     room = device.wave_room(4) - given.size
-    refused = refusal(device.append_wave, 4, np.array([1.0, np.inf]))
-    assert str(refused) == f"sample {given.size + 2} of wave table 4 is inf: it must be finite"
+    assert refusal(device.append_wave, 4, np.array([1.0, np.inf])).reason is Refusal.BAD_VALUE
     assert refusal(device.append_wave, 4, np.zeros(room + 1)).reason is Refusal.TABLE_FULL
     assert refusal(device.append_wave, 9, TABLE).reason is Refusal.UNKNOWN
     assert_array_equal(device.wave(4), given)

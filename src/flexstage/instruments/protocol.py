@@ -155,15 +155,10 @@ class Waveform:
 class MotionAxis(Protocol):
     """One axis of an instrument."""
 
-    @property
-    def name(self) -> str:
-        """Its name, as the controller knows it."""
-        ...
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        """What it can do."""
-        ...
+    name: str
+    """Its name, as the controller knows it."""
+    capabilities: frozenset[Capability]
+    """What it can do."""
 
     @property
     def limits(self) -> AxisLimits:
@@ -232,20 +227,12 @@ def not_able(axis: MotionAxis, capability: Capability) -> ModelError:
 class Recorder(Protocol):
     """Records signals at a fixed rate."""
 
-    @property
-    def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]; slower ones are whole parts of it."""
-        ...
-
-    @property
-    def capacity(self) -> int:
-        """Largest number of samples of a signal."""
-        ...
-
-    @property
-    def signals(self) -> int:
-        """Largest number of signals at once."""
-        ...
+    base_rate_hz: float
+    """Highest rate of samples [Hz]; slower ones are whole parts of it."""
+    capacity: int
+    """Largest number of samples of a signal."""
+    signals: int
+    """Largest number of signals at once."""
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
         """Choose what to record and how much; return the rate that will be kept [Hz]."""
@@ -272,15 +259,10 @@ class Recorder(Protocol):
 class WaveGenerator(Protocol):
     """Runs waveforms from tables, all axes in step."""
 
-    @property
-    def base_rate_hz(self) -> float:
-        """Highest rate of samples [Hz]; slower tables are joined by straight lines."""
-        ...
-
-    @property
-    def capacity(self) -> int:
-        """Largest number of samples over all tables."""
-        ...
+    base_rate_hz: float
+    """Highest rate of samples [Hz]; slower tables are joined by straight lines."""
+    capacity: int
+    """Largest number of samples over all tables."""
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         """Check a waveform whole against the limits, then write it to the tables.
@@ -309,10 +291,10 @@ class WaveGenerator(Protocol):
 class Instrument(Protocol):
     """A controller with its stage. Connecting moves nothing and switches nothing."""
 
-    @property
-    def identity(self) -> Identity:
-        """What it is."""
-        ...
+    identity: Identity
+    """What it is."""
+    concurrent: bool = False
+    """Whether a second thread may read axes while another one works."""
 
     @property
     def capabilities(self) -> frozenset[Capability]:
@@ -333,11 +315,6 @@ class Instrument(Protocol):
     def waves(self) -> WaveGenerator:
         """Its wave generator; `ModelError` where it has none."""
         raise ModelError("this instrument has no wave generator")
-
-    @property
-    def concurrent(self) -> bool:
-        """Whether a second thread may read axes while another one works."""
-        return False
 
     def channel(self, number: int) -> float:
         """Return what a sensor, by its number, reads now [m, rad, N]."""

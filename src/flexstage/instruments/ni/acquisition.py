@@ -18,16 +18,11 @@ from flexstage.system.servo import ServoSettings
 class NiAxis(MotionAxis):
     """An axis whose drive an analogue output commands, without position control."""
 
+    capabilities = frozenset({Capability.OPEN_LOOP})
+
     def __init__(self, owner: "NiAcquisition", drive: DriveOutput, limits: AxisLimits) -> None:
         self._owner, self._drive, self._limits = owner, drive, limits
-
-    @property
-    def name(self) -> str:
-        return self._drive.axis
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        return frozenset({Capability.OPEN_LOOP})
+        self.name = drive.axis
 
     @property
     def limits(self) -> AxisLimits:
@@ -95,7 +90,7 @@ class NiAcquisition(Instrument):
     ) -> None:
         self.setup, self._backend = setup, backend
         self._card = backend.describe(setup)
-        self._identity = Identity(
+        self.identity = Identity(
             vendor=self._card.vendor,
             model=self._card.model,
             serial_number=self._card.serial_number,
@@ -114,10 +109,6 @@ class NiAcquisition(Instrument):
         )
         self._axes = {d.axis: NiAxis(self, d, found[d.axis]) for d in setup.outputs}
         self._closed = False
-
-    @property
-    def identity(self) -> Identity:
-        return self._identity
 
     @property
     def capabilities(self) -> frozenset[Capability]:

@@ -40,6 +40,7 @@ class NiOutputs(WaveGenerator):
     ) -> None:
         self._backend, self._setup, self._limits = backend, setup, limits
         self._clock, self._told, self._asked, self._freed = clock, told, asked, freed
+        self.base_rate_hz, self.capacity = setup.output_rate_hz, _LARGEST
         self._drives: dict[str, DriveOutput] = {d.axis: d for d in setup.outputs}
         self._standing = {d.axis: d.begins_at for d in setup.outputs}
         self._lock = threading.RLock()
@@ -53,14 +54,6 @@ class NiOutputs(WaveGenerator):
         self.began = dict(self._standing)  # voltages at the drives when connected [V]
 
     # the generator of waveforms -----------------------------------------------------------------
-
-    @property
-    def base_rate_hz(self) -> float:
-        return self._setup.output_rate_hz
-
-    @property
-    def capacity(self) -> int:
-        return _LARGEST
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         if waveform.quantity != "voltage" or feedforward is not None:

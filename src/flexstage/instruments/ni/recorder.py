@@ -31,6 +31,8 @@ class NiRecorder(Recorder):
         self, backend: NiBackend, setup: NiSetup, card: CardInfo, busy: Callable[[], bool]
     ) -> None:
         self._backend, self._setup, self._card, self._busy = backend, setup, card, busy
+        self.base_rate_hz = card.largest_rate_hz(len(setup.inputs))
+        self.capacity, self.signals = _CAPACITY // len(setup.inputs), _SIGNALS
         self._signals: tuple[Signal, ...] = ()
         self._rate, self._divider, self._samples = setup.output_rate_hz, 1, 0
         self._task: InputTask | None = None
@@ -43,24 +45,8 @@ class NiRecorder(Recorder):
         usual = setup.output_rate_hz
         if setup.outputs:
             self._require_rate(usual)
-        self._interval = self._kept_timing(min(usual, self.base_rate_hz))[1]
-
-    @property
-    def interval(self) -> float:
-        """Time from one sensor's conversion to the next one's [s], as of `InputTask`."""
-        return self._interval
-
-    @property
-    def base_rate_hz(self) -> float:
-        return self._card.largest_rate_hz(len(self._setup.inputs))
-
-    @property
-    def capacity(self) -> int:
-        return _CAPACITY // len(self._setup.inputs)
-
-    @property
-    def signals(self) -> int:
-        return _SIGNALS
+        #: Time from one sensor's conversion to the next one's [s], as of `InputTask`.
+        self.interval = self._kept_timing(min(usual, self.base_rate_hz))[1]
 
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
         for signal in signals:
@@ -72,7 +58,7 @@ class NiRecorder(Recorder):
         changes = self._setup.output_rate_hz if self._setup.outputs else rate_hz
         divider = max(math.ceil(changes / rate_hz * (1.0 - 1e-9)), 1)
         divider = max(min(divider, math.floor(self.base_rate_hz / rate_hz)), 1)
-        kept, self._interval = self._kept_timing(rate_hz * divider)
+        kept, self.interval = self._kept_timing(rate_hz * divider)
         self._signals, self._samples, self._divider = tuple(signals), samples, divider
         self._rate = kept / divider
         return self._rate

@@ -225,18 +225,12 @@ class CardInfo:
 class InputTask(Protocol):
     """Inputs that are sampled by a clock without end, once started."""
 
-    @property
-    def rate_hz(self) -> float:
-        """Rate that the card keeps [Hz]."""
-        ...
-
-    @property
-    def interval(self) -> float:
-        """Time from one input's conversion to the next one's [s].
-
-        Zero where all are converted at once, not a number where the driver does not report it.
-        """
-        ...
+    rate_hz: float
+    """Rate that the card keeps [Hz]."""
+    interval: float
+    """Time from one input's conversion to the next one's [s]; zero where all are converted at once,
+    not a number where the driver does not report it.
+    """
 
     def start(self) -> None:
         """Start the clock."""

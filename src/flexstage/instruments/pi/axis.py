@@ -196,19 +196,12 @@ class PiAxis(MotionAxis):
 
     def __init__(self, connection: Connection, facts: AxisFacts) -> None:
         self._connection, self.facts = connection, facts
+        self.name, self.capabilities = facts.name, facts.capabilities
         self._client = connection.client
         self._tuning = ServoTuning(connection, facts.identifier)
         self._volts_seen = facts.output is None
         self._target: float | None = None
         self._stops = connection.client.stops
-
-    @property
-    def name(self) -> str:
-        return self.facts.name
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        return self.facts.capabilities
 
     @property
     def limits(self) -> AxisLimits:

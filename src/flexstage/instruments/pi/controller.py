@@ -18,7 +18,7 @@ from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.pi.discovery import discover
 from flexstage.instruments.pi.recorder import PiRecorder
 from flexstage.instruments.pi.waves import PiWaves
-from flexstage.instruments.protocol import Capability, ChannelMap, Identity, Instrument
+from flexstage.instruments.protocol import Capability, ChannelMap, Instrument
 from flexstage.instruments.transport import (
     DEFAULT_BAUD,
     DEFAULT_PORT,
@@ -41,6 +41,8 @@ class PiController(Instrument):
     never against hardware. Axes are referenced by `MotionAxis.reference` only.
     """
 
+    concurrent = True
+
     def __init__(
         self,
         connection: Connection,
@@ -52,6 +54,7 @@ class PiController(Instrument):
         factors: Mapping[int, float],
     ) -> None:
         self._connection, self._axes = connection, dict(axes)
+        self.identity = connection.profile.identity
         self._recorder, self._waves = recorder, waves
         self._channels, self._factors = channels, dict(factors)
 
@@ -120,10 +123,6 @@ class PiController(Instrument):
         )
 
     @property
-    def identity(self) -> Identity:
-        return self._connection.profile.identity
-
-    @property
     def profile(self) -> ControllerProfile:
         """What it says of itself."""
         return self._connection.profile
@@ -166,10 +165,6 @@ class PiController(Instrument):
         if self._waves is None:
             raise ModelError("this controller lists no commands of a wave generator")
         return self._waves
-
-    @property
-    def concurrent(self) -> bool:
-        return True
 
     def channel(self, number: int) -> float:
         if number not in self._factors or not self.profile.knows("TSP?"):

@@ -64,40 +64,28 @@ class PiRecorder(Recorder):
         tables: int,
     ) -> None:
         self._connection, self._axes, self._channels = connection, axes, channels
-        self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
+        self.base_rate_hz, self.capacity, self.signals = base_rate_hz, capacity, tables
         self._chosen: tuple[Signal, ...] = ()
         self._factors: tuple[float, ...] = ()
         self._samples, self._rate = 0, base_rate_hz
         self._used = tables
         self._waiting = True
 
-    @property
-    def base_rate_hz(self) -> float:
-        return self._base
-
-    @property
-    def capacity(self) -> int:
-        return self._capacity
-
-    @property
-    def signals(self) -> int:
-        return self._tables
-
     def configure(self, signals: Sequence[Signal], rate_hz: float, samples: int) -> float:
-        if not 1 <= len(signals) <= self._tables:
+        if not 1 <= len(signals) <= self.signals:
             raise LimitError(
-                f"the recorder has {self._tables} tables, got {len(signals)} signals: record them "
+                f"the recorder has {self.signals} tables, got {len(signals)} signals: record them "
                 "in several runs"
             )
-        if not 2 <= samples <= self._capacity:
+        if not 2 <= samples <= self.capacity:
             raise LimitError(
-                f"a table of the recorder has 2 to {self._capacity} samples, got {samples}: record "
+                f"a table of the recorder has 2 to {self.capacity} samples, got {samples}: record "
                 "at a slower rate, or for a shorter time"
             )
         if not 0.0 < rate_hz < float("inf"):
             raise ModelError(f"the rate of a record must be positive and finite, got {rate_hz!r}")
         told = [self._source(signal) for signal in signals]
-        divider = max(1, round(self._base / rate_hz))
+        divider = max(1, round(self.base_rate_hz / rate_hz))
         for table, (source, option, _) in enumerate(told, 1):
             self._connection.tell(f"DRC {table} {source} {option}")
         if 0 in self._connection.profile.record_options:
@@ -109,7 +97,7 @@ class PiRecorder(Recorder):
         self._connection.tell(f"RTR {divider}")
         self._connection.divider = divider
         self._chosen, self._factors = tuple(signals), tuple(t[2] for t in told)
-        self._samples, self._rate, self._waiting = samples, self._base / divider, True
+        self._samples, self._rate, self._waiting = samples, self.base_rate_hz / divider, True
         return self._rate
 
     def arm(self) -> None:

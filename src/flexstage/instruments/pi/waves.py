@@ -51,19 +51,11 @@ class PiWaves(WaveGenerator):
         on_start: Callable[[], None],
     ) -> None:
         self._connection, self._axes = connection, axes
-        self._base, self._capacity, self._tables = base_rate_hz, capacity, tables
+        self.base_rate_hz, self.capacity, self._tables = base_rate_hz, capacity, tables
         self._on_start = on_start
         self._feedforward = connection.profile.parameter(r"feed-?forward wave table")
         self._loaded: Waveform | None = None
         self._sent: tuple[_Table, ...] = ()
-
-    @property
-    def base_rate_hz(self) -> float:
-        return self._base
-
-    @property
-    def capacity(self) -> int:
-        return self._capacity
 
     def load(self, waveform: Waveform, *, feedforward: Waveform | None = None) -> None:
         self._check(waveform, feedforward)
@@ -153,19 +145,19 @@ class PiWaves(WaveGenerator):
                 )
             check_waveform(self._limits, feedforward)
             needed += feedforward.size * len(feedforward.values)
-        if needed > self._capacity:
+        if needed > self.capacity:
             raise LimitError(
-                f"the wave tables hold {self._capacity} samples, and {needed} are asked for: use a "
+                f"the wave tables hold {self.capacity} samples, and {needed} are asked for: use a "
                 "lower rate or a shorter waveform"
             )
 
     def _divider(self, rate_hz: float) -> int:
-        divider = round(self._base / rate_hz)
-        if divider < 1 or abs(self._base / divider - rate_hz) > 1e-9 * rate_hz:
-            nearest = self._base / max(divider, 1)
+        divider = round(self.base_rate_hz / rate_hz)
+        if divider < 1 or abs(self.base_rate_hz / divider - rate_hz) > 1e-9 * rate_hz:
+            nearest = self.base_rate_hz / max(divider, 1)
             raise ModelError(
-                f"a waveform runs at a whole part of {self._base:g} Hz, got {rate_hz:.9g} Hz: "
-                f"the nearest is {nearest:.9g} Hz"
+                f"a waveform runs at a whole part of {self.base_rate_hz:g} Hz, got {rate_hz:.9g} "
+                f"Hz: the nearest is {nearest:.9g} Hz"
             )
         return divider
 

@@ -128,10 +128,7 @@ class Pacemaker(Pace):
 
     def pass_time(self, seconds: float) -> None:
         """Refuse: real time cannot be made to pass."""
-        raise RefusedError(
-            Refusal.NOT_ABLE,
-            f"simulated time is in step with real time and cannot be led on by {seconds:g} s",
-        )
+        raise RefusedError(Refusal.NOT_ABLE)
 
     def close(self) -> None:
         self._ended.set()

@@ -75,9 +75,7 @@ class VirtualController(ControllerCore):
         state = self._axis(axis)
         if state.servo == on:
             return
-        require(
-            not state.screw, Refusal.NOT_ABLE, f"axis '{axis}' is a screw, and always under control"
-        )
+        require(not state.screw, Refusal.NOT_ABLE)
         self._need_drives()
         self._need_no_wave(state)
         state.switch(on)
@@ -119,13 +117,9 @@ class VirtualController(ControllerCore):
         found = {self._axis(axis): value for axis, value in targets.items()}
         for state, value in found.items():
             self._need_no_wave(state)
-            require(
-                state.servo,
-                Refusal.SERVO_OFF,
-                f"axis '{state.description.name}' takes no position while its control is off: "
-                "switch it on, or command a voltage",
-            )
-            found[state] = _allowed_position(state, value)
+            require(state.servo, Refusal.SERVO_OFF)
+            bounds = state.description.limits.position
+            found[state] = float(require_within(np.array([value]), bounds)[0])
         for state, value in found.items():
             state.go(value, self._sample, state.speed)
         self.recorder.trigger("move", self._sample + 1)
@@ -143,12 +137,7 @@ class VirtualController(ControllerCore):
         found = {self._piezo(axis): value for axis, value in commands.items()}
         for state, value in found.items():
             self._need_no_wave(state)
-            require(
-                not state.servo,
-                Refusal.SERVO_ON,
-                f"axis '{state.description.name}' takes no voltage while its control is on: "
-                "switch it off, or command a position",
-            )
+            require(not state.servo, Refusal.SERVO_ON)
             found[state] = _allowed_voltage(state, value)
         for state, value in found.items():
             state.go(value, self._sample, state.largest_slew)
@@ -162,12 +151,7 @@ class VirtualController(ControllerCore):
         """Set the speed of moves [m/s], from the next one on."""
         state = self._axis(axis)
         largest = self.largest_speed(axis)
-        require(
-            0.0 < speed <= largest * (1.0 + _ROUNDING),
-            Refusal.SPEED_OUT_OF_LIMITS,
-            f"axis '{axis}' cannot move at {speed * 1e6:g} um/s: it must be above 0 and at "
-            f"most {largest * 1e6:g} um/s",
-        )
+        require(0.0 < speed <= largest * (1.0 + _ROUNDING), Refusal.SPEED_OUT_OF_LIMITS)
         state.speed = min(float(speed), largest)
 
     def largest_speed(self, axis: str) -> float:
@@ -197,7 +181,8 @@ class VirtualController(ControllerCore):
 
     def channel(self, number: int) -> float:
         """Return what a sensor reads now [m, or rad]."""
-        return float(self._readings[self._channel(number) - 1])
+        require(1 <= number <= len(self.channels), Refusal.UNKNOWN)
+        return float(self._readings[number - 1])
 
     def stop(self, axes: Sequence[str] | None = None) -> None:
         """Stop motion and waveforms at once; the axes hold where they are.
@@ -226,16 +211,7 @@ class VirtualController(ControllerCore):
             settings.sections(self.sample_rate_hz)
             self.stage.set_servo_settings(state.description.stage_axis, settings)
         except ModelError as error:
-            raise RefusedError(Refusal.BAD_VALUE, str(error)) from error
-
-    def _channel(self, number: int) -> int:
-        count = len(self.stage.channels)
-        require(
-            1 <= number <= count,
-            Refusal.UNKNOWN,
-            f"there is no channel {number}: they are 1 to {count}",
-        )
-        return number
+            raise RefusedError(Refusal.BAD_VALUE) from error
 
     # waveforms ------------------------------------------------------------------------------
 
@@ -274,11 +250,7 @@ class VirtualController(ControllerCore):
     def _need_idle(self, table: int) -> None:
         self._tables.known(table)
         for name, state in self._states.items():
-            require(
-                state.wave is None or table not in self._choice[name],
-                Refusal.WAVE_RUNNING,
-                f"wave table {table} runs on axis '{name}': stop it first",
-            )
+            require(state.wave is None or table not in self._choice[name], Refusal.WAVE_RUNNING)
 
     def wave_rate_divider(self) -> int:
         """Return how many samples of the loop one sample of a table lasts."""
@@ -286,11 +258,7 @@ class VirtualController(ControllerCore):
 
     def set_wave_rate_divider(self, divider: int) -> None:
         """Set how many samples of the loop one sample of a table lasts."""
-        require(
-            divider >= 1,
-            Refusal.BAD_VALUE,
-            f"a sample of a table lasts 1 sample of the loop or more, got {divider}",
-        )
+        require(divider >= 1, Refusal.BAD_VALUE)
         for state in self._states.values():
             self._need_no_wave(state)
         self._divider = int(divider)
@@ -315,11 +283,7 @@ class VirtualController(ControllerCore):
         """Set how often the waveform of an axis is run; 0 for endlessly."""
         state = self._axis(axis)
         self._need_no_wave(state)
-        require(
-            cycles >= 0,
-            Refusal.BAD_VALUE,
-            f"a waveform runs 0 times (endlessly) or more, got {cycles}",
-        )
+        require(cycles >= 0, Refusal.BAD_VALUE)
         self._cycles[axis] = int(cycles)
 
     def start_waves(
@@ -385,18 +349,12 @@ class VirtualController(ControllerCore):
         )
 
     def _filled(self, axis: str, table: int) -> Array:
-        require(table, Refusal.NO_WAVE, f"no wave table is chosen for axis '{axis}'")
+        require(table, Refusal.NO_WAVE)
         samples = self._tables.samples(table)
-        require(samples.size, Refusal.NO_WAVE, f"wave table {table} of axis '{axis}' is empty")
+        require(samples.size, Refusal.NO_WAVE)
         return samples
 
 
-def _allowed_position(state: AxisState, value: float) -> float:
-    name, bounds = state.description.name, state.description.limits.position
-    return float(require_within(name, np.array([value]), bounds, "m")[0])
-
-
 def _allowed_voltage(state: AxisState, value: float) -> float:
-    name, bounds = state.description.name, state.description.limits.voltage
-    beyond = Refusal.VOLTAGE_OUT_OF_LIMITS
-    return float(require_within(name, np.array([value]), bounds, "V", beyond)[0])
+    bounds = state.description.limits.voltage
+    return float(require_within(np.array([value]), bounds, Refusal.VOLTAGE_OUT_OF_LIMITS)[0])

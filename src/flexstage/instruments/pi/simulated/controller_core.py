@@ -190,11 +190,7 @@ class ControllerCore:
 
         What was recorded before can be read until then.
         """
-        require(
-            trigger in ("wave", "move", "now"),
-            Refusal.BAD_VALUE,
-            f"a recording starts with wave, move or now, got {trigger!r}",
-        )
+        require(trigger in ("wave", "move", "now"), Refusal.BAD_VALUE)
         self.recorder.arm(trigger)
         if trigger == "now":
             self.recorder.trigger("now", self._sample + 1)
@@ -205,17 +201,12 @@ class ControllerCore:
 
     def remove_drives(self, removed: bool) -> None:
         """Take the drives out, or put them back; no axis may move or be under control."""
-        for name, state in self._states.items():
+        for state in self._states.values():
             require(
                 not state.moving(self._sample),
                 Refusal.NOT_ABLE if state.wave is None else Refusal.WAVE_RUNNING,
-                f"axis '{name}' moves: let it come to rest before drives are handled",
             )
-            require(
-                state.screw or not state.servo,
-                Refusal.SERVO_ON,
-                f"the control of axis '{name}' is on: switch it off before drives are handled",
-            )
+            require(state.screw or not state.servo, Refusal.SERVO_ON)
         self._drives_out = bool(removed)
 
     def strike(self, axis: str) -> None:
@@ -227,11 +218,7 @@ class ControllerCore:
         is that along the axis that was struck; of another axis nothing is recorded but zeros.
         """
         state = self._axis(axis)
-        require(
-            self._drives_out,
-            Refusal.NOT_ABLE,
-            "take the drives out before the stage is struck with a hammer",
-        )
+        require(self._drives_out, Refusal.NOT_ABLE)
         blow = self.stage.strike(state.description.stage_axis)
         rate = self.sample_rate_hz / self.recorder.divider
         force = resampled(blow.force, blow.sample_rate_hz, rate)
@@ -285,53 +272,29 @@ class ControllerCore:
         return target
 
     def _require_signal(self, signal: Signal) -> None:
-        require(
-            signal.kind in _KINDS,
-            Refusal.UNKNOWN,
-            f"nothing of the kind '{signal.kind}' is recorded: it is one of {', '.join(_KINDS)}",
-        )
+        require(signal.kind in _KINDS, Refusal.UNKNOWN)
         if signal.kind == "channel":
             numbers = {str(c.number) for c in self.stage.channels}
-            require(
-                signal.source in numbers,
-                Refusal.UNKNOWN,
-                f"there is no channel '{signal.source}': they are 1 to {len(numbers)}",
-            )
+            require(signal.source in numbers, Refusal.UNKNOWN)
         elif signal.kind == "voltage":
             self._piezo(signal.source)
         else:
             self._axis(signal.source)
 
     def _axis(self, axis: str) -> AxisState:
-        require(
-            axis in self._states,
-            Refusal.UNKNOWN,
-            f"there is no axis '{axis}': they are {', '.join(self._states)}",
-        )
+        require(axis in self._states, Refusal.UNKNOWN)
         return self._states[axis]
 
     def _piezo(self, axis: str) -> AxisState:
         state = self._axis(axis)
-        require(
-            not state.screw,
-            Refusal.NOT_ABLE,
-            f"axis '{axis}' is a screw: it has neither voltage nor a servo",
-        )
+        require(not state.screw, Refusal.NOT_ABLE)
         return state
 
     def _need_no_wave(self, state: AxisState) -> None:
-        require(
-            state.wave is None,
-            Refusal.WAVE_RUNNING,
-            f"a waveform runs on axis '{state.description.name}': stop it first",
-        )
+        require(state.wave is None, Refusal.WAVE_RUNNING)
 
     def _need_drives(self) -> None:
-        require(
-            not self._drives_out,
-            Refusal.NOT_ABLE,
-            "the drives are taken out: put them back before moving the stage",
-        )
+        require(not self._drives_out, Refusal.NOT_ABLE)
 
 
 def duration(seconds: float) -> float:

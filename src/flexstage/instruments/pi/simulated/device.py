@@ -66,15 +66,16 @@ class Refusal(IntEnum):
 class RefusedError(FlexstageError, RuntimeError):
     """A command is refused; nothing has changed."""
 
-    def __init__(self, reason: Refusal, message: str = "") -> None:
-        super().__init__(message or f"error {reason.value} of the command set")
+    def __init__(self, reason: Refusal) -> None:
+        # clients are told the number alone
+        super().__init__(f"error {reason.value} of the command set: {reason.name}")
         self.reason = reason
 
 
-def require(holds: object, reason: Refusal, message: str = "") -> None:
+def require(holds: object, reason: Refusal) -> None:
     """Refuse a command for a reason, unless something holds."""
     if not holds:
-        raise RefusedError(reason, message)
+        raise RefusedError(reason)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

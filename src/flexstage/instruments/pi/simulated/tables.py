@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.instruments.pi.simulated.device import Refusal, RefusedError, require
+from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal
 
 Trigger = Literal["wave", "move", "now"]
@@ -55,11 +55,7 @@ class DataRecorder:
 
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
-        require(
-            1 <= table <= self.count,
-            Refusal.UNKNOWN,
-            f"there is no record table {table}: they are 1 to {self.count}",
-        )
+        require(1 <= table <= self.count, Refusal.UNKNOWN)
         return table
 
     def signal(self, table: int) -> Signal | None:
@@ -74,11 +70,7 @@ class DataRecorder:
 
     def set_divider(self, divider: int) -> None:
         """Choose the rate, from the next trigger on."""
-        require(
-            divider >= 1,
-            Refusal.BAD_VALUE,
-            f"a record takes every sample or fewer, got a rate of {divider}",
-        )
+        require(divider >= 1, Refusal.BAD_VALUE)
         self.divider = divider
 
     def arm(self, trigger: Trigger) -> None:
@@ -130,16 +122,8 @@ class DataRecorder:
 
     def read(self, table: int, first: int, count: int) -> Array:
         """Return samples of a table, from number `first`, counted from 0."""
-        require(
-            self.known(table) in self._data,
-            Refusal.UNKNOWN,
-            f"record table {table} has recorded nothing",
-        )
-        require(
-            first >= 0 and count >= 0 and first + count <= self._filled,
-            Refusal.BAD_VALUE,
-            f"{count} samples from number {first} on are not there: {self._filled} are recorded",
-        )
+        require(self.known(table) in self._data, Refusal.UNKNOWN)
+        require(first >= 0 and count >= 0 and first + count <= self._filled, Refusal.BAD_VALUE)
         return self._data[table][first : first + count].copy()
 
 
@@ -192,11 +176,7 @@ class WaveTables:
 
     def known(self, table: int) -> int:
         """Return the number of a table, from 1; refuse one that there is not."""
-        require(
-            1 <= table <= self.count,
-            Refusal.UNKNOWN,
-            f"there is no wave table {table}: they are 1 to {self.count}",
-        )
+        require(1 <= table <= self.count, Refusal.UNKNOWN)
         return table
 
     def samples(self, table: int) -> Array:
@@ -230,19 +210,8 @@ class WaveTables:
         """Return samples that may stand behind those that are held."""
         self.known(table)
         new = np.array(samples, dtype=np.float64).reshape(-1)
-        bad = np.flatnonzero(~np.isfinite(new))
-        if bad.size:
-            raise RefusedError(
-                Refusal.BAD_VALUE,
-                f"sample {held + bad[0] + 1} of wave table {table} is {new[bad[0]]}: it must be "
-                "finite",
-            )
-        require(
-            held + new.size <= self.room(table),
-            Refusal.TABLE_FULL,
-            f"{held + new.size} samples do not fit into wave table {table}: {self.room(table)} of "
-            f"{self.capacity} are free",
-        )
+        require(np.isfinite(new).all(), Refusal.BAD_VALUE)
+        require(held + new.size <= self.room(table), Refusal.TABLE_FULL)
         return _fixed(new)
 
 
