@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.arrays import Array, Complex
 from flexstage.designs import design
 from flexstage.hysteresis import (
     Amplifier,
@@ -21,6 +21,7 @@ from flexstage.lumped import lumped_system
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
 from flexstage.system.servo import ServoSettings
+from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.virtual.sensors import SensorBench
 from flexstage.virtual.stack import VirtualStack, virtual_stack
@@ -130,3 +131,11 @@ def _all_steps(arrays: StackArrays, state: StackState, u: Array, out: Array) -> 
         for k in range(u.shape[1]):
             out[a, k] = step_stack(arrays, state, a, u[a, k])
     return out
+
+
+def small_signal_response(
+    stage: PiezoStage, axis: str, frequency_hz: ArrayLike, *, slope: float
+) -> Complex:
+    """Return the response from the voltage asked for to the position, for small signals."""
+    part = next(part for part in stage.parts if part.name == axis)
+    return sampled_response(stage.model, part.drive, part.probe, frequency_hz, slope=slope)

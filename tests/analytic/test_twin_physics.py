@@ -21,7 +21,13 @@ from flexstage.virtual.stack_stepping import (
     ChargeDrive,
     stack_arrays,
 )
-from tests.twin_parts import SLOPES, damped_system, free_displacements, small_stage
+from tests.twin_parts import (
+    SLOPES,
+    damped_system,
+    free_displacements,
+    small_signal_response,
+    small_stage,
+)
 
 OPEN = (False, False)
 
@@ -209,7 +215,7 @@ def test_the_closed_loop_answers_as_settings_times_plant_say(frequency_hz: float
     got = closed_loop_sine(stage, frequency_hz, (True, False))
     f = np.array([frequency_hz])
     z = np.exp(-2j * np.pi * f / 10e3)
-    plant = stage.small_signal_response("x", f, slope=SLOPES["x"])
+    plant = small_signal_response(stage, "x", f, slope=SLOPES["x"])
     control = settings.response(f, 10e3)
     wanted = (control * plant / (1.0 + control * z * plant))[0]
     # rounding of a position of 2e-5 m in a sine of 2e-8 m, and the rest of the transient
@@ -229,7 +235,7 @@ def test_the_plant_of_small_signals_is_that_of_the_continuous_modes() -> None:
     # one sample to the amplifier, half of one that a voltage is held
     delay = np.exp(-s[:, 0] * 1.5 / 40e3)
     wanted = SLOPES["x"] * mechanical * delay / (1.0 + s[:, 0] / (2.0 * np.pi * 2000.0))
-    got = stage.small_signal_response("x", f, slope=SLOPES["x"])
+    got = small_signal_response(stage, "x", f, slope=SLOPES["x"])
     # held and straight voltages lose (pi 640 / 40e3)^2 (1/6 + 1/3) = 0.13 % of their size
     # images of the held voltage, which the pole lets through, are of the same size
     assert got == pytest.approx(wanted, rel=4e-3)

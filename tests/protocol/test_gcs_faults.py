@@ -332,41 +332,6 @@ def test_a_link_that_is_cut_while_a_table_is_written_starts_nothing(networked):
     assert not any(line.startswith("WGO") for line in script.log)
 
 
-def test_a_lost_link_is_opened_again_where_all_is_as_it_was(networked):
-    controller, script = networked
-    controller.axes["y"].set_closed_loop(True)
-    script.faults["POS?"] = cut
-    with pytest.raises(NotConnectedError):
-        controller.axes["y"].position()
-    script.log.clear()
-    controller.reconnect()
-    assert script.log == ["*IDN?", "CSV?", "ERR?", "SVO? 2"]
-    assert controller.axes["y"].closed_loop
-
-
-def test_a_lost_link_to_a_controller_that_was_restarted_is_not_trusted(networked):
-    controller, script = networked
-    controller.axes["y"].set_closed_loop(True)
-    script.faults["POS?"] = cut
-    with pytest.raises(NotConnectedError):
-        controller.axes["y"].position()
-    script.power_on()
-    with pytest.raises(ControllerError, match=r"control of its axis 2 is off\): it was restarted"):
-        controller.reconnect()
-
-
-def test_a_lost_link_that_leads_to_another_controller_is_refused(networked):
-    controller, script = networked
-    script.faults["POS?"] = cut
-    with pytest.raises(NotConnectedError):
-        controller.axes["y"].position()
-    script.identity = "(c) Maker GmbH, P-727.3, 118, 9.31"
-    with pytest.raises(ControllerError, match="another controller answers there"):
-        controller.reconnect()
-    with pytest.raises(NotConnectedError):
-        controller.axes["y"].position()
-
-
 def test_a_server_that_hangs_up_or_is_gone_is_not_connected(networked):
     controller, script = networked
     script.faults["POS?"] = cut

@@ -4,6 +4,8 @@ import _thread
 import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -133,13 +135,13 @@ class Guard:
         self._leaving = True
         if error is None:
             return
-        with _Kept(error, "the stage could not be stopped"):
+        with _noted(error, "the stage could not be stopped"):
             self._instrument.stop()
         # A stop that comes late would halt the ramp.
         if self._stopping is not None:
             self._stopping.join(timeout=5.0)
         if self._lead_to_safe:
-            with _Kept(error, "the drives could not be led to their safe voltages"):
+            with _noted(error, "the drives could not be led to their safe voltages"):
                 to_safe(self._instrument)
 
     def _restore(self) -> None:
@@ -172,22 +174,10 @@ def guarded(
     return Guard(instrument, lead_to_safe=lead_to_safe, timeout=timeout)
 
 
-class _Kept:
-    """Lets no trouble of cleaning up hide the error that it cleans up after."""
-
-    def __init__(self, error: BaseException, what: str) -> None:
-        self._error, self._what = error, what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> bool:
-        if error is None or not isinstance(error, Exception):
-            return False
-        self._error.add_note(f"{self._what}: {error}")
-        return True
+@contextmanager
+def _noted(error: BaseException, what: str) -> Iterator[None]:
+    """Let no trouble of cleaning up hide the error that it cleans up after."""
+    try:
+        yield
+    except Exception as trouble:  # noqa: BLE001 - told with the error
+        error.add_note(f"{what}: {trouble}")

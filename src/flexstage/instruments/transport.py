@@ -26,10 +26,8 @@ class Transport(Protocol):
     One thread receives at a time; `send` may be called while another thread receives.
     """
 
-    @property
-    def name(self) -> str:
-        """Where it leads, for sentences."""
-        ...
+    name: str
+    """Where it leads, for sentences."""
 
     def send(self, data: bytes) -> None:
         """Send all of it; `NotConnectedError` where the link is gone."""
@@ -85,11 +83,7 @@ class InProcess(Transport):
     def __init__(self, session: InProcessSession, *, name: str = "simulated controller") -> None:
         self._session: InProcessSession | None = session
         self._first = session
-        self._name = name
-
-    @property
-    def name(self) -> str:
-        return self._name
+        self.name = name
 
     def send(self, data: bytes) -> None:
         self._open().send(data)
@@ -101,15 +95,15 @@ class InProcess(Transport):
             data = b""
         if not data:
             # what it has to say it says while it takes the question
-            raise NoAnswerError(f"nothing came from {self._name}")
+            raise NoAnswerError(f"nothing came from {self.name}")
         return data
 
     def another(self) -> "InProcess":
         """Open a second conversation with the same controller."""
         another = getattr(self._first, "another", None)
         if not callable(another):
-            raise NotConnectedError(f"there can be no second conversation with {self._name}")
-        return InProcess(cast("InProcessSession", another()), name=self._name)
+            raise NotConnectedError(f"there can be no second conversation with {self.name}")
+        return InProcess(cast("InProcessSession", another()), name=self.name)
 
     def close(self) -> None:
         session, self._session = self._session, None
@@ -120,7 +114,7 @@ class InProcess(Transport):
     def _open(self) -> InProcessSession:
         session = self._session
         if session is None:
-            raise NotConnectedError(f"the link to {self._name} is closed: connect again")
+            raise NotConnectedError(f"the link to {self.name} is closed: connect again")
         return session
 
 
@@ -141,6 +135,7 @@ class TcpLink(Transport):
 
     def __init__(self, host: str, port: int = DEFAULT_PORT, *, timeout: float = 5.0) -> None:
         self._host, self._port, self._timeout = host, port, timeout
+        self.name = f"{host}:{port}"
         try:
             made = socket.create_connection((host, port), timeout=timeout)
         except (OSError, OverflowError, UnicodeError) as error:
@@ -151,10 +146,6 @@ class TcpLink(Transport):
         made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._socket: socket.socket | None = made
-
-    @property
-    def name(self) -> str:
-        return f"{self._host}:{self._port}"
 
     def send(self, data: bytes) -> None:
         link = self._open()
@@ -226,7 +217,7 @@ class SerialLink(Transport):
         require_extra("serial", "serial", "a serial port", NotConnectedError)
         import serial
 
-        self._port, self._baud = port, baud
+        self.name = port
         try:
             made = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=timeout)
         except (OSError, ValueError) as error:
@@ -236,10 +227,6 @@ class SerialLink(Transport):
             ) from error
         made.reset_input_buffer()
         self._serial: serial.Serial | None = made
-
-    @property
-    def name(self) -> str:
-        return self._port
 
     def send(self, data: bytes) -> None:
         port = self._open()
@@ -307,15 +294,12 @@ class GatewayLink(Transport):
                 f"a gateway needs the methods send(text) and read(), got a {type(gateway).__name__}"
             )
         self._gateway: Any = gateway
+        self.name = f"gateway {type(gateway).__name__}"
         self._clock, self._sleep = clock, sleep
         self._closed = False
         flush = getattr(gateway, "flush", None)
         if callable(flush):
             flush()
-
-    @property
-    def name(self) -> str:
-        return f"gateway {type(self._gateway).__name__}"
 
     def send(self, data: bytes) -> None:
         self._check()

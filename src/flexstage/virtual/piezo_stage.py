@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from flexstage.arrays import Array
 from flexstage.choose import has_no
@@ -26,7 +25,6 @@ from flexstage.virtual.piezo_loop import (
     ServoArrays,
     amplifier_of,
     run_loop,
-    sampled_response,
 )
 from flexstage.virtual.sensors import (
     neighbour,
@@ -229,13 +227,6 @@ class PiezoStage(VirtualStage):
             self.set_servo_settings(part.name, part.settings)
         if self.conditions.hammer is not None:
             self.conditions.hammer.reset()
-
-    def small_signal_response(
-        self, axis: str, frequency_hz: ArrayLike, *, slope: float, read: str | None = None
-    ) -> NDArray[np.complex128]:
-        """Return the response from the voltage asked for to the position, for small signals."""
-        drive, probe = self._part(axis).drive, self._part(read or axis).probe
-        return sampled_response(self.model, drive, probe, frequency_hz, slope=slope)
 
     def _part(self, axis: str) -> PiezoAxis:
         return self.parts[self._number(axis)]

@@ -23,15 +23,6 @@ _BANDWIDTH = r"notch bandwidth {}\b.*damping"
 _MICRO = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class _Slot:
-    """Numbers of the parameters of one notch."""
-
-    frequency: int
-    rejection: int
-    bandwidth: int
-
-
 def tunable(profile: ControllerProfile) -> bool:
     """Say whether a controller names its gains with their units: others are never set."""
     return (
@@ -55,9 +46,9 @@ class ServoTuning:
         """Read the settings."""
         notches = []
         for slot in self._slots():
-            frequency = self._number(slot.frequency)
+            frequency = self._number(slot[0])
             if frequency > 0.0:
-                rejection, width = self._number(slot.rejection), self._number(slot.bandwidth)
+                rejection, width = self._number(slot[1]), self._number(slot[2])
                 notches.append(
                     Notch(
                         frequency_hz=frequency,
@@ -99,11 +90,10 @@ class ServoTuning:
                 f"{len(slots)}: leave the weakest out"
             )
         for slot, notch in zip(slots, settings.notches, strict=False):
-            yield slot.frequency, notch.frequency_hz
-            yield slot.rejection, notch.zero_damping / notch.pole_damping
-            yield slot.bandwidth, 2.0 * notch.pole_damping
+            numbers = notch.zero_damping / notch.pole_damping, 2.0 * notch.pole_damping
+            yield from zip(slot, (notch.frequency_hz, *numbers), strict=True)
         for slot in slots[len(settings.notches) :]:
-            yield slot.frequency, 0.0
+            yield slot[0], 0.0
 
     def _lowpass(self, settings: ServoSettings) -> Iterator[tuple[int, float]]:
         key = self._connection.profile.parameter(_LOWPASS)
@@ -112,7 +102,8 @@ class ServoTuning:
         elif settings.lowpass_hz is not None:
             raise ModelError("the controller has no low-pass in its control: leave it out")
 
-    def _slots(self) -> Iterator[_Slot]:
+    def _slots(self) -> Iterator[list[int]]:
+        """Give the parameters of each notch: of its frequency, rejection and bandwidth."""
         profile = self._connection.profile
         count = sum(
             bool(re.search(r"notch frequency \d+", name, re.IGNORECASE))
@@ -120,8 +111,9 @@ class ServoTuning:
         )
         for slot in range(1, count + 1):
             keys = [profile.parameter(p.format(slot)) for p in (_NOTCH, _REJECTION, _BANDWIDTH)]
-            if None not in keys:
-                yield _Slot(*(key for key in keys if key is not None))
+            known = [key for key in keys if key is not None]
+            if len(known) == len(keys):
+                yield known
 
     def _known(self, pattern: str) -> int:
         key = self._connection.profile.parameter(pattern)

@@ -197,15 +197,6 @@ class PiController(Instrument):
     def stop(self) -> None:
         self._connection.client.stop()
 
-    def check_state(self) -> None:
-        """See that the controller still has what was set here."""
-        self._connection.check_state()
-
-    def reconnect(self) -> None:
-        """Open a lost link again, where there is still the same controller in the same state."""
-        self._connection.client.reconnect()
-        self._connection.check_state()
-
     def settings(self) -> Mapping[str, str]:
         names = {a.facts.identifier: name for name, a in self._axes.items()}
         return {

@@ -30,37 +30,22 @@ class Conversation:
 
     def __init__(self, transport: Transport, timeout: float, clock: Callable[[], float]) -> None:
         self._transport = transport
-        self._timeout, self._clock = timeout, clock
+        #: Where the link leads; longest silence before an answer is given up [s].
+        self.name, self.timeout = transport.name, timeout
+        self._clock = clock
         self._sending = threading.Lock()
         self._buffer = bytearray()
         self._lines: list[str] = []
-        self._broken: str | None = None
+        #: Why the link is given up; None where it is whole, as far as is known.
+        self.broken: str | None = None
         #: Stops that have gone out, and those whose error was taken away.
         self._stops_sent = self._stops_settled = 0
         #: A question whose answer is still on its way.
         self._waiting: str | None = None
         #: Questions that have one answer only.
         self._known: dict[str, str] = {}
-
-    @property
-    def name(self) -> str:
-        """Where the link leads."""
-        return self._transport.name
-
-    @property
-    def identity(self) -> str:
-        """What the controller answers to ``*IDN?``."""
-        return self._known["*IDN?"]
-
-    @property
-    def timeout(self) -> float:
-        """Longest silence before an answer is given up [s]."""
-        return self._timeout
-
-    @property
-    def connected(self) -> bool:
-        """Whether the link is whole, as far as is known."""
-        return self._broken is None
+        #: What the controller answers to ``*IDN?``.
+        self.identity = ""
 
     def send_stop(self) -> None:
         """Stop all motion, over a second link if the first one takes nothing; never raises."""
@@ -86,40 +71,22 @@ class Conversation:
                 finally:
                     second.close()
 
-    def reopen(self) -> None:
-        """Open the link anew, and see that the same controller is there."""
-        if not isinstance(self._transport, OpensAnother):
-            raise NotConnectedError(
-                f"{self.name} cannot be opened a second time from here: connect again"
-            )
-        fresh = self._transport.another()
-        self._transport.close()
-        self._transport, before = fresh, self.identity
-        self._forget()
-        self._broken = None
-        self.greet()
-        if self.identity != before:
-            self._break(f"another controller answers there: {excerpt(self.identity)}")
-            raise ControllerError(
-                f"{self.name} was {excerpt(before)} and is now {excerpt(self.identity)}: another "
-                "controller answers there"
-            )
-
     def close(self) -> None:
         """End the link."""
-        self._broken = self._broken or "it was closed"
+        self.broken = self.broken or "it was closed"
         self._transport.close()
 
     def greet(self) -> None:
         """Ask who is there, and forget errors of earlier conversations."""
-        identity = self.ask("*IDN?", self._timeout)
+        identity = self.ask("*IDN?", self.timeout)
         if len(identity) != 1 or not identity[0].strip().isprintable() or not identity[0].strip():
             raise ControllerError(
                 f"{self.name} answers {excerpt(' | '.join(identity))} to '*IDN?', as no GCS "
                 "controller does: is it the right address, or the right rate of the serial port?"
             )
-        self._known = {"*IDN?": identity[0]}
-        syntax = self.ask("CSV?", self._timeout)
+        self.identity = identity[0]
+        self._known = {"*IDN?": self.identity}
+        syntax = self.ask("CSV?", self.timeout)
         if not 2.0 <= number(syntax[0], "CSV?") < 3.0:
             raise ControllerError(
                 f"{self.name} speaks version {excerpt(syntax[0])} of the command set, and version "
@@ -169,11 +136,11 @@ class Conversation:
 
     def _error_code(self, command: str) -> int:
         try:
-            lines = self._reply(self._timeout)
+            lines = self._reply(self.timeout)
         except NoAnswerError:
             self.put_in_step("ERR?")
             raise NoAnswerError(
-                f"{self.name} did not confirm '{shown(command)}' within {self._timeout:g} s: check "
+                f"{self.name} did not confirm '{shown(command)}' within {self.timeout:g} s: check "
                 "the position of the stage"
             ) from None
         try:
@@ -228,7 +195,7 @@ class Conversation:
             raise self._break(f"{self.name} does not answer '{shown(command)}'")
         question, answer = next(iter(known.items()))
         self._send(question.encode("ascii") + b"\n", question)
-        end = self._clock() + self._timeout
+        end = self._clock() + self.timeout
         try:
             while True:
                 while self._lines:
@@ -251,15 +218,15 @@ class Conversation:
         self._waiting = None
 
     def _break(self, why: str) -> NotConnectedError:
-        self._broken = why
+        self.broken = why
         self._forget()
         self._transport.close()
         return NotConnectedError(f"the link is given up, since {why}: connect again")
 
     def _require_link(self) -> None:
-        if self._broken is not None:
+        if self.broken is not None:
             raise NotConnectedError(
-                f"there is no link to {self.name} any more, since {self._broken}: connect again"
+                f"there is no link to {self.name} any more, since {self.broken}: connect again"
             )
 
 
@@ -296,32 +263,20 @@ class GcsClient:
     ) -> None:
         self._lock = threading.RLock()
         self._conversation = Conversation(transport, timeout, clock)
-        self._stops = 0
+        #: How often `stop` was called.
+        self.stops = 0
         try:
             self._conversation.greet()
         except BaseException:
             transport.close()
             raise
-
-    @property
-    def name(self) -> str:
-        """Where the link leads."""
-        return self._conversation.name
-
-    @property
-    def identity(self) -> str:
-        """What the controller answers to ``*IDN?``."""
-        return self._conversation.identity
+        #: Where the link leads, and what the controller answers to ``*IDN?``.
+        self.name, self.identity = transport.name, self._conversation.identity
 
     @property
     def connected(self) -> bool:
         """Whether the link is whole, as far as is known."""
-        return self._conversation.connected
-
-    @property
-    def stops(self) -> int:
-        """How often `stop` was called."""
-        return self._stops
+        return self._conversation.broken is None
 
     def ask(self, command: str, *, timeout: float | None = None) -> list[str]:
         """Ask a question; return the lines of its answer, one at least.
@@ -399,13 +354,8 @@ class GcsClient:
         The character goes out on the link even while another thread waits for an answer. Where the
         link takes nothing, or is gone, a second connection is tried if there can be one.
         """
-        self._stops += 1
+        self.stops += 1
         self._conversation.send_stop()
-
-    def reconnect(self) -> None:
-        """Open the link anew, where it can be, and see that the same controller is there."""
-        with self._lock:
-            self._conversation.reopen()
 
     def close(self) -> None:
         """End the link; nothing moves by it."""

@@ -152,16 +152,15 @@ class PiRecorder(Recorder):
         width = len(self._chosen)
         tables = " ".join(str(t) for t in range(1, width + 1))
         question = f"DRR? {start + 1} {rows} {tables}"
-        array = parse_array(self._connection.client.ask(question), width, rows, question)
-        if array.sample_time is not None:
-            told = array.sample_time * self._rate
-            if not abs(told - 1.0) <= _RATE_TOLERANCE:
-                self._connection.check_state()
-                raise ControllerError(
-                    f"the recorder was set to {1.0 / self._rate:.6g} s from sample to sample, and "
-                    f"sends {array.sample_time:.6g} s: this is not the record that was asked for"
-                )
-        return array.columns
+        lines = self._connection.client.ask(question)
+        columns, interval = parse_array(lines, width, rows, question)
+        if interval is not None and not abs(interval * self._rate - 1.0) <= _RATE_TOLERANCE:
+            self._connection.check_state()
+            raise ControllerError(
+                f"the recorder was set to {1.0 / self._rate:.6g} s from sample to sample, and "
+                f"sends {interval:.6g} s: this is not the record that was asked for"
+            )
+        return columns
 
     def _source(self, signal: Signal) -> tuple[str, int, float]:
         """Return source, option and SI value of one unit of a signal."""

@@ -95,26 +95,19 @@ def assignments(lines: Sequence[str], names: Sequence[str], what: str) -> list[s
     return [found[name] for name in names]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GcsArray:
-    """Columns of numbers."""
-
-    columns: NDArray[np.float64]
-    """The numbers, shape (columns, rows)."""
-    sample_time: float | None = None
-    """Time from row to row [s]; None where the heading does not say."""
-
-
-def parse_array(lines: Sequence[str], width: int, rows: int, what: str) -> GcsArray:
+def parse_array(
+    lines: Sequence[str], width: int, rows: int, what: str
+) -> tuple[NDArray[np.float64], float | None]:
     """Read an array of as many rows and columns (`width`) as `what` asked for.
 
-    Numbers are ``nan`` where a sensor gave that.
+    Returned are the numbers, shape (columns, rows), ``nan`` where a sensor gave that, and the time
+    from row to row [s], None where the heading does not say.
 
     Examples
     --------
     >>> text = "# DIM = 2|# SAMPLE_TIME = 0.002|# NDATA = 1|# END_HEADER|0.5 -1.25"
-    >>> array = parse_array(text.split("|"), 2, 1, "DRR?")
-    >>> array.columns.tolist(), array.sample_time
+    >>> columns, interval = parse_array(text.split("|"), 2, 1, "DRR?")
+    >>> columns.tolist(), interval
     ([[0.5], [-1.25]], 0.002)
     """
     keys: dict[str, str] = {}
@@ -131,7 +124,7 @@ def parse_array(lines: Sequence[str], width: int, rows: int, what: str) -> GcsAr
             f"'{what}' asked for {rows} rows of {width} columns, and {values.shape[0]} rows of "
             f"{values.shape[1]} came: the answer was cut, or is that to something else"
         )
-    return GcsArray(columns=np.ascontiguousarray(values.T), sample_time=interval)
+    return np.ascontiguousarray(values.T), interval
 
 
 def _columns(lines: Sequence[str], separator: str, what: str) -> NDArray[np.float64]:

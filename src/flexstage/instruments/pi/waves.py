@@ -202,7 +202,7 @@ class PiWaves(WaveGenerator):
             rows = min(_LOOK, sent.size - place)
             question = f"GWD? {place + 1} {rows} {table.number}"
             lines = self._connection.client.ask(question)
-            held = parse_array(lines, 1, rows, question).columns[0]
+            held = parse_array(lines, 1, rows, question)[0][0]
             wanted = sent[place : place + rows]
             # it may print ten digits, or be of single precision
             allowed = _STEPS * 10.0**-table.unit.decimals + 1e-6 * float(np.max(np.abs(sent)))

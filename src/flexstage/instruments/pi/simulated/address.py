@@ -149,15 +149,12 @@ class Loopback:
 
     def __init__(self, interpreter: Interpreter, *, ends_time: bool = False) -> None:
         self._interpreter, self._ends_time = interpreter, ends_time
+        #: Where it leads.
+        self.name = interpreter.device.identity.model
         self._session = ServerSession(interpreter)
         self._answers = bytearray()
         self._lock = threading.Lock()
         self._closed = False
-
-    @property
-    def name(self) -> str:
-        """Where it leads."""
-        return self._interpreter.device.identity.model
 
     def send(self, data: bytes) -> None:
         """Send bytes; they are carried out before this returns."""
