@@ -97,16 +97,8 @@ class NiAcquisition(Instrument):
             simulated=self._card.simulated,
         )
         found = {d.axis: _limits(d, stage, (limits or {}).get(d.axis)) for d in setup.outputs}
-        self._recorder = NiRecorder(backend, setup, self._card, self._busy)
-        self.outputs = NiOutputs(
-            backend,
-            setup,
-            found,
-            self._recorder.clock,
-            self._recorder.given,
-            self._polled,
-            self._recorder.release,
-        )
+        self._recorder = NiRecorder(backend, setup, self._card)
+        self.outputs = NiOutputs(backend, setup, found, self._recorder)
         self._axes = {d.axis: NiAxis(self, d, found[d.axis]) for d in setup.outputs}
         self._closed = False
 
@@ -189,13 +181,6 @@ class NiAcquisition(Instrument):
             with suppress(ControllerError, NotConnectedError):
                 self._recorder.release()
             self._backend.close()
-
-    def _busy(self) -> bool:
-        return self.outputs.busy()
-
-    def _polled(self) -> None:
-        self._recorder.drain()
-        self._recorder.rest()
 
 
 def _delay(place: int, interval: float) -> str:
