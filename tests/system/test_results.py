@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexstage.experiments.excitations.designed import excitation_of
 from netgen.occ import Box
 
 import flexstage as fs
@@ -18,8 +17,9 @@ from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
 from flexstage.errors import ModelError
 from flexstage.experiments import dry_run, find_plan, read_plan
-from flexstage.experiments.campaign.requests import CharacteriseRequest
+from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.experiments.campaign.results import characterise_files
+from flexstage.experiments.excitations.cycles import excitation_of
 from flexstage.explore.requests import SensitivityRequest, SweepRequest
 from flexstage.fem.part_analysis import part_result
 from flexstage.files.request import Request, recorded, request_of
@@ -34,6 +34,7 @@ from flexstage.hysteresis.requests import (
     CompensateRequest,
     ExciteRequest,
     IdentifyRequest,
+    KnownChain,
     PredictRequest,
 )
 from flexstage.measure import read_budget
@@ -98,15 +99,15 @@ def run(*words: str) -> int:
 
 
 WITHOUT_PROGRESS = {"hinges", "excite", "predict", "compensate", "centre"}
-IDENTIFY = "identify drive.csv --input u --output y --model dahl --delay 0s"
+IDENTIFY = "identify drive.csv --input u --output y --model dahl --known delay=0s"
 
 
 def drive() -> list[Any]:
-    return read_files([Path("drive.csv")], ["u", "y"], units=[None, None], even=True)
+    return read_files([Path("drive.csv")], ["u", "y"], even=True)
 
 
 def identified(*, tested: bool = False) -> Result:
-    request = IdentifyRequest(model=("dahl",), delay=0.0)
+    request = IdentifyRequest(model=("dahl",), known=KnownChain(delay=0.0))
     found = fs.identify(drive(), "u", "y", request)
     others = predict_each(found.model, drive(), "u", "y") if tested else []
     return replace(found, tested=tuple(others))
@@ -121,7 +122,7 @@ class Job:
     figure: bool = True
 
 
-STUDY = "--no-identification --no-virtual --no-traditional --no-cache --folder study"
+STUDY = "--parts none --no-cache --folder study"
 NECK = "leg.notch.neck_thickness"
 JOBS = {
     "hinges": Job(
@@ -186,7 +187,7 @@ JOBS = {
         "compensate m.yaml --reference wanted.csv --column y --voltage 0:110",
         lambda: compensate(
             read_model_file(Path("m.yaml")),
-            read_files([Path("wanted.csv")], ["y"], units=[None], even=True)[0],
+            read_files([Path("wanted.csv")], ["y"], even=True)[0],
             "y",
             CompensateRequest(voltage=(0.0, 110.0)),
         ),
@@ -199,8 +200,8 @@ JOBS = {
         ),
     ),
     "decay": Job(
-        "frf decay.csv --ring-down --output 1",
-        lambda: frf_of_files([Path("decay.csv")], FrfRequest(ring_down=True, output=(1,))),
+        "frf decay.csv --excitation ring-down --output 1",
+        lambda: frf_of_files([Path("decay.csv")], FrfRequest(excitation="ring-down", output=(1,))),
     ),
     "uncertainty": Job(
         "uncertainty budget.yaml --trials 20000",
@@ -264,12 +265,16 @@ def test_a_command_prints_and_draws_the_result_of_the_library(
     [
         SweepRequest(over=("neck=0.3..0.8 mm",), samples=40, indices=True),
         SensitivityRequest(per=10e-6, hinges=True),
-        IdentifyRequest(model=("dahl", "duhem"), train=(None, 1500), delay=0.0, drift=True),
+        IdentifyRequest(
+            model=("dahl", "duhem"), train=(None, 1500), known=KnownChain(delay=0.0), drift=True
+        ),
         ExciteRequest(voltage=(0.0, 120.0), rates=(0.5, 5.0), multisine=False),
         PredictRequest(start=float("inf")),
         CompensateRequest(start="rest", reference_bandwidth=200.0),
         FrfRequest(input=("force",), output=(1, "x"), band=(100.0, 300.0), fit_modes=2),
-        CharacteriseRequest(axis="y", column=("command=0",), calibration=1e-3),
+        CharacteriseRequest(
+            axis="y", column=("command=0",), sensor=SensorUncertainty(calibration=1e-3)
+        ),
     ],
 )
 def test_what_was_asked_is_asked_again_by_its_record(request_: Request) -> None:
