@@ -50,8 +50,8 @@ evidence: env-dev ## the slow evidence at full size, before a release
 	    -n auto $(parallel) $(PYTEST_ARGS) || exit 1; \
 	done
 
-bench: env-dev ## speed, as ratios against named alternatives, and the page of the manual
-	$(dev_run) python -m benchmarks --page docs/reference/benchmarks.md
+bench: env-dev ## speed, as ratios against named alternatives, and a page of them, out/benchmarks.md
+	$(dev_run) python -m benchmarks --page $(OUT)/benchmarks.md
 
 docs: env-dev ## the manual, as HTML, into out/docs
 	$(dev_run) sphinx-build -q -W --keep-going -b html -d $(OUT)/.doctrees docs $(OUT)/docs

@@ -97,11 +97,12 @@ def _page(rows: list[cases.Row], machine: str) -> str:
     lines = [
         "# Benchmarks",
         "",
-        f"Written by `make bench` at commit {commit or 'unknown'}, {machine}. Ratios are to the first line of a table;",
-        "times depend on the machine, and on what else runs on it. [What limits them](../explanation/speed.md).",
+        f"Written by `make bench` at commit {commit or 'unknown'}, {machine}. Ratios are to the",
+        "first line of a table; times depend on the machine, and on what else runs on it.",
     ]
     for case, group in groupby(rows, key=lambda row: row.case):
-        lines += ["", f"## {case}", "", "| route | time | ratio | limited by |", "|---|---|---|---|"]
+        head = "| route | time | ratio | limited by |"
+        lines += ["", f"## {case}", "", head, "|---|---|---|---|"]
         for row in group:
             more = "" if row.time.finished else "> "
             lines.append(f"| {row.route} | {more}{row.time} | {row.ratio:.3g} | {row.limit} |")
@@ -122,6 +123,7 @@ def main() -> None:
     rows = _timed(options.names or list(CASES))
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     if options.page is not None:
+        options.page.parent.mkdir(parents=True, exist_ok=True)
         options.page.write_text(_page(rows, machine), encoding="utf-8")
     if options.json:
         print(

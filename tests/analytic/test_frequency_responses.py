@@ -650,8 +650,8 @@ def test_options_are_one_value_with_others_by_name() -> None:
     whole = estimate_response(given, "u", "y", options, segment=400)
     assert whole.segment == named.segment == 400
     assert np.array_equal(whole.response.response, named.response.response)
-    with pytest.raises(TypeError, match="windo"):
-        estimate_response(given, "u", "y", windo="hann")
+    with pytest.raises(TypeError, match="shape"):
+        estimate_response(given, "u", "y", shape="hann")
 
 
 def test_refusals_are_one_sentence() -> None:
