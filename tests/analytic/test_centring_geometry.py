@@ -8,8 +8,8 @@ from flexstage.centring import ARCSEC, exact_error, first_order_error
 from flexstage.centring.from_records import head_of
 from flexstage.centring.geometry import exact_run_out, in_turning_frame
 from flexstage.centring.requests import CentreRequest
-from flexstage.errors import ModelError
-from flexstage.records import Channel, Record
+from flexstage.errors import ModelError, RecordError
+from flexstage.records import Channel, Record, read_record
 
 R = 47e-3
 THETA = np.linspace(0.13, 0.13 + 2.0 * np.pi, 361)[:-1]
@@ -166,14 +166,20 @@ def test_a_turn_is_two_pi_in_every_unit_of_a_record(unit, counts, turn):
                Channel(name="e", values=turn * 0.013 * np.sin(THETA))]  # fmt: skip
     record = Record(channels=tuple(columns), time=np.arange(THETA.size) * 1e-3)
     error = 2.0 * np.pi * 0.013 * np.sin(THETA)
-    for units in ({"angle_unit": unit, "error_unit": unit}, {"unit": unit}):
-        if "unit" not in units and unit in ("deg", "count"):
-            continue  # the columns of a file that says so are read in it
-        request = CentreRequest(error=("e",), angle="t", counts=counts, **units)
-        found, radial = head_of(record, "e", request, 0.0)
-        assert not radial
-        assert found.angle == pytest.approx(THETA, rel=1e-14)
-        assert found.error == pytest.approx(error, abs=1e-15)
-        request = CentreRequest(error=("e",), turns=3.0, counts=counts, **units)
-        even, _ = head_of(record, "e", request, 0.0)
-        assert even.angle[-1] == pytest.approx(6.0 * np.pi * (1.0 - 1.0 / THETA.size), rel=1e-14)
+    request = CentreRequest(error=("e",), angle="t", counts=counts, unit=unit)
+    found, radial = head_of(record, "e", request, 0.0)
+    assert not radial
+    assert found.angle == pytest.approx(THETA, rel=1e-14)
+    assert found.error == pytest.approx(error, abs=1e-15)
+    request = CentreRequest(error=("e",), turns=3.0, counts=counts, unit=unit)
+    even, _ = head_of(record, "e", request, 0.0)
+    assert even.angle[-1] == pytest.approx(6.0 * np.pi * (1.0 - 1.0 / THETA.size), rel=1e-14)
+
+
+def test_a_turn_behind_a_column_is_a_unit(tmp_path):
+    (tmp_path / "t.csv").write_text("t,e\n0,0.25\n1,0.5\n")
+    record = read_record(tmp_path / "t.csv", columns=["t turn", "e rev"], over="point")
+    assert [c.unit for c in record.channels] == ["rad", "rad"]
+    assert record.channel("e rev").values == pytest.approx([np.pi / 2.0, np.pi], rel=1e-15)
+    with pytest.raises(RecordError, match="column 't' is given two units"):
+        read_record(tmp_path / "t.csv", columns=["t turn", "t deg"], over="point")

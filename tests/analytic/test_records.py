@@ -822,3 +822,18 @@ def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
     assert part.numbers.tolist() == list(range(7, 30))
     with pytest.raises(RecordError, match="a number each"):
         Record(channels=part.channels, time=part.time, numbers=part.numbers[1:])
+
+
+def test_a_unit_stands_behind_a_column(tmp_path: Path) -> None:
+    path = text(tmp_path, "pos um,pos,t\n1,2,0\n3,4,5\n6,8,10\n")
+    record = read_record(path, columns=["pos um", "1 mm"], time="t ms")
+    assert [c.unit for c in record.channels] == ["", "m", "s"]  # a name goes before a unit
+    assert values(record, "pos um", "pos") == [[1.0, 3.0, 6.0], [2e-3, 4e-3, 8e-3]]
+    assert record.channel("1 mm") is record.channel("pos")
+    assert record.time.tolist() == [0.0, 5e-3, 10e-3]
+    plain = text(tmp_path, "pos,t\n2,0\n4,5\n8,10\n")
+    assert values(read_record(plain, columns=["pos um"], time="t ms"), 0) == [[2e-6, 4e-6, 8e-6]]
+    refuse(plain, "'pos': unknown unit 'parsec'", columns=["pos parsec"], sample_rate=2.0)
+    refuse(plain, "no column 'posn um'", columns=["posn um"], sample_rate=2.0)
+    refuse(plain, "no column 'pos 7'", columns=["pos 7"], sample_rate=2.0)
+    refuse(plain, "given two units", columns=["pos um", "0 mm"], sample_rate=2.0)

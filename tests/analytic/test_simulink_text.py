@@ -21,6 +21,7 @@ from flexstage.export.simulink.matlab_text import (
     identifier,
     identifiers,
     literal,
+    mat_file,
     plain,
     quoted,
 )
@@ -138,7 +139,7 @@ def test_variables_keep_clear_of_names_of_matlab_and_of_each_other() -> None:
     names = [made.add(n, [[1.0]], "one") for n in ("k", "K", "k", "2k", "end", "a" * 90)]
     assert len({n.lower() for n in names}) == 6
     assert all(re.fullmatch(r"[A-Za-z]\w{0,62}", n) for n in names)
-    back = loadmat(io.BytesIO(made.mat_file()))
+    back = loadmat(io.BytesIO(mat_file(made.values)))
     assert back[names[-1]].item() == 1.0
 
 

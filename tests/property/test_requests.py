@@ -23,7 +23,7 @@ from flexstage.explore.requests import (
 )
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
-from flexstage.files.ranges import POSITIVE, Range, Written
+from flexstage.files.ranges import POSITIVE, PositiveFrequency, Range, Written
 from flexstage.files.request import (
     Request,
     command_line,
@@ -65,7 +65,7 @@ EXAMPLES: tuple[Request, ...] = (
         relative=True, voltage=(-3.0, 117.5), start=7.5,
         amplifier=AmplifierLimits(current=0.05, capacitance=6.4e-6),
     ),
-    DriveColumns(input=("1 mV",), branches=("up", "down")),
+    DriveColumns(input=("1 mV",), branches=("up, raw", "down")),
     EquationsRequest(),
     ExciteRequest(voltage=(0.5, 99.0), rates=(0.3, 3.7), multisine=False, seed=4),
     FrfRequest(
@@ -133,6 +133,8 @@ class TurnRequest(Request):
     """Whether back."""
     stop: bool = True
     """Whether it stops."""
+    near: Annotated[tuple[PositiveFrequency, ...], Written("LIST", commas=True)] = ()
+    """Near what."""
     load: Load = Load()
     """What it carries."""
     how: ReadOptions = ReadOptions()
@@ -259,6 +261,8 @@ def test_texts_are_read_in_any_of_their_forms() -> None:
     assert fields["band"].read("0.2 kHz..800") == (200.0, 800.0)
     assert fields["share"].read("30 %") == pytest.approx(0.3)
     assert fields["at"].read("1 mm, 2 um") == (1e-3, 2e-6)
+    assert fields["near"].read("3 Hz,0.2 kHz") == (3.0, 200.0)  # what is written outside counts
+    assert fields["near"].metavar == "LIST"
 
 
 @pytest.mark.parametrize("kind", REQUESTS, ids=lambda kind: kind.__name__)

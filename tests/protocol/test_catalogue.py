@@ -89,7 +89,6 @@ def test_times_are_the_same_moment_in_every_zone(catalogue):
     assert found.started == START
     assert found.started.utcoffset() == timedelta(0)
     assert catalogue.runs(since=there) == [found]
-    assert catalogue.runs(until=there) == []
 
 
 def test_a_run_that_is_entered_again_is_brought_up_to_date(catalogue):
@@ -126,9 +125,8 @@ def test_runs_are_found_by_what_is_asked_and_the_latest_come_first(catalogue):
     assert numbers(status="failed") == [3]
     assert numbers(simulated=False) == [4]
     assert numbers(since=START + timedelta(hours=3)) == [5, 4, 3]
-    assert numbers(until=START + timedelta(hours=3)) == [2, 1]
     assert numbers(limit=2) == [5, 4]
-    assert numbers(stage="vgtu-piezo", axis="x", limit=1, until=START + timedelta(hours=5)) == [4]
+    assert numbers(stage="vgtu-piezo", axis="x", limit=2) == [5, 4]
     assert numbers(kind="") == []
     assert [s.serial_number for s in catalogue.stages()] == ["Ž 7", "A-1", "A-2"]
 
@@ -210,8 +208,6 @@ def test_models_are_kept_with_their_figures(catalogue):
     catalogue.enter_model(other)
     assert catalogue.models() == [other, model]
     assert catalogue.models(run=f"{7:032x}") == [model]
-    assert catalogue.models(kind="bouc-wen") == catalogue.models(axis="y") == [other]
-    assert catalogue.models(stage="none") == catalogue.models(serial_number="A-2") == []
     better = dataclasses.replace(model, figures={"rms": 1.0e-9})
     catalogue.enter_model(better)
     assert catalogue.models() == [other, better]
@@ -421,7 +417,7 @@ def test_processes_that_write_at_once(address):
 
 
 def test_a_writer_that_waits_too_long_is_told(tmp_path, monkeypatch):
-    from flexstage.instruments.catalogue import address as module
+    from flexstage.instruments.catalogue import database as module
 
     monkeypatch.setattr(module, "_PATIENCE", 0.05)
     file = str(tmp_path / "c.sqlite")
@@ -468,7 +464,7 @@ def test_addresses_that_are_none_are_refused_without_their_password(text, said):
 
 
 def test_a_link_to_a_server_is_not_waited_for_without_end(monkeypatch):
-    from flexstage.instruments.catalogue import address as module
+    from flexstage.instruments.catalogue import database as module
 
     given = []
     monkeypatch.setattr(module, "create_engine", lambda url, **options: given.append(options))

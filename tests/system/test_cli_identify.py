@@ -249,7 +249,7 @@ def test_a_picture_that_fails_leaves_no_model(capsys, tmp_path, text_file, monke
 
 def test_model_and_figure_are_written(capsys, tmp_path, text_file):
     out, svg, png = (tmp_path / "new" / n for n in ("m.yaml", "loop.svg", "loop.png"))
-    words = (*IN_UNITS, "--model", "preisach")
+    words = (*IN_UNITS, "--model", "preisach", "--known", "delay=0 s")
     status, said, err = run(capsys, text_file, *words, "--out", out, "--figure", svg)
     assert (status, err) == (0, "")
     assert f"wrote {out}" in said.replace("\n", "")

@@ -32,6 +32,7 @@ def run(capsys):
     return call
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_best_stage_is_analysed_as_it_was_promised(run, tmp_path):
     goal = ("--maximise", "natural_frequency.x", "--keep", "stress.x <= 110 MPa")
     status, out, _ = run("optimise", "parallelogram", *goal, *OVER, *LUMPED, "--folder", "out")

@@ -27,7 +27,7 @@ VALUES = {
     "FOLDER": "made", "NAME": "lumped", "ANGLE": "30 deg", "text|latex|svg": "latex",
     "TIME": "2 s", "NUMBER": "7", "NUMBER|auto": "7", "FREQUENCIES": "0.5,5", "RATIO": "0.02",
     "FILE": "other.csv", "UNIT": "um", "LOW:HIGH": "0:120", "FREQUENCY": "2 kHz",
-    "ROLE=UNIT": "along=um", "SEED": "3", "NAMES": "a,b", "KIND": "motion", "TEXT": "7",
+    "SEED": "3", "NAMES": "a,b", "KIND": "motion", "TEXT": "7",
     "DATE": "2031-05-17",
 }  # fmt: skip
 

@@ -102,15 +102,15 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
     place = done / "other"
     place.mkdir()
     identity = Identity(vendor="v", model="m", simulated=True)
-    begun = RunState(stage="vgtu-piezo", instrument=identity, steps={})
+    begun = RunState(stage="vgtu-mechanical", instrument=identity, steps={})
     write_state(place, begun)
-    words = ["run", str(done / "modes.yaml"), "--stage", "vgtu-mechanical", "--instrument", TWIN,
-             "--steps", "blow", "--out", str(place), "--catalogue", "none", "--resume"]  # fmt: skip
+    words = ["run", str(done / "modes.yaml"), "--instrument", TWIN, "--steps", "blow",
+             "--out", str(place), "--catalogue", "none", "--resume"]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
     said = capsys.readouterr().err
     assert ended.value.code == 2
-    assert "holds a run on the stage 'vgtu-piezo', and this is 'vgtu-mechanical'" in said
+    assert "holds a run on the stage 'vgtu-mechanical', and this is 'vgtu-piezo'" in said
     assert "take it up again" not in said
 
 

@@ -185,6 +185,7 @@ def test_cursors_read_the_response(lumped: Analysed) -> None:
     assert texts[3].startswith(f"× {ratio:.4g}"[:5])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_are_saved_by_model(lumped: Analysed, tmp_path: Path) -> None:
     path = saved(tmp_path, [lumped])
     with zipfile.ZipFile(path) as archive:
@@ -205,10 +206,11 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         from nicegui import ui
 
         started: list[str] = []
+        work = panel.jobs.start
 
         def start(name: str, function: Any, *arguments: Any, owner: str = "") -> Any:
             started.append(name)
-            return panel.jobs.start_thread(name, function, *arguments, owner=owner)
+            return work(name, function, *arguments, owner=owner)
 
         panel.jobs.start = start
         await user.open("/design")

@@ -234,8 +234,6 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
 
         await user.open("/explore")
         (session,) = panel.access._sessions.values()
-        # a process of its own takes longer to start than the work; the browser's test has one
-        panel.jobs.start = panel.jobs.start_thread
         design, state = session.state(DesignState), session.state(ExploreState)
         design.open(GUIDE.template)
         await user.open("/explore")

@@ -14,13 +14,18 @@ import pytest
 from flexstage.cli import main
 from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
-from flexstage.hysteresis.requests import IdentifyRequest, KnownChain
+from flexstage.hysteresis.requests import (
+    AmplifierLimits,
+    CompensateRequest,
+    IdentifyRequest,
+    KnownChain,
+)
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
 from flexstage.web.hysteresis.example import example_record, other_example
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
-from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles
+from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles, OpenModel
 from flexstage.web.hysteresis.work import (
     Identified,
     Looked,
@@ -109,7 +114,8 @@ def test_it_is_what_the_commands_find_and_write(
         columns=DriveColumns(output=(0,)),
         how=ReadOptions(sample_rate=200.0),
     )
-    motion = WantedMotion(shape="file", file=file, relative=True, slew=300.0)
+    asked = CompensateRequest(relative=True, amplifier=AmplifierLimits(slew=300.0))
+    motion = WantedMotion(shape="file", file=file, asked=asked)
     follows, notes = command(made.file.model, motion)
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
@@ -194,7 +200,9 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
         command(model, replace(motion, amplitude=-1e-6))
     with pytest.raises(ModelError, match="more than 1000000 samples"):
         command(model, replace(motion, rate_hz=1e-5))
-    narrow, notes = command(model, replace(motion, highest=60.0))
+    lowest = model.validity.input_range[0]  # type: ignore[union-attr]
+    narrowed = replace(motion, asked=CompensateRequest(voltage=(lowest, 60.0)))
+    narrow, notes = command(model, narrowed)
     assert narrow.command.max() <= 60.0
     assert any("limits changed" in note for note in notes)
 
@@ -253,6 +261,46 @@ def test_a_wrong_file_loses_nothing(
         user.find("Back to drive.dat").click()
         await come(lambda: not alerts())
         assert state.source.reading.how.rate == 200.0
+
+    simulated(tmp_path, look)
+
+
+def test_limits_of_a_command_are_those_of_the_request(
+    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+) -> None:
+    _, _, made = drive
+
+    async def look(user: Any, panel: Any) -> None:
+        from nicegui import ui
+
+        (session,) = panel.access._sessions.values()
+        state = session.state(HysteresisState)
+        state.step = "compensate"
+        state.take(OpenModel(name="drive", file=made.file, text=made.text))
+        await user.open("/hysteresis")
+
+        def give(label: str, value: float | None) -> None:
+            fields = (e for e in user.find(ui.number).elements if e.props["label"] == label)
+            min(fields, key=lambda e: e.id).value = value  # that of the step before the next one
+
+        assert made.file.model.validity is not None
+        low, _ = made.file.model.validity.input_range
+        give("Highest command [V]", 60.0)
+        await come(lambda: state.motion.asked.voltage == (low, 60.0))
+        give("Slew [V/s]", 900.0)
+        await come(lambda: state.motion.asked.amplifier.slew == 900.0)
+        give("Reference bandwidth [Hz]", 30.0)
+        await come(lambda: state.motion.asked.reference_bandwidth == 30.0)
+        (start,) = (e for e in user.find(ui.select).elements if "conditioned" in e.options)
+        start.value = "moved"
+        await come(lambda: state.motion.asked.start == 30.0)
+        give("Moved for [s]", 12.0)
+        await come(lambda: state.motion.asked.start == 12.0)
+        give("Highest command [V]", low - 1.0)  # which is refused
+        await asyncio.sleep(0.3)
+        assert state.motion.asked.voltage == (low, 60.0)
+        give("Highest command [V]", None)
+        await come(lambda: state.motion.asked.voltage is None)
 
     simulated(tmp_path, look)
 

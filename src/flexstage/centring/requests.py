@@ -8,7 +8,7 @@ from flexstage.errors import ModelError, RecordError
 from flexstage.files.ranges import Range, Size, Written
 from flexstage.files.request import Request
 from flexstage.records.read_options import Column, ColumnList
-from flexstage.units import DIMENSIONS, parse
+from flexstage.units import Angle, parse
 
 #: One pair of poles on the axis.
 MAGNET = "magnet"
@@ -55,13 +55,12 @@ def _orders_text(orders: Sequence[int]) -> str:
     return ",".join(map(str, orders)) if len(orders) > 1 else f"{orders[0]}:{orders[0]}"
 
 
-_ANGLE = Annotated[float, DIMENSIONS["angle"]]
 #: Where heads stand [rad].
-HeadAngles = Annotated[tuple[_ANGLE, ...], Written("ANGLES", bare="deg", commas=True)]
+HeadAngles = Annotated[tuple[Angle, ...], Written("ANGLES", bare="deg", commas=True)]
 #: At which radius a scale is read [m].
 ScaleRadius = Annotated[Size, Written(bare="mm")]
 #: How a stage lies on its table [rad].
-MountingAngle = Annotated[_ANGLE, Written(bare="deg")]
+MountingAngle = Annotated[Angle, Written(bare="deg")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -140,16 +140,19 @@ files.
 
 **Values.** A quantity is a number with its unit, such as `"0.5 mm"`, `"2 kHz"` or `"1 mrad"`;
 where the text of an option names a unit, a bare number has that one. A range is `LOW:HIGH`.
-Several values are separated by commas. `STAGE` is a stage file or the name of a built-in design;
-`COLUMN` is the number of a column, from 0, or its name.
+Several values are separated by commas; `NAME=VALUE,...` are parts of one thing, which the text of
+the option lists, such as `skip=3,decimal=,`. `STAGE` is a stage file or the name of a built-in
+design; `COLUMN` is the number of a column, from 0, or its name, with its unit behind it where the
+file does not say it, `"2 um"`. A name that holds commas stands in quotes, `'"x, raw",2'`.
 
 **Files.** `--out FILE` writes the one file that a command makes, `--folder FOLDER` several files,
 `--figure FILE` a picture of the result. Files are complete or not there; a place that takes no
 file is refused before the work.
 
 **JSON.** With `--json` a command prints one JSON object on standard output: its result in SI
-units, or `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of
-the error in Python (`UsageError` for a command line that is wrong).
+units, which holds as `request` the options that differ from the usual, or
+`{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of the error in
+Python (`UsageError` for a command line that is wrong).
 
 **Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
 there is no room, what is alike in all rows is said once above, and lesser columns are left out by

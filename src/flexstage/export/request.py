@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, cast
 
 from flexstage.errors import ModelError, StageError
 from flexstage.files.names import file_name
-from flexstage.files.ranges import INNER_SHARE, POSITIVE, Size, Written
+from flexstage.files.ranges import INNER_SHARE, PositiveFrequency, Size, Written
 from flexstage.files.request import Request
+from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import DynamicRequest
 from flexstage.progress import subtask
-from flexstage.units import DIMENSIONS
+from flexstage.system.requests import ModelName
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
@@ -87,9 +88,7 @@ class TimeRequest(DynamicRequest):
     """
     creep: Annotated[float, INNER_SHARE, Written("SHARE")] | None = None
     """Creep of the stacks per decade of time, such as "1.5%" (default: no creep)."""
-    sensor_bandwidth: (
-        Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")] | None
-    ) = None
+    sensor_bandwidth: PositiveFrequency | None = None
     """Bandwidth of the sensors (default: readings equal the true motion)."""
 
 
@@ -99,12 +98,10 @@ class ExportRequest(Request):
 
     to: Annotated[tuple[str, ...], Written("|".join(FORMATS), read=read_formats, write=",".join)]
     """Format; several separated by commas; 'all' writes every format that the stage allows."""
-    model: Annotated[str, Written("NAME")] = "superelement"
-    """The model, of those of 'flexstage analyse': lumped, superelement, plane, superelement-3d or
-    solid.
-    """
-    plane: Literal["auto", "stress", "strain"] = "auto"
-    """Plane state of the notches; auto decides by the ratio of width to neck."""
+    model: ModelName = "superelement"
+    """The model."""
+    plane: Plane = "auto"
+    """Plane state of the notches."""
     fmi: Literal["2.0", "3.0", "both"] = "both"
     """FMI version of the FMU."""
     source_only: bool = False

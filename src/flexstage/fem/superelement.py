@@ -66,7 +66,7 @@ class SuperelementModel:
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
         """Return the system of the same stage with its bodies condensed otherwise."""
         said = self.system.validity, self.system.settings
-        joined = _joined(self.stage, self.placed, condensed, KEPT)
+        joined = _joined(self.stage, self.placed, condensed)
         return _in_lowest_modes(self.stage, self.placed, condensed, joined, said)
 
 
@@ -77,7 +77,6 @@ def superelement_model(
     plane: PlaneState | Literal["auto"] = "auto",
     space: bool = False,
     modes: int = MODES,
-    kept: int = KEPT,
     supports: Supports = "rigid",
     cache: Cache | Path | str | bool | None = True,
     near: SuperelementModel | None = None,
@@ -104,8 +103,6 @@ def superelement_model(
         `flexstage.fem.through_thickness.ThroughThickness`).
     modes : int
         Number of modes with held interfaces of each body.
-    kept : int
-        Number of modes of the stage that its system keeps besides the static responses.
     supports : str
         ``rigid`` where a drive that reacts on a fixed body stands on the ground; ``elastic`` where
         the frame gives way under it.
@@ -164,7 +161,7 @@ def superelement_model(
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     placed = [p for bodies in ways for p in bodies]
     condensed = [c for found in of_ways for c in found]
-    joined = _joined(stage, placed, condensed, kept)
+    joined = _joined(stage, placed, condensed)
     joint = joined[0]
     held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
     planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
@@ -217,7 +214,7 @@ def _interleaved(model: SuperelementModel | None) -> list[tuple[Substructure, Co
 
 
 def _joined(
-    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], kept: int
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]
 ) -> tuple[Joint, Array, Array, tuple[str, ...]]:
     """Join bodies, and put motions that know nothing of each other side by side, in lowest modes.
 
@@ -229,7 +226,7 @@ def _joined(
     joints = [join(stage, placed[way], condensed[way]) for way in ways]
     bases, omegas, names = [], [], []
     for k, joint in enumerate(joints):
-        omega, basis, is_mode = lowest(joint, kept if k == 0 else kept // 2)
+        omega, basis, is_mode = lowest(joint, KEPT if k == 0 else KEPT // 2)
         where = "out of plane, " if k else ""
         names += [
             f"{where}{'mode' if m else 'static response'} {i + 1} "

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from flexstage.errors import FlexstageError
 from flexstage.files.format import field_types, optional_part
-from flexstage.units import Length
+from flexstage.units import Frequency, Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +91,10 @@ class Written:
     """Reads a value that is no number and no word."""
     write: Callable[[Any], str] = str
     """Writes such a value so that it is read back."""
+
+
+#: A frequency above 0 [Hz]; a bare number is in hertz.
+PositiveFrequency = Annotated[Frequency, POSITIVE, Written(bare="Hz")]
 
 
 class Stated:

@@ -301,12 +301,13 @@ def is_request(kind: Any) -> bool:
 
 
 def _field(name: str, declared: Any, kind: Any) -> RequestField:
-    written, bounds, dimension, many, pair = Written(), None, None, False, False
+    own, bounds, dimension, many, pair = None, None, None, False, False
     kind = whole = optional_part(kind) or kind
     if is_request(kind):
-        written = Written("NAME=VALUE,...", read=partial(_read_parts, kind), write=_parts_text)
+        own = Written("NAME=VALUE,...", read=partial(_read_parts, kind), write=_parts_text)
     while True:
-        written = written_as(kind) or written
+        own = own or written_as(kind)  # the outermost
+        written = own or Written()
         if (found := range_of(kind)) is not None:
             bounds = found[0]
         if (quantity := dimension_of(kind)) is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
-from flexstage.hysteresis.inversion import Feedforward, command_record, feedforward
+from flexstage.hysteresis.inversion import Feedforward, command_as_asked, command_record
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Record
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Compensation(Result):
+class CompensationCommand(Result):
     """A command, with the model that it is by."""
 
     file: ModelFile
@@ -25,6 +25,11 @@ class Compensation(Result):
     """The command."""
     notes: tuple[str, ...]
     """What a user should know."""
+
+    @property
+    def band(self) -> float | None:
+        """Half the width of the band of 95 % of the held-out errors, over the stroke [%]."""
+        return self.file.errors.get("heldout_95")
 
     @property
     def drive(self) -> DriveModel:
@@ -52,21 +57,14 @@ def compensate(
     reference: Record,
     column: str | int,
     request: CompensateRequest,
-) -> Compensation:
+) -> CompensationCommand:
     """Return the command by which a drive follows a column of a record."""
     drive, channel = file.model, reference.channel(column)
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    made = feedforward(
-        drive,
-        values + (lowest_reading(drive) if request.relative else 0.0),
-        1.0 / reference.sample_rate_hz,
-        limits=request.voltage,
-        largest_rate=request.amplifier.largest_rate,
-        state=drive.hysteresis.initial_state() if request.start == "rest" else None,
-        start=None if isinstance(request.start, str) else request.start,
-        band_hz=request.reference_bandwidth,
-    )
+    if request.relative:
+        values = values + lowest_reading(drive)
+    made = command_as_asked(drive, values, 1.0 / reference.sample_rate_hz, request)
     said = (*file.notes, *filter(None, [converted]), *made.notes, *reference.notes)
-    return Compensation(request=request, file=file, made=made, notes=said)
+    return CompensationCommand(request=request, file=file, made=made, notes=said)

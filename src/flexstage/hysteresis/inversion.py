@@ -22,6 +22,7 @@ from flexstage.hysteresis.limited_inverse import (
     within_band,
 )
 from flexstage.hysteresis.model import Array, checked, samples
+from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Channel, Record
 from flexstage.units import readable
 
@@ -73,6 +74,28 @@ class Feedforward:
     def largest_error(self) -> float:
         """Largest absolute value of the prediction less the given reference."""
         return float(np.max(np.abs(self.predicted - self.wanted)))
+
+
+def command_as_asked(
+    model: DriveModel,
+    reference: ArrayLike,
+    dt: float,
+    asked: CompensateRequest,
+    *,
+    periods: int | None = None,
+) -> Feedforward:
+    """Return the command of `feedforward` within the limits, and from the start, of a request."""
+    return feedforward(
+        model,
+        reference,
+        dt,
+        periods=periods,
+        limits=asked.voltage,
+        largest_rate=asked.amplifier.largest_rate,
+        state=model.hysteresis.initial_state() if asked.start == "rest" else None,
+        start=None if isinstance(asked.start, str) else asked.start,
+        band_hz=asked.reference_bandwidth,
+    )
 
 
 def feedforward(

@@ -4,14 +4,20 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import NOT_NEGATIVE, POSITIVE, Range, Seed, Written
+from flexstage.files.ranges import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    PositiveFrequency,
+    Range,
+    Seed,
+    Written,
+)
 from flexstage.files.request import Request
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
 from flexstage.units import DIMENSIONS, parse
 from flexstage.units.dimension import MEASURED
 
-_FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")]
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]
 _SHARE = Range(low=0.0, high=1.0, below=True)
@@ -31,7 +37,7 @@ class KnownChain(Request):
 
     one_value: ClassVar[bool] = True
 
-    resonance: _FREQUENCY | None = None
+    resonance: PositiveFrequency | None = None
     """Resonance of the stage with its drives in place."""
     damping: Annotated[float, Range(low=1e-4, high=0.9), Written("RATIO")] = DAMPING_RATIO
     """Damping ratio of that resonance."""
@@ -62,8 +68,8 @@ class IdentifyRequest(Request):
     cycles as well as the best.
     """
     train: Rows | None = None
-    """Samples to fit, numbered as for --rows; all others are held out (default: all are fitted, and
-    held-out errors come from cross-validation over whole cycles).
+    """Samples to fit, numbered from 0 in the whole file; all others are held out (default: all are
+    fitted, and held-out errors come from cross-validation over whole cycles).
     """
     known: KnownChain = KnownChain()
     """What is known of the drive and not identified, such as "resonance=808 Hz,damping=0.01" or
@@ -92,7 +98,7 @@ class DynamicRequest(Request):
         float, DIMENSIONS["time"], Range(low=1e-12, high=1e6), Written(bare="s")
     ] = 1e-4
     """Time between samples."""
-    bandwidth: _FREQUENCY | None = None
+    bandwidth: PositiveFrequency | None = None
     """Bandwidth of the amplifiers, such as "2 kHz" (default: no amplifier)."""
     current: _CURRENT | None = None
     """Largest current of the amplifier, such as "50 mA"."""
@@ -138,23 +144,20 @@ class ExciteRequest(Request):
     voltage: _VOLTAGES | None = None
     """Voltage range, such as "0:120" (default: that of the stack)."""
     rates: Annotated[
-        tuple[Annotated[float, DIMENSIONS["frequency"], POSITIVE], ...],
-        Written("FREQUENCIES", bare="Hz", commas=True),
+        tuple[PositiveFrequency, ...], Written("FREQUENCIES", bare="Hz", commas=True)
     ] = ()
     """Repetition rates of the major loop, such as "0.5,5" in Hz (default: two, a factor of 10
     apart).
     """
     duration: Annotated[float, DIMENSIONS["time"], POSITIVE, Written(bare="s")] | None = None
     """Longest duration of the record, such as "60 s" (default: as long as its content takes)."""
-    sample_rate: (
-        Annotated[float, DIMENSIONS["frequency"], POSITIVE, Written("RATE", bare="Hz")] | None
-    ) = None
+    sample_rate: Annotated[PositiveFrequency, Written("RATE", bare="Hz")] | None = None
     """Sample rate, such as "10 kHz" (default: as the fastest loop and the multisine require)."""
     amplifier: AmplifierLimits = AmplifierLimits()
     """What the amplifier can do, such as "slew=2000 V/s,current=50 mA"; the capacitance is that of
     the stack of STAGE where it is not given.
     """
-    frequency: _FREQUENCY | None = None
+    frequency: PositiveFrequency | None = None
     """Lowest natural frequency with the drives in place (default: that of the lumped model of
     STAGE). Loops stay below a tenth of it, smooth movements begin and end over two of its periods.
     """
@@ -207,7 +210,7 @@ class CompensateRequest(Request):
     """
     amplifier: AmplifierLimits = AmplifierLimits()
     """What the amplifier can do, such as "slew=2000 V/s,current=50 mA,capacitance=6.4 uF"."""
-    reference_bandwidth: _FREQUENCY | None = None
+    reference_bandwidth: PositiveFrequency | None = None
     """Bandwidth to which the reference is smoothed (default: a quarter of the resonance of the
     model).
     """

@@ -86,11 +86,13 @@ def check_waveform(
             _check_start(own, float(start[axis]), float(v[0]), axis, waveform, tolerance)
 
 
-def _range(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:
+def range_of(limits: AxisLimits, quantity: Quantity) -> tuple[float, float] | None:
+    """Return the range of voltages [V] or positions [m]; None where it is not known."""
     return limits.voltage if quantity == "voltage" else limits.position
 
 
-def _rate(limits: AxisLimits, quantity: Quantity) -> float | None:
+def rate_of(limits: AxisLimits, quantity: Quantity) -> float | None:
+    """Return the largest slew [V/s] or speed [m/s]; None where it is not known."""
     return limits.slew if quantity == "voltage" else limits.speed
 
 
@@ -109,7 +111,7 @@ def _require_voltage(limits: AxisLimits, axis: str) -> None:
 def _check_value(limits: AxisLimits, value: float, axis: str, quantity: Quantity) -> None:
     if not math.isfinite(value):
         raise LimitError(f"axis '{axis}' cannot be sent to {value}: give a finite {quantity}")
-    bounds = _range(limits, quantity)
+    bounds = range_of(limits, quantity)
     if bounds is None:
         return
     if not bounds[0] - _slack(bounds) <= value <= bounds[1] + _slack(bounds):
@@ -120,7 +122,7 @@ def _check_value(limits: AxisLimits, value: float, axis: str, quantity: Quantity
 
 
 def _check_samples(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -> None:
-    bounds = _range(limits, waveform.quantity)
+    bounds = range_of(limits, waveform.quantity)
     if bounds is None:
         return
     slack = _slack(bounds)
@@ -136,7 +138,7 @@ def _check_samples(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) 
 
 
 def _check_slopes(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -> None:
-    rate = _rate(limits, waveform.quantity)
+    rate = rate_of(limits, waveform.quantity)
     if rate is None:
         return
     slopes = np.diff(v) * waveform.sample_rate_hz
@@ -152,7 +154,7 @@ def _check_slopes(limits: AxisLimits, v: Array, axis: str, waveform: Waveform) -
 
 
 def _check_jump(limits: AxisLimits, step: float, axis: str, waveform: Waveform) -> None:
-    rate, quantity = _rate(limits, waveform.quantity), waveform.quantity
+    rate, quantity = rate_of(limits, waveform.quantity), waveform.quantity
     slope = abs(step) * waveform.sample_rate_hz
     if rate is not None and slope > rate * (1.0 + _ROUNDING):
         raise LimitError(
@@ -166,7 +168,7 @@ def _check_jump(limits: AxisLimits, step: float, axis: str, waveform: Waveform) 
 def _check_start(
     limits: AxisLimits, stands: float, first: float, axis: str, waveform: Waveform, more: float
 ) -> None:
-    rate, quantity = _rate(limits, waveform.quantity), waveform.quantity
+    rate, quantity = rate_of(limits, waveform.quantity), waveform.quantity
     if not math.isfinite(stands):
         raise LimitError(
             f"the {quantity} of axis '{axis}' reads {stands}, so its distance from the first "

@@ -11,13 +11,14 @@ import numpy as np
 
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.instruments.limits import check_position, check_voltage
+from flexstage.instruments.limits import check_position, check_voltage, range_of, rate_of
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
 _KNOTS = 64  # of a smooth ramp: its corners turn by 1/12 of its mean slope at most
 _STEP_TIME = 0.01  # between the steps of a staircase [s]
 _STEEPEST = 1.875  # largest slope of a smooth ramp over its mean
+_STANDING = 30.0  # how long an axis may take to stand after a motion [s]
 _THERE = 1e-6  # of the range: an axis stands where it should
 
 
@@ -27,14 +28,13 @@ def lead_to(
     quantity: Quantity,
     *,
     time: float = 0.5,
-    timeout: float = 30.0,
 ) -> None:
     r"""Bring axes slowly to where a waveform begins, all in step where the instrument can.
 
     With a generator of waveforms the axes follow :math:`10 s^3 - 15 s^4 + 6 s^5` of the time, which
     begins and ends without speed and acceleration; else small steps are commanded one by one.
     All targets [V, or m] are checked before anything moves. The motion takes `time` [s], longer
-    where speed or slew asks for it; `timeout` is how long an axis may take to stand after it [s].
+    where speed or slew asks for it; an axis may take half a minute to stand after it.
     """
     limits = {name: _axis(instrument, name).limits for name in targets}
     for name, value in targets.items():
@@ -52,23 +52,23 @@ def lead_to(
     for name in outside:
         instrument.axes[name].move_to(begins[name], wait=False)
     for name in outside:
-        instrument.axes[name].wait(timeout)
+        instrument.axes[name].wait(_STANDING)
     screws = [n for n in ends if limits[n].voltage is None]
     if Capability.WAVE_GENERATOR in instrument.capabilities and not screws:
-        _run_smooth(instrument, begins, ends, quantity, time, timeout)
+        _run_smooth(instrument, begins, ends, quantity, time)
     elif quantity == "voltage":
         _climb(instrument, begins, ends, time)
     else:
         _travel(instrument, begins, ends, time)
     for name in ends:
-        instrument.axes[name].wait(timeout)
+        instrument.axes[name].wait(_STANDING)
 
 
-def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
+def to_safe(instrument: Instrument) -> None:
     """Lead every drive with a voltage to its safe voltage, by small steps of plain commands.
 
     Position control is switched off first, which leaves the voltage as it is. Drives without a
-    voltage, such as screws, stay where they are. It takes `time` [s], longer where the slew asks
+    voltage, such as screws, stay where they are. It takes half a second, longer where the slew asks
     for it.
     """
     begins, ends = {}, {}
@@ -83,7 +83,7 @@ def to_safe(instrument: Instrument, *, time: float = 0.5) -> None:
             begins[name] = _led(limits, voltage, "voltage")
             ends[name] = limits.safe_voltage
     if ends:
-        _climb(instrument, begins, ends, time)
+        _climb(instrument, begins, ends, 0.5)
 
 
 def wait_for_rest(
@@ -152,13 +152,13 @@ def _here(axis: MotionAxis, quantity: Quantity) -> float:
 
 def _is_there(limits: AxisLimits, here: float, wanted: float, quantity: Quantity) -> bool:
     # On the scale of the range; exactly where there is none.
-    bounds = limits.voltage if quantity == "voltage" else limits.position
+    bounds = range_of(limits, quantity)
     span = bounds[1] - bounds[0] if bounds is not None else 0.0
     return abs(here - wanted) <= _THERE * span
 
 
 def _led(limits: AxisLimits, value: float, quantity: Quantity) -> float:
-    bounds = limits.voltage if quantity == "voltage" else limits.position
+    bounds = range_of(limits, quantity)
     return value if bounds is None else min(max(value, bounds[0]), bounds[1])
 
 
@@ -172,8 +172,7 @@ def _duration(
     """How long a smooth ramp takes at least, so that every axis keeps within its rate [s]."""
     needed = [time]
     for name, end in ends.items():
-        limits = instrument.axes[name].limits
-        rate = limits.slew if quantity == "voltage" else limits.speed
+        rate = rate_of(instrument.axes[name].limits, quantity)
         if rate is not None:
             needed.append(1.01 * _STEEPEST * abs(end - begins[name]) / rate)
     return max(needed)
@@ -190,7 +189,6 @@ def _run_smooth(
     ends: Mapping[str, float],
     quantity: Quantity,
     time: float,
-    timeout: float,
 ) -> None:
     waves = instrument.waves
     duration = _duration(instrument, begins, ends, quantity, time)
@@ -204,7 +202,7 @@ def _run_smooth(
     wait_for_rest(
         instrument,
         waves.running,
-        duration + timeout,
+        duration + _STANDING,
         f"the ramp to the start should have taken {duration:g} s and still ran",
         step=min(max(duration / 20.0, 0.005), 0.05),
     )

@@ -20,10 +20,12 @@ if TYPE_CHECKING:
         stage_arrays,
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
+    from flexstage.lumped.time_integration import Motion, motion
     from flexstage.lumped.transfer import TransferFunction, transfer_function
 
 __all__ = [
     "Mechanism",
+    "Motion",
     "RigidBody",
     "Sight",
     "SpringHinge",
@@ -40,6 +42,7 @@ __all__ = [
     "lumped_system",
     "mathml",
     "mechanism",
+    "motion",
     "nonlinear",
     "parameter_tangents",
     "reduce_by_symmetry",

@@ -216,6 +216,10 @@ class NonlinearMechanism:
         x = self.hinges.deformation(np.asarray(q, dtype=float))
         return 0.5 * np.einsum("...hi,hij,...hj->...", x, self.stiffness, x)
 
+    def kinetic_energy(self, velocity: Array) -> Array:
+        """Return the kinetic energy T [J], shape (...)."""
+        return 0.5 * np.sum(self.mass * np.asarray(velocity) ** 2, axis=-1)
+
     def force(self, q: Array) -> Array:
         """Return the internal forces dV/dq [N, N m], shape (..., n)."""
         x, b = self.hinges.rates(np.asarray(q, dtype=float))

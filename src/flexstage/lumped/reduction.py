@@ -248,8 +248,7 @@ def condense(model: SymbolicModel) -> ReducedModel:
     reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
     Mr, Kr = (_floats(0.5 * (a + a.T)) for a in (reduced_m, reduced_k))
     if model.damping == "rayleigh":
-        alpha, beta = (next(x for x in model.values if x.name == n) for n in ("alpha", "beta"))
-        Cr = sp.ImmutableMatrix(alpha * Mr + beta * Kr)
+        Cr = sp.ImmutableMatrix(model.symbol("alpha") * Mr + model.symbol("beta") * Kr)
     else:
         Cr = _floats(basis.T @ C @ basis)
 

@@ -121,6 +121,10 @@ class Equations:
         """
         return named("probe", name, self.probes, self.has)
 
+    def symbol(self, name: str) -> sp.Symbol:
+        """Return a symbol that has a value, by its name."""
+        return next(symbol for symbol in self.values if symbol.name == name)
+
     def numbers(self, matrix: sp.MatrixBase) -> Array:
         """Evaluate a matrix of the model.
 

@@ -128,7 +128,7 @@ def transfer_function(model: Equations, drive: str, probe: str) -> TransferFunct
         dynamic = sp.Matrix(model.M * variable + model.K)
         a, b = s**2, sp.S.One
         if model.damping == "rayleigh":
-            alpha, beta = _named(model.values, "alpha"), _named(model.values, "beta")
+            alpha, beta = model.symbol("alpha"), model.symbol("beta")
             a, b = s**2 + alpha * s, 1 + beta * s
 
     def homogeneous(polynomial: sp.Expr, degree: int) -> sp.Expr:
@@ -174,10 +174,6 @@ def _determinant(matrix: sp.Matrix) -> sp.Expr:
 
 def _rational(expression: sp.Expr) -> sp.Expr:
     return expression.xreplace({x: sp.Rational(x) for x in expression.atoms(sp.Float)})
-
-
-def _named(values: dict[sp.Symbol, float], name: str) -> sp.Symbol:
-    return next(symbol for symbol in values if symbol.name == name)
 
 
 def _roots(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:

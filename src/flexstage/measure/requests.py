@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from flexstage.errors import ModelError
-from flexstage.files.ranges import INNER_SHARE, POSITIVE, Seed, Written
+from flexstage.files.ranges import INNER_SHARE, POSITIVE, PositiveFrequency, Seed, Written
 from flexstage.files.request import Request, read_number, request_fields
 from flexstage.records.read_options import ONE_COLUMN, ColumnList
 from flexstage.units import DIMENSIONS
 
-_FREQUENCY = Annotated[float, DIMENSIONS["frequency"], POSITIVE]
 #: The excitation of a free decay.
 RING_DOWN = "ring-down"
 
@@ -84,7 +83,7 @@ class FrfRequest(Request):
     """Kind of excitation; auto recognises it from the input; ring-down is a free decay, of outputs
     only and no input.
     """
-    resolution: Annotated[_FREQUENCY, Written(bare="Hz")] | None = None
+    resolution: PositiveFrequency | None = None
     """Frequency resolution, such as "0.5 Hz"."""
     window: Annotated[str, Written("NAME")] = "hann"
     """Window of random segments: hann, hamming, blackman, boxcar; or of hits of a hammer, such as
@@ -96,7 +95,9 @@ class FrfRequest(Request):
     """Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz"."""
     fit_modes: Annotated[int | Literal["auto"], Written("NUMBER|auto", read=read_count)] = "auto"
     """Number of modes to fit; 0 for none."""
-    near: Annotated[tuple[_FREQUENCY, ...], Written("FREQUENCIES", bare="Hz", commas=True)] = ()
+    near: Annotated[
+        tuple[PositiveFrequency, ...], Written("FREQUENCIES", bare="Hz", commas=True)
+    ] = ()
     """Fit modes near these frequencies alone, such as "365,660" in Hz."""
     weight: Literal["noise", "relative", "uniform"] = "noise"
     """Weight of the frequency lines: noise, by their variance or the residual of the fit; relative,

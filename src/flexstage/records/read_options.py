@@ -1,5 +1,6 @@
 """How measured files are read: what they do not say themselves."""
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
@@ -27,14 +28,18 @@ def read_column(text: str) -> str | int:
 
 
 def read_columns(text: str) -> tuple[str | int, ...]:
-    """Return what names several columns, with commas between.
+    """Return what names several columns, with commas between; quotes hold a name with commas.
 
     Examples
     --------
-    >>> read_columns("4, position")
-    (4, 'position')
+    >>> read_columns("4, position"), read_columns('"x, raw",2')
+    ((4, 'position'), ('x, raw', 2))
     """
-    return tuple(read_column(word) for word in text.split(",") if word.strip())
+    try:
+        (words,) = csv.reader([text], skipinitialspace=True)
+    except (csv.Error, ValueError):
+        raise RecordError(f"must be columns with commas between, got {text[:60]!r}") from None
+    return tuple(read_column(word) for word in words if word.strip())
 
 
 def read_rows(text: str) -> RowRange:
@@ -76,7 +81,8 @@ def _write_rates(rates: Sequence[float | None]) -> str:
 
 def columns_text(columns: Sequence[str | int]) -> str:
     """Return the text of several columns."""
-    return ",".join(map(str, columns))
+    texts = (str(column) for column in columns)
+    return ",".join('"' + t.replace('"', '""') + '"' if "," in t else t for t in texts)
 
 
 #: What may divide columns, by the words for it; a shell passes a backslash and a letter.

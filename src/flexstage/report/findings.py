@@ -43,14 +43,12 @@ def model_name(model: str) -> str:
     return _MODELS.get(model, model)
 
 
-def outer_size(study: "Study") -> str:
+def size_and_mass(study: "Study") -> str:
     """Return the outer size of a stage, and the mass of all bodies and of those that move."""
-    from flexstage.report.figures.shapes import body_shapes, extent
-    from flexstage.stage.mass import mass_properties
+    from flexstage.stage.mass import mass_properties, outer_size
 
     stage = study.stage
-    x0, y0, x1, y1 = extent(body_shapes(stage))
-    sizes = " × ".join(f"{1e3 * v:.4g}" for v in (x1 - x0, y1 - y0, stage.thickness))
+    sizes = " × ".join(f"{1e3 * v:.4g}" for v in outer_size(stage))
     masses = {name: found.mass for name, found in mass_properties(stage).items()}
     moving = sum(masses[b.name] for b in stage.bodies if not b.fixed)
     return (
@@ -88,7 +86,7 @@ def front_page(study: "Study") -> FrontPage:
     drawing = Picture(
         result=partial(draw_stage, study.stage, key=False),
         title=f"drawing of {study.stage.name}",
-        caption=f"The stage: {outer_size(study)}. Arrows: drives (orange) and probes (green).",
+        caption=f"The stage: {size_and_mass(study)}. Arrows: drives (orange) and probes (green).",
     )
     return FrontPage(
         verdict=tuple(_led(sentence) for sentence in verdict(study)),
@@ -305,7 +303,7 @@ def _known(study: "Study") -> Iterator[str]:
     def said(quantity: str) -> str:
         return by_axis(study, quantity)
 
-    yield f"Size and mass: {outer_size(study)}; {study.stage.material.name}."
+    yield f"Size and mass: {size_and_mass(study)}; {study.stage.material.name}."
     strokes = ("output_displacement", "rotation_stroke")
     motion = listed(part for quantity in strokes if (part := said(quantity)))
     if motion:

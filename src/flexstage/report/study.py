@@ -87,7 +87,7 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
         template="study.html",
         title=f"{stage.name}: flexstage study",
         heading=f"{stage.name}: {stage.title}" if stage.title else stage.name,
-        lead=f"{findings.outer_size(study)}; {stage.material.name}; {len(stage.bodies)} bodies "
+        lead=f"{findings.size_and_mass(study)}; {stage.material.name}; {len(stage.bodies)} bodies "
         f"({free} free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
         links=(("summary", "Result"), *((c["key"], c["title"]) for c in chapters)),
@@ -127,7 +127,7 @@ def _drawing(study: Study) -> Iterator[Content]:
     yield Picture(
         result=partial(draw_stage, study.stage),
         title=f"drawing of {study.stage.name}",
-        caption=f"The stage to scale: {findings.outer_size(study)}.",
+        caption=f"The stage to scale: {findings.size_and_mass(study)}.",
         size="small",
     )
 

@@ -1,6 +1,5 @@
 """Mass, centre of mass and inertia of every body of a stage, exact for arcs."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -61,17 +60,6 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
             halves[name].append((hinge, side))
     surface_density = stage.thickness * stage.material.density
     return {b.name: _of(b, tuple(halves[b.name]), surface_density) for b in stage.bodies}
-
-
-def body_mass(stage: Stage, name: str, hinges: Iterable[Hinge]) -> MassProperties:
-    """Return mass, centre of mass and inertia of one body, with other hinges than the stage has."""
-    halves = tuple(
-        (hinge, side)
-        for hinge in hinges
-        for body, side in zip(hinge.bodies, _SIDES, strict=True)
-        if body == name
-    )
-    return _of(stage.body(name), halves, stage.thickness * stage.material.density)
 
 
 def outer_size(stage: Stage) -> tuple[float, float, float]:

@@ -23,9 +23,10 @@ from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import MODELS, ModelRun, run_model
-from flexstage.studies.requests import ModelOptions, Plane, StudyRequest, models_of
-from flexstage.studies.virtual_experiments import carry_out, virtual_steps
+from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
+from flexstage.studies.virtual_experiments import carry_out
 from flexstage.system import Analysis
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
@@ -273,14 +274,17 @@ def run_study(
         measured=measured,
         traditional=compared,
     )
-    measure, compensate = ("virtual" in request.parts), ("identification" in request.parts)
-    steps = virtual_steps(stage, measure=measure, compensate=compensate)
-    if not steps:
-        return replace(made, read=memory.read)
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
-        found = carry_out(steps, stage, made.main.system, seed=request.seed, memory=memory)
-    of_stage = {step.verb: given for step, given in found.items() if step.verb != "verify"}
-    of_axes = {step.axis: given for step, given in found.items() if step.verb == "verify"}
+        found = carry_out(
+            stage,
+            made.main.system,
+            measure="virtual" in request.parts,
+            compensate="identification" in request.parts,
+            seed=request.seed,
+            memory=memory,
+        )
+    of_stage = {verb: given for (verb, _), given in found.items() if verb != "verify"}
+    of_axes = {axis: given for (verb, axis), given in found.items() if verb == "verify"}
     return replace(
         made,
         virtual=of_stage.get("characterise"),

@@ -1,7 +1,7 @@
 """Experiments on the virtual stage: it is measured, compensated, and centres a scale."""
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,77 +41,51 @@ class CentringTrial:
     """Angles of their samples [rad]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VirtualStep:
-    """One experiment on the virtual stage: a verb of plans, and the axis or axes it is about."""
-
-    verb: str
-    """``characterise``, ``centre``, or ``verify``: its hysteresis is identified and undone."""
-    axis: str
-    """The axis; both, such as ``xy``."""
-
-
-def virtual_steps(stage: Stage, *, measure: bool, compensate: bool) -> tuple[VirtualStep, ...]:
-    """Return what is tried on the virtual stage.
-
-    It is measured, and centres a scale; and the hysteresis of each axis that a piezo stack drives
-    is compensated.
-    """
-    both = "".join(axis.name for axis in stage.axes)
-    steps = [VirtualStep(verb=verb, axis=both) for verb in ("characterise", "centre") if measure]
-    if compensate:
-        steps += [
-            VirtualStep(verb="verify", axis=axis.name)
-            for axis in stage.axes
-            if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack)
-        ]
-    return tuple(steps)
-
-
 def carry_out(
-    steps: Sequence[VirtualStep],
     stage: Stage,
     system: MechanicalSystem,
     *,
+    measure: bool,
+    compensate: bool,
     seed: int,
-    memory: Memory | None = None,
-) -> dict[VirtualStep, Any]:
-    """Carry out steps on the virtual stage; a text says why one could not be.
+    memory: Memory,
+) -> dict[tuple[str, str], Any]:
+    """Carry out experiments on the virtual stage; a text says why one could not be.
 
-    `system` is the model by which the stage moves fast; the seed is that of the virtual stage, of
-    its measurement, of noise, and of the lines of the scale. Steps that a memory knows are read.
+    It is measured (``characterise``), and centres a scale (``centre``); and the hysteresis of each
+    axis that a piezo stack drives is identified and undone (``verify``). Results are by verb and
+    the axis or axes that it is about. `system` is the model by which the stage moves fast; the seed
+    is that of the virtual stage, of its measurement, of noise, and of the lines of the scale. What
+    a memory knows is read.
     """
-    memory = memory or Memory(None)
-    found: dict[VirtualStep, Any] = {}
-    for i, step in enumerate(steps):
+    both = "".join(axis.name for axis in stage.axes)
+    steps: dict[tuple[str, str], partial[Any]] = {}
+    if measure:
+        steps["characterise", both] = partial(_characterise, stage, seed)
+        steps["centre", both] = partial(_centre, stage, seed)
+    for axis in stage.axes if compensate else ():
+        if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack):
+            steps["verify", axis.name] = partial(_verify, stage, system, axis.name)
+    found: dict[tuple[str, str], Any] = {}
+    for i, (name, step) in enumerate(steps.items()):
         with progress.subtask(i / len(steps), (i + 1) / len(steps)):
             try:
-                found[step] = memory.recall(
-                    f"{step.verb} {step.axis}",
-                    _VERBS[step.verb],
-                    stage,
-                    system,
-                    step.axis,
-                    seed,
-                )
+                found[name] = memory.recall(" ".join(name), step.func, *step.args)
             except FlexstageError as error:  # as of a stage that is not held: the rest stands
-                found[step] = str(error)
+                found[name] = str(error)
     return found
 
 
-def _characterise(
-    stage: Stage, system: MechanicalSystem, axis: str, seed: int
-) -> MeasurementComparison:
+def _characterise(stage: Stage, seed: int) -> MeasurementComparison:
     """It is made from published values and random errors: its figures are compared with none."""
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
-    del system, axis
     made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
     return compare_with_references(made.evaluated(), stage, Characteristics())
 
 
-def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> CentringTrial:
+def _centre(stage: Stage, seed: int) -> CentringTrial:
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
     from flexstage.experiments.verbs.centre import Centre
@@ -123,7 +97,6 @@ def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> Cen
     # direction that the scale is off in, in the axes of the stage: one that both can push [rad]
     direction = 0.8
 
-    del system, axis
     mounting = TableMounting(angle=mounting_angle, mirrored=True)
     positioner = VirtualPositioner(stage, start=(-1.0, -1.0), mounting=mounting, seed=seed)
     towards = positioner.matrix @ np.array((np.cos(direction), np.sin(direction)))
@@ -158,22 +131,14 @@ def _centre(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> Cen
     )
 
 
-def _verify(stage: Stage, system: MechanicalSystem, axis: str, seed: int) -> "AxisExperiment":
+def _verify(stage: Stage, system: MechanicalSystem, axis: str) -> "AxisExperiment":
     from flexstage.studies.compensation import virtual_experiment
 
-    # its noise is the same whatever stage is measured
-    del seed
     drive = stage.drive_of(axis)
     if isinstance(drive, PiezoStack) and drive.voltage_range is None:
         raise ModelError(
             f"drive '{drive.name}' has no voltage range: add it to the drive in the stage file, "
             "as in 'voltage_range: [0 V, 120 V]'"
         )
+    # its noise is the same whatever stage is measured
     return virtual_experiment(stage, system, axis)
-
-
-_VERBS: Mapping[str, Callable[[Stage, MechanicalSystem, str, int], Any]] = {
-    "characterise": _characterise,
-    "centre": _centre,
-    "verify": _verify,
-}

@@ -134,22 +134,27 @@ class FieldSource(ABC):
         """Return a field of the batch with samples last."""
 
     def of_drive(self, field: str, drive: int) -> Any:
+        """Return a field of the batch that is given by drive."""
         return self.last(field)[drive, ...]
 
     def strength(self, which: int) -> Any:
+        """Return the yield strength, or the largest pulsating stress [Pa]."""
         return self.last("strength")[which, ...]
 
     def length(self, drives: tuple[int, ...], probe: int) -> Any:
+        """Return the mean distance of the points of some drives from that of a probe [m]."""
         at, to = self.last("drive_at"), self.last("probe_at")[probe, ...]
         apart = [at[j, ...] - to for j in drives]
         squares = [d[0, ...] * d[0, ...] + d[1, ...] * d[1, ...] for d in apart]
         return added([root(square) for square in squares]) / len(drives)
 
     def masses(self) -> list[Any]:
+        """Return the mass of every body [kg]."""
         mass = self.last("body_mass")
         return [mass[i, ...] for i in range(self.batch.body_mass.shape[1])]
 
     def size(self, which: int) -> Any:
+        """Return width, height or thickness of the plate [m]."""
         return self.last("size")[which, ...]
 
 

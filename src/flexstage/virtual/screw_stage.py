@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits
-from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
 from flexstage.virtual.sensors import (
     neighbour,
@@ -81,15 +79,6 @@ class ScrewStage(VirtualStage):
             if other is not None:
                 self._curves[names.index(other), s] = polynomial(part.guide, "across", part.low)
         self.reset()
-
-    def servo_settings(self, axis: str) -> ServoSettings:
-        """Refuse: a screw has no position control."""
-        raise ModelError(f"axis '{axis}' is driven by a screw: it has no position control")
-
-    def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
-        """Refuse: a screw has no position control."""
-        del settings
-        self.servo_settings(axis)
 
     def run(
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None

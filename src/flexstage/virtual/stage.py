@@ -107,16 +107,17 @@ class VirtualStage(ABC):
         self.axes = tuple(limits)
         self.channels = beside_channels(self.axes)
 
-    @abstractmethod
     def servo_settings(self, axis: str) -> ServoSettings:
         """Return the settings of an axis's position control.
 
-        `ModelError` where it has none.
+        `ModelError` where it has none, as a screw.
         """
+        raise ModelError(f"axis '{axis}' is driven by a {self.kind}: it has no position control")
 
-    @abstractmethod
     def set_servo_settings(self, axis: str, settings: ServoSettings) -> None:
         """Change them; the filters keep their state where their number stays."""
+        del settings
+        self.servo_settings(axis)
 
     @abstractmethod
     def run(

@@ -169,7 +169,6 @@ class CharacteriseRequest(TestOptions):
     """The figures of a stage from the measured files of one test."""
 
     axis: Annotated[str, Written("NAME")] = "x"
-    """The axis that moves or is excited; of a workspace both axes, such as xy."""
     test: Annotated[str, Written("KIND")] = "motion"
     """Kind of test: motion, spheres, positioning, staircase, hold, response, ring-down or
     workspace.

@@ -14,7 +14,6 @@ _SAME = 1e-9  # two points are one [m]
 # A corner this little off the line of its neighbours is a rounding [m]: taking it out changes the
 # area of a plate by less than 1e-13 of it.
 _STRAIGHT = 1e-14
-_CHORD = 1e-6  # how near the bounds of a plate come to its arcs [m]
 
 
 class NeckLine(NamedTuple):
@@ -78,13 +77,6 @@ class PlateContours:
     def area(self) -> float:
         """Area of the plate's face [m^2]."""
         return self.outline.area - math.fsum(c.area for c in self.inner)
-
-    @property
-    def bounds(self) -> tuple[Pair, Pair]:
-        """Lower left and upper right corner of the plate [m]."""
-        points = self.outline.loop.polyline(_CHORD)
-        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-        return (x0, y0), (x1, y1)
 
 
 class _Step(NamedTuple):

@@ -134,8 +134,8 @@ def _extent(plate: PlateContours) -> float:
 
 def _bounds(plate: PlateContours) -> tuple[Pair, Pair]:
     """Corners of the plate [mm]."""
-    low, high = plate.bounds
-    return _mm(low), _mm(high)
+    x0, y0, x1, y1 = plate.outline.loop.bounds()
+    return _mm((x0, y0)), _mm((x1, y1))
 
 
 def _hinges(space: Any, plate: PlateContours, height: float) -> None:

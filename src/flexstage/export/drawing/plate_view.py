@@ -70,7 +70,7 @@ class View:
 
         The room holds the dimensions too.
         """
-        (x0, y0), (x1, y1) = plate.bounds
+        x0, y0, x1, y1 = plate.outline.loop.bounds()
         width = room.right - room.left - PAPER.left - 2.0 * PAPER.around
         height = room.bottom - room.top - PAPER.below - 2.0 * PAPER.around
         scale = round_below(min(width / (x1 - x0), height / (y1 - y0)) * 1e-3)

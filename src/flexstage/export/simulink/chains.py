@@ -209,11 +209,11 @@ class Functions:
     A model that comes again keeps its name.
     """
 
-    __slots__ = ("_models", "_prefix", "_texts")
+    __slots__ = ("_models", "_prefix", "texts")
 
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
-        self._texts: dict[str, str] = {}
+        self.texts: dict[str, str] = {}
         self._models: list[tuple[HysteresisModel, str]] = []
 
     def add(self, model: HysteresisModel, wanted: str) -> str:
@@ -223,16 +223,11 @@ class Functions:
                 return name
         suffix = identifier(wanted.removesuffix("_hysteresis"), longest=63)
         room = 63 - len(self._prefix) - 3
-        taken = {text.lower() for text in self._texts}
+        taken = {known.lower() for known in self.texts}
         name = free_name(f"{self._prefix}{suffix[:room]}", lambda n: n.lower() in taken)
-        self._texts[name] = hysteresis_function(model, name)
+        self.texts[name] = hysteresis_function(model, name)
         self._models.append((model, name))
         return name
-
-    @property
-    def texts(self) -> Mapping[str, str]:
-        """Texts by name."""
-        return dict(self._texts)
 
 
 def hysteresis_function(model: HysteresisModel, name: str) -> str:

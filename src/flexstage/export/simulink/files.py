@@ -11,7 +11,7 @@ from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.request import StageExport
 from flexstage.export.simulink.chains import Functions
-from flexstage.export.simulink.matlab_text import Variables, identifier, plain, valid_name
+from flexstage.export.simulink.matlab_text import Variables, identifier, mat_file, plain, valid_name
 from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.structure import modal, structure
 from flexstage.export.simulink.system import Node, System, Wiring
@@ -256,7 +256,7 @@ def simulink_files(
     readme = _readme(name, top, (commands, readings), variables, functions, (*notes, why))
     return {
         f"{name}_build.m": script.encode("ascii"),
-        f"{name}_data.mat": variables.mat_file(),
+        f"{name}_data.mat": mat_file(variables.values),
         **{f"{n}.m": text.encode("ascii") for n, text in functions.texts.items()},
         "README.txt": readme.encode("ascii"),
     }

@@ -150,36 +150,22 @@ def _number(value: float) -> str:
 
 
 class Variables:
-    """Matrices by names that MATLAB takes, with what they mean."""
+    """Matrices by names that MATLAB takes, and what they are, by the same names."""
 
-    __slots__ = ("_meanings", "_values")
+    __slots__ = ("meanings", "values")
 
     def __init__(self) -> None:
-        self._values: dict[str, Array] = {}
-        self._meanings: dict[str, str] = {}
+        self.values: dict[str, Array] = {}
+        self.meanings: dict[str, str] = {}
 
     def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
         """Add a number or a matrix and return its name; a number follows one that is taken."""
         # room for a sign of order behind the name, and for names of files made of it
-        taken = {*_TAKEN, *(known.lower() for known in self._values)}
+        taken = {*_TAKEN, *(known.lower() for known in self.values)}
         name = free_name(identifier(wanted, longest=58), lambda n: n.lower() in taken)
-        self._values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
-        self._meanings[name] = meaning
+        self.values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
+        self.meanings[name] = meaning
         return name
-
-    @property
-    def values(self) -> Mapping[str, Array]:
-        """The values by name."""
-        return dict(self._values)
-
-    @property
-    def meanings(self) -> Mapping[str, str]:
-        """What they are, by name."""
-        return dict(self._meanings)
-
-    def mat_file(self) -> bytes:
-        """Return them as `mat_file` does."""
-        return mat_file(self._values)
 
 
 def mat_file(variables: Mapping[str, Any]) -> bytes:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import datetime
 from typing import Any, Self, TypeVar
 
 from sqlalchemy import Connection, Engine, Select, Table, insert, inspect, select, update
@@ -59,7 +58,7 @@ class Catalogue:
     Examples
     --------
     >>> import tempfile
-    >>> from datetime import UTC
+    >>> from datetime import UTC, datetime
     >>> stage = StageEntry(name="vgtu-piezo", serial_number="7")
     >>> start = datetime(2031, 5, 17, 9, 30, tzinfo=UTC)
     >>> run = RunEntry(identifier="0123" * 8, stage=stage, started=start, kind="motion")
@@ -209,13 +208,10 @@ class Catalogue:
         asked = question(STAGES).order_by(STAGES.c.name, STAGES.c.serial_number, STAGES.c.id)
         return self._entries(StageEntry, STAGES, asked)
 
-    def runs(
-        self, request: RunsRequest | None = None, *, until: datetime | None = None, **asked: Any
-    ) -> list[RunEntry]:
+    def runs(self, request: RunsRequest | None = None, **asked: Any) -> list[RunEntry]:
         """Return runs, the latest first.
 
-        They began from `since` on and before `until`, which are times with their zones. Fields of
-        `RunsRequest` may be named in place of those of a request, and any other field of
+        Fields of `RunsRequest` may be named in place of those of a request, and any other field of
         `RunEntry` that has one value: ``axis="x", status="failed"``.
         """
         own = request_fields(RunsRequest)
@@ -225,8 +221,6 @@ class Catalogue:
         found = _where(_of_stage(RUNS, request), values)
         if request.since is not None:
             found = found.where(RUNS.c.started >= request.since)
-        if until is not None:
-            found = found.where(RUNS.c.started < until)
         found = found.order_by(RUNS.c.started.desc(), RUNS.c.id.desc()).limit(request.limit)
         return self._entries(RunEntry, RUNS, found)
 
@@ -274,26 +268,9 @@ class Catalogue:
             holding.setdefault((entry.stage.name, entry.stage.serial_number, entry.what), entry)
         return list(holding.values())
 
-    def models(
-        self,
-        *,
-        stage: str | None = None,
-        serial_number: str | None = None,
-        kind: str | None = None,
-        axis: str | None = None,
-        run: str | None = None,
-    ) -> list[ModelEntry]:
+    def models(self, *, run: str | None = None) -> list[ModelEntry]:
         """Return models, the latest first; `run` is the identifier of the one they come from."""
-        asked = _where(
-            question(MODELS),
-            {
-                STAGES.c.name: stage,
-                STAGES.c.serial_number: serial_number,
-                MODELS.c.kind: kind,
-                MODELS.c.axis: axis,
-                RUNS.c.identifier: run,
-            },
-        )
+        asked = _where(question(MODELS), {RUNS.c.identifier: run})
         asked = asked.order_by(MODELS.c.created.desc(), MODELS.c.id.desc())
         return self._entries(ModelEntry, MODELS, asked)
 

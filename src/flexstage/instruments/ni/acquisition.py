@@ -12,7 +12,6 @@ from flexstage.instruments.protocol import Capability, Identity, Instrument, Mot
 from flexstage.instruments.ramp import to_safe, wait_for_rest
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
-from flexstage.system.servo import ServoSettings
 
 
 class NiAxis(MotionAxis):
@@ -28,19 +27,11 @@ class NiAxis(MotionAxis):
     def limits(self) -> AxisLimits:
         return self._limits
 
-    def set_closed_loop(self, on: bool) -> None:
-        if on:
-            raise self._not_able()
-
     def position(self) -> float:
         return self._owner.channel(self._owner.setup.number(self._drive.sensor))
 
     def voltage(self) -> float:
         return self._owner.outputs.voltage(self.name)
-
-    def move_to(self, position: float, *, wait: bool = True) -> None:
-        del position, wait
-        raise self._not_able()
 
     def set_voltage(self, voltage: float) -> None:
         self._owner.outputs.set_voltage(self.name, voltage)
@@ -50,19 +41,6 @@ class NiAxis(MotionAxis):
 
     def wait(self, timeout: float = 30.0) -> None:
         self._owner.wait(timeout)
-
-    def servo(self) -> ServoSettings:
-        raise self._not_able()
-
-    def set_servo(self, settings: ServoSettings) -> None:
-        del settings
-        raise self._not_able()
-
-    def _not_able(self) -> ModelError:
-        return ModelError(
-            f"axis '{self.name}' has no position control: an NI card commands voltages, so use "
-            "feedforward, or a controller with a sensor of its own"
-        )
 
 
 class NiAcquisition(Instrument):
@@ -97,16 +75,8 @@ class NiAcquisition(Instrument):
             simulated=self._card.simulated,
         )
         found = {d.axis: _limits(d, stage, (limits or {}).get(d.axis)) for d in setup.outputs}
-        self._recorder = NiRecorder(backend, setup, self._card, self._busy)
-        self.outputs = NiOutputs(
-            backend,
-            setup,
-            found,
-            self._recorder.clock,
-            self._recorder.given,
-            self._polled,
-            self._recorder.release,
-        )
+        self._recorder = NiRecorder(backend, setup, self._card)
+        self.outputs = NiOutputs(backend, setup, found, self._recorder)
         self._axes = {d.axis: NiAxis(self, d, found[d.axis]) for d in setup.outputs}
         self._closed = False
 
@@ -189,13 +159,6 @@ class NiAcquisition(Instrument):
             with suppress(ControllerError, NotConnectedError):
                 self._recorder.release()
             self._backend.close()
-
-    def _busy(self) -> bool:
-        return self.outputs.busy()
-
-    def _polled(self) -> None:
-        self._recorder.drain()
-        self._recorder.rest()
 
 
 def _delay(place: int, interval: float) -> str:

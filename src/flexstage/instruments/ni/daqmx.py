@@ -172,15 +172,11 @@ class DaqmxBackend(NiBackend):
 
     def open_input(self, inputs: Sequence[SensorInput], rate_hz: float, buffer: int) -> "_Input":
         continuous = self._ni.constants.AcquisitionType.CONTINUOUS
-        with self._sentences("the inputs"):
-            task = self._ni.Task()
-            with self._closing_on_error(task):
-                self._add_inputs(task, inputs)
-                task.timing.cfg_samp_clk_timing(
-                    rate_hz, sample_mode=continuous, samps_per_chan=buffer
-                )
-                device = _device(inputs[0].channel)
-                return _Input(self, task, len(inputs), device, self._interval(task, device, inputs))
+        with self._sentences("the inputs"), self._task(keep=True) as task:
+            self._add_inputs(task, inputs)
+            task.timing.cfg_samp_clk_timing(rate_hz, sample_mode=continuous, samps_per_chan=buffer)
+            device = _device(inputs[0].channel)
+            return _Input(self, task, len(inputs), device, self._interval(task, device, inputs))
 
     def open_output(
         self,
@@ -194,24 +190,22 @@ class DaqmxBackend(NiBackend):
         device = clock.device if isinstance(clock, _Input) else ""
         if volts.shape[1] == 1:  # a finite task has two samples at least
             volts = np.repeat(volts, 2, axis=1)
-        with self._sentences("the outputs"):
-            task = self._ni.Task()
-            with self._closing_on_error(task):
-                self._add_outputs(task, outputs)
-                task.timing.cfg_samp_clk_timing(
-                    rate_hz,
-                    source=f"/{device}/ai/SampleClock" if device else "",
-                    active_edge=constants.Edge.RISING,
-                    sample_mode=constants.AcquisitionType.FINITE,
-                    samps_per_chan=volts.shape[1],
-                )
-                writer = self._ni.stream_writers.AnalogMultiChannelWriter(
-                    task.out_stream, auto_start=False
-                )
-                writer.write_many_sample(
-                    np.ascontiguousarray(volts, dtype=np.float64), timeout=_TIMEOUT
-                )
-                return _Output(self, task)
+        with self._sentences("the outputs"), self._task(keep=True) as task:
+            self._add_outputs(task, outputs)
+            task.timing.cfg_samp_clk_timing(
+                rate_hz,
+                source=f"/{device}/ai/SampleClock" if device else "",
+                active_edge=constants.Edge.RISING,
+                sample_mode=constants.AcquisitionType.FINITE,
+                samps_per_chan=volts.shape[1],
+            )
+            writer = self._ni.stream_writers.AnalogMultiChannelWriter(
+                task.out_stream, auto_start=False
+            )
+            writer.write_many_sample(
+                np.ascontiguousarray(volts, dtype=np.float64), timeout=_TIMEOUT
+            )
+            return _Output(self, task)
 
     def pause(self, seconds: float) -> None:
         time.sleep(seconds)
@@ -248,21 +242,15 @@ class DaqmxBackend(NiBackend):
             raise
 
     @contextmanager
-    def _task(self) -> Iterator[Any]:
+    def _task(self, *, keep: bool = False) -> Iterator[Any]:
+        """Make a task, and close it after the block; one to `keep` only where the block fails."""
         task = self._ni.Task()
-        try:
-            yield task
-        finally:
-            task.close()
-
-    @contextmanager
-    def _closing_on_error(self, task: Any) -> Iterator[None]:
         whole = False
         try:
-            yield
+            yield task
             whole = True
         finally:
-            if not whole:
+            if not (keep and whole):
                 task.close()
 
     @contextmanager

@@ -10,7 +10,8 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_voltage, check_waveform
-from flexstage.instruments.ni.setup import DriveOutput, InputTask, NiBackend, NiSetup, OutputTask
+from flexstage.instruments.ni.recorder import NiRecorder
+from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, OutputTask
 from flexstage.instruments.protocol import Waveform, WaveGenerator
 from flexstage.stage.limits import AxisLimits
 
@@ -21,11 +22,9 @@ _AGREES = 0.02  # by which an output that is read back may differ from what it w
 class NiOutputs(WaveGenerator):
     """The drives of a card, and the generator of their waveforms.
 
-    `clock` returns the input task whose clock the outputs go with, and whether it has started; None
-    where nothing is recorded. `told` is told the voltages by axis [V], shape (n,), that are put out
-    from now on, and whether they begin with the first sample of the record. `asked` is called with
-    every question whether something runs, and `freed` ends a record, so that the inputs can read
-    the outputs back.
+    They go with the clock of the recorder where it records, and it is told what is put out. With
+    every question whether something runs it reads what has come; where outputs are to be read back
+    its record ends.
     """
 
     def __init__(
@@ -33,13 +32,11 @@ class NiOutputs(WaveGenerator):
         backend: NiBackend,
         setup: NiSetup,
         limits: Mapping[str, AxisLimits],
-        clock: Callable[[], tuple[InputTask, bool] | None],
-        told: Callable[[Mapping[str, Array], bool], None],
-        asked: Callable[[], None],
-        freed: Callable[[], None],
+        recorder: NiRecorder,
     ) -> None:
         self._backend, self._setup, self._limits = backend, setup, limits
-        self._clock, self._told, self._asked, self._freed = clock, told, asked, freed
+        self._recorder = recorder
+        recorder.busy = self.busy
         self.base_rate_hz, self.capacity = setup.output_rate_hz, _LARGEST
         self._drives: dict[str, DriveOutput] = {d.axis: d for d in setup.outputs}
         self._standing = {d.axis: d.begins_at for d in setup.outputs}
@@ -78,7 +75,8 @@ class NiOutputs(WaveGenerator):
 
     def running(self) -> bool:
         running = self.busy()
-        self._asked()
+        self._recorder.drain()
+        self._recorder.rest()
         return running
 
     def busy(self) -> bool:
@@ -134,7 +132,7 @@ class NiOutputs(WaveGenerator):
             drive = self._drives[axis]
             self._backend.write_now([drive], np.array([float(drive.output(np.array(voltage)))]))
             self._standing[axis] = float(voltage)
-            self._told({axis: np.array([float(voltage)])}, False)
+            self._recorder.given({axis: np.array([float(voltage)])}, False)
             return
         slew = limits.slew
         self._put(lambda rate: {axis: _ramp(here, float(voltage), slew / rate)}, ramp=True)
@@ -152,7 +150,7 @@ class NiOutputs(WaveGenerator):
 
     def _put(self, made: Callable[[float], dict[str, Array]], *, ramp: bool = False) -> None:
         self._stopped = False
-        source = self._clock()
+        source = self._recorder.clock()
         # A ramp does not start a record that waits for a waveform.
         if ramp and source is not None and not source[1]:
             source = None
@@ -171,7 +169,7 @@ class NiOutputs(WaveGenerator):
             task = self._backend.open_output(drives, volts, rate, clock=clock)
             self._task, self._running = task, values
             task.start()
-        self._told(values, waits)
+        self._recorder.given(values, waits)
         if self._stopped:
             raise ControllerError("the waveform was stopped before it began")
         if waits and clock is not None:
@@ -215,13 +213,13 @@ class NiOutputs(WaveGenerator):
     def _read_back(self) -> None:
         """Measure the drives whose voltages are not known."""
         lost = [d for d in self._setup.outputs if math.isnan(self._standing[d.axis])]
-        self._freed()
+        self._recorder.release()
         for drive, v in zip(lost, self._backend.read_outputs(lost), strict=True):
             self._standing[drive.axis] = float(drive.voltage(v))
         self._tell_standing()
 
     def _tell_standing(self) -> None:
-        self._told({axis: np.array([v]) for axis, v in self._standing.items()}, False)
+        self._recorder.given({axis: np.array([v]) for axis, v in self._standing.items()}, False)
 
 
 def _sampled(wave: Waveform, cycles: int, rate: float) -> dict[str, Array]:

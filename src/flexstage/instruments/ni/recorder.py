@@ -23,14 +23,13 @@ class NiRecorder(Recorder):
 
     Where drives are wired, the card samples at a multiple of the rate that is asked for, so that
     the outputs, which share the clock, change often enough; the samples between are left out
-    without a filter. `busy` says whether outputs go with the clock of the record, which may then
-    not end.
+    without a filter.
     """
 
-    def __init__(
-        self, backend: NiBackend, setup: NiSetup, card: CardInfo, busy: Callable[[], bool]
-    ) -> None:
-        self._backend, self._setup, self._card, self._busy = backend, setup, card, busy
+    def __init__(self, backend: NiBackend, setup: NiSetup, card: CardInfo) -> None:
+        self._backend, self._setup, self._card = backend, setup, card
+        #: Whether outputs go with the clock of the record, which may then not end.
+        self.busy: Callable[[], bool] = lambda: False
         self.base_rate_hz = card.largest_rate_hz(len(setup.inputs))
         self.capacity, self.signals = _CAPACITY // len(setup.inputs), _SIGNALS
         self._signals: tuple[Signal, ...] = ()
@@ -129,7 +128,7 @@ class NiRecorder(Recorder):
 
     def rest(self) -> None:
         """Give the inputs free when all samples are there and no output needs their clock."""
-        if self._task is not None and self._started and self.full and not self._busy():
+        if self._task is not None and self._started and self.full and not self.busy():
             self.release()
 
     def latest(self) -> Array | None:

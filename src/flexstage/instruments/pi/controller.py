@@ -10,7 +10,6 @@ from flexstage.instruments.connect import longest_silence, options_of
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import (
     Connection,
-    ControllerProfile,
     TransferLimits,
     read_profile,
 )
@@ -54,9 +53,13 @@ class PiController(Instrument):
         factors: Mapping[int, float],
     ) -> None:
         self._connection, self._axes = connection, dict(axes)
+        #: What it says of itself, and the conversation, for what is not offered here.
+        self.profile, self.client = connection.profile, connection.client
         self.identity = connection.profile.identity
         self._recorder, self._waves = recorder, waves
-        self._channels, self._factors = channels, dict(factors)
+        #: Its sensors by what they read, where the controller says so, else by their numbers.
+        self.channels = channels
+        self._factors = dict(factors)
 
     @classmethod
     def open(
@@ -123,16 +126,6 @@ class PiController(Instrument):
         )
 
     @property
-    def profile(self) -> ControllerProfile:
-        """What it says of itself."""
-        return self._connection.profile
-
-    @property
-    def client(self) -> GcsClient:
-        """The conversation, for what is not offered here."""
-        return self._connection.client
-
-    @property
     def capabilities(self) -> frozenset[Capability]:
         found = set(super().capabilities)
         if self._recorder is not None:
@@ -148,11 +141,6 @@ class PiController(Instrument):
     @property
     def axes(self) -> Mapping[str, PiAxis]:
         return self._axes
-
-    @property
-    def channels(self) -> ChannelMap:
-        """Its sensors by what they read, where the controller says so, else by their numbers."""
-        return self._channels
 
     @property
     def recorder(self) -> PiRecorder:
@@ -172,7 +160,7 @@ class PiController(Instrument):
                 f"there is no sensor {number}: they are "
                 f"{', '.join(map(str, self._factors)) or 'none'}"
             )
-        value = self._connection.client.ask_values("TSP?", [str(number)])[0]
+        value = self.client.ask_values("TSP?", [str(number)])[0]
         if not abs(value) < float("inf"):
             raise ControllerError(
                 f"sensor {number} gives {value} instead of a reading: look at it and its cable"
@@ -195,25 +183,25 @@ class PiController(Instrument):
         self._connection.pause(seconds)
 
     def stop(self) -> None:
-        self._connection.client.stop()
+        self.client.stop()
 
     def settings(self) -> Mapping[str, str]:
         names = {a.facts.identifier: name for name, a in self._axes.items()}
         return {
-            "controller": self._connection.client.identity.strip(),
-            "link": self._connection.client.name,
+            "controller": self.client.identity.strip(),
+            "link": self.client.name,
             "axes": ", ".join(f"{name}={identifier}" for identifier, name in names.items()),
             **self._connection.settings(),
         }
 
     def close(self) -> None:
         try:
-            if self._connection.client.connected:
+            if self.client.connected:
                 self._connection.drives_back()
         except (NotConnectedError, ControllerError):
             pass  # the drives are those of a simulation, and the link is ended anyway
         finally:
-            self._connection.client.close()
+            self.client.close()
 
     def __enter__(self) -> Self:
         """Return itself."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexstage.errors import ControllerError, LimitError, ModelError
-from flexstage.instruments.limits import check_waveform
+from flexstage.instruments.limits import check_waveform, range_of
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, parse_array
@@ -167,7 +167,7 @@ class PiWaves(WaveGenerator):
             axis = self._axes[name]
             voltage = waveform.quantity == "voltage"
             unit = VOLTS if voltage else axis.facts.unit
-            bounds = axis.limits.voltage if voltage else axis.limits.position
+            bounds = range_of(axis.limits, waveform.quantity)
             made.append(
                 _Table(
                     number=offset + axis.facts.index + 1,
@@ -228,7 +228,7 @@ class PiWaves(WaveGenerator):
                 f"waveform is of {'voltages' if voltage else 'positions'}: switch the control "
                 f"{'off' if voltage else 'on'} first"
             )
-        bounds = axis.limits.voltage if voltage else axis.limits.position
+        bounds = range_of(axis.limits, waveform.quantity)
         span = 0.0 if bounds is None else bounds[1] - bounds[0]
         here = axis.voltage() if voltage else self._target(axis)
         # the jump from end to start was looked at before; here only where the axis stands counts

@@ -1,5 +1,6 @@
 """The command in a page: what the drive shall follow, the waveform, what is left, its file."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,14 +9,15 @@ from nicegui import ui
 
 from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.drive_model import DriveModel
+from flexstage.hysteresis.requests import AmplifierLimits, CompensateRequest
 from flexstage.report.identification import command_in_words
 from flexstage.units import readable
 from flexstage.web.figures import figure, picture, save, sentence, show_lines
 from flexstage.web.hysteresis.files_form import FilesForm
-from flexstage.web.hysteresis.requests import WantedMotion
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.work import Compensated, compensated, usual_motion, waveform
 from flexstage.web.page import Page, Task, div, in_page_words, panel, remark
+from flexstage.web.request_form import RequestForm
 
 _SHAPES = {"sine": "Sine", "triangle": "Triangle", "file": "From a file"}
 _STARTS = {
@@ -25,6 +27,8 @@ _STARTS = {
 }
 _FILES = {"csv": ".csv", "npz": ".npz", "hdf5": ".h5", "mat": ".mat"}
 _NUMBER = "outlined dense stack-label debounce=700"
+#: For how long a drive had moved before, where it had [s].
+_MOVED = 30.0
 
 
 class CompensationPanel:
@@ -40,6 +44,7 @@ class CompensationPanel:
 
     def __init__(self, page: Page, state: HysteresisState) -> None:
         self._page, self._state = page, state
+        self._request = RequestForm(page, lambda: state.motion.asked, self._ask)
         self._due = False
 
     def build(self) -> None:
@@ -81,7 +86,7 @@ class CompensationPanel:
     # what is wanted
 
     def _fields(self, drive: DriveModel) -> None:
-        motion = self._state.motion
+        motion, asked = self._state.motion, self._state.motion.asked
         unit, factor = self._unit(drive)
         ui.toggle(_SHAPES, value=motion.shape).props("no-caps").on_value_change(
             lambda event: self._reshape(event.value)
@@ -103,20 +108,29 @@ class CompensationPanel:
         volt = f" [{drive.input_unit}]" if drive.input_unit else ""
         slope = f" [{drive.input_unit}/s]" if drive.input_unit else " [1/s]"
         with (
-            ui.expansion("Limits, and the state before", value=_is_limited(motion)).classes(
-                "folded"
-            ),
+            ui.expansion(
+                "Limits, and the state before", value=asked != CompensateRequest()
+            ).classes("folded"),
             div("entries"),
         ):
-            self._number("lowest", f"Lowest command{volt}")
-            self._number("highest", f"Highest command{volt}")
-            self._number("slew", f"Slew{slope}")
-            self._number("band_hz", "Reference bandwidth [Hz]")
-            start = ui.select(_STARTS, value=motion.start, label="Start")
+            ends = asked.voltage or (None, None)
+            self._limit(f"Lowest command{volt}", ends[0], lambda v: self._bound(drive, 0, v))
+            self._limit(f"Highest command{volt}", ends[1], lambda v: self._bound(drive, 1, v))
+            self._limit(
+                f"Slew{slope}",
+                asked.amplifier.slew,
+                lambda v: self._ask("amplifier", AmplifierLimits(slew=v)),
+            )
+            self._request.number("reference_bandwidth")
+            state = asked.start if isinstance(asked.start, str) else "moved"
+            start = ui.select(_STARTS, value=state, label="Start")
             start.props("outlined dense options-dense stack-label").classes("whole")
-            start.on_value_change(lambda event: self._set("start", event.value))
-            moved = self._number("moved_for", "Moved for [s]")
+            moved_for = _MOVED if isinstance(asked.start, str) else asked.start
+            moved = self._limit("Moved for [s]", moved_for, lambda v: self._ask("start", v or 0.0))
             moved.bind_visibility_from(start, "value", value="moved")
+            start.on_value_change(
+                lambda e: self._ask("start", moved.value or 0.0 if e.value == "moved" else e.value)
+            )
 
     def _file(self) -> None:
         form = FilesForm(
@@ -133,11 +147,7 @@ class CompensationPanel:
         self._missing = ui.label().classes("issue")
         self._missing.visible = False
         form.begin()
-        relative = ui.checkbox(
-            "Relative: count from the lowest reading of the drive",
-            value=self._state.motion.relative,
-        )
-        relative.on_value_change(lambda event: self._set("relative", bool(event.value)))
+        self._request.tick("relative", "count from the lowest reading of the drive")
 
     def _unit(self, drive: DriveModel) -> tuple[str, float]:
         if drive.output_unit == "m":
@@ -164,6 +174,29 @@ class CompensationPanel:
 
         field.on_value_change(changed)
         return field
+
+    def _limit(
+        self, label: str, value: float | None, take: Callable[[float | None], None]
+    ) -> ui.number:
+        """Show a number in the unit of the model, which is nothing where it is emptied."""
+        field = ui.number(label, value=value, format="%.6g").props(_NUMBER)
+
+        def changed(event: Any) -> None:
+            with self._page.sentences():
+                take(event.value)
+
+        field.on_value_change(changed)
+        return field
+
+    def _bound(self, drive: DriveModel, end: int, value: float | None) -> None:
+        """Take an end of the voltage; the other is that of the model where it was not given."""
+        own = (0.0, 0.0) if drive.validity is None else drive.validity.input_range
+        ends = list(self._state.motion.asked.voltage or own)
+        ends[end] = own[end] if value is None else value
+        self._ask("voltage", None if tuple(ends) == own else tuple(ends))
+
+    def _ask(self, name: str, value: Any) -> None:
+        self._set("asked", replace(self._state.motion.asked, **{name: value}))
 
     def _set(self, name: str, value: Any) -> None:
         if name == "periods":
@@ -269,9 +302,3 @@ class CompensationPanel:
                         save(self._page, f"{name}{_FILES[format.value]}", content)
 
             ui.button("Download the waveform", icon="download", on_click=give)
-
-
-def _is_limited(motion: WantedMotion) -> bool:
-    usual = WantedMotion()
-    names = ("lowest", "highest", "slew", "band_hz", "start")
-    return any(getattr(motion, name) != getattr(usual, name) for name in names)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from flexstage.files.request import RequestField, request_fields
+from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
 #: Fields of units, and what they are.
@@ -84,7 +85,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedMotion:
-    """What a drive shall follow, and within which limits; lengths in the unit of the model."""
+    """What a drive shall follow; lengths in the unit of the model."""
 
     shape: Literal["sine", "triangle", "file"] = "sine"
     """What it is."""
@@ -100,17 +101,5 @@ class WantedMotion:
     """How often it is repeated; 0 for one period that repeats without end."""
     file: Reading = Reading()
     """The file, for a reference out of one: its column is the output."""
-    relative: bool = False
-    """Whether a reference out of a file counts from the lowest reading of the drive."""
-    lowest: float | None = None
-    """Lowest command; that of the record where None."""
-    highest: float | None = None
-    """Highest command."""
-    slew: float | None = None
-    """Largest rate of the command [unit of the input per second]."""
-    band_hz: float | None = None
-    """Bandwidth to which the reference is smoothed [Hz]."""
-    start: Literal["conditioned", "rest", "moved"] = "conditioned"
-    """State of the drive before."""
-    moved_for: float = 30.0
-    """For how long it had moved [s], where it had."""
+    asked: CompensateRequest = CompensateRequest()
+    """Within which limits, and from which state of the drive; voltages in the unit of the input."""

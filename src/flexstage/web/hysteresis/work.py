@@ -13,14 +13,17 @@ from flexstage.hysteresis import (
     Identification,
     ModelFile,
     Prediction,
-    feedforward,
     identify,
     model_text,
     read_model_file,
 )
 from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
 from flexstage.hysteresis.identification.identify import identified_file
-from flexstage.hysteresis.inversion import command_record, reading_in_proportion
+from flexstage.hysteresis.inversion import (
+    command_as_asked,
+    command_record,
+    reading_in_proportion,
+)
 from flexstage.hysteresis.prediction import predict_each
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
 from flexstage.records import Record
@@ -191,7 +194,8 @@ def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     """Compute the command for a motion, and draw it."""
     made, notes = command(file.model, motion)
     endless = motion.shape != "file" and motion.periods == 0
-    start = {"conditioned": None, "rest": "rested", "moved": motion.moved_for}[motion.start]
+    before = motion.asked.start
+    start = {"conditioned": None, "rest": "rested"}[before] if isinstance(before, str) else before
     left = reading_in_proportion(file.model, made, endless=endless, start=start) - made.wanted
     band = file.errors.get("heldout_95")
     says = "The command and what it leaves"
@@ -208,17 +212,7 @@ def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple
     else:
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
-    made = feedforward(
-        drive,
-        reference,
-        dt,
-        periods=periods,
-        limits=_limits(drive, motion),
-        largest_rate=motion.slew,
-        state=drive.hysteresis.initial_state() if motion.start == "rest" else None,
-        start=motion.moved_for if motion.start == "moved" else None,
-        band_hz=motion.band_hz,
-    )
+    made = command_as_asked(drive, reference, dt, motion.asked, periods=periods)
     return made, (*notes, *made.notes)
 
 
@@ -272,18 +266,9 @@ def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, t
     values, converted = in_unit_of_model(
         channel.values, channel.unit, drive.output_unit, "reference"
     )
-    zero = lowest_reading(drive) if motion.relative else 0.0
+    zero = lowest_reading(drive) if motion.asked.relative else 0.0
     notes = (*((converted,) if converted else ()), *record.notes)
     return values + zero, 1.0 / record.sample_rate_hz, notes
-
-
-def _limits(drive: DriveModel, motion: WantedMotion) -> tuple[float, float] | None:
-    if motion.lowest is None and motion.highest is None:
-        return None
-    own = (0.0, 0.0) if drive.validity is None else drive.validity.input_range
-    given = (motion.lowest, motion.highest)
-    low, high = (o if g is None else g for g, o in zip(given, own, strict=True))
-    return low, high
 
 
 def waveform(made: Feedforward, drive: DriveModel, format: str) -> bytes:

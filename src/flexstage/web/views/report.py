@@ -8,7 +8,7 @@ from nicegui import ui
 from flexstage.comparison import title_of
 from flexstage.report.study import CHAPTERS
 from flexstage.studies.models import MODELS
-from flexstage.studies.requests import ALL_PARTS, StudyPart, StudyRequest
+from flexstage.studies.requests import ALL_PARTS, StudyRequest
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState
 from flexstage.web.jobs import BackgroundJob
@@ -109,7 +109,7 @@ class ReportView:
                 box = ui.checkbox(label, value=name in asked.parts).props("dense")
                 box.on_value_change(lambda e, name=name: self._tick(name, chosen=bool(e.value)))
 
-    def _tick(self, part: StudyPart, *, chosen: bool) -> None:
+    def _tick(self, part: str, *, chosen: bool) -> None:
         now = self._state.asked.parts
         parts = [name for name in ALL_PARTS if (chosen if name == part else name in now)]
         self._choose("parts", tuple(parts) or ("none",))

@@ -65,6 +65,8 @@ class Interpreter:
         model: ControllerModel = OWN,
         hold: bool = False,
     ) -> None:
+        #: The controller with its stage, and how time passes.
+        self.device, self.pace = device, pace
         self._state = ControllerState(device, pace, model)
         self._state.delivered = delivered(self._state)
         self._clients: list[Client] = []
@@ -77,26 +79,12 @@ class Interpreter:
         commands = (*self._of_sessions(), *IDENTITY, *MOTION, *RECORDER, *WAVES)
         # a controller of motors does not know the commands of voltages
         unknown = model.lacks if self._state.outputs else model.lacks | _OF_VOLTAGES
-        self._commands: Mapping[str, GcsCommand] = {
+        #: The commands by name.
+        self.commands: Mapping[str, GcsCommand] = {
             command.name: command
             for command in sorted(commands, key=lambda c: c.name)
             if command.name not in unknown
         }
-
-    @property
-    def commands(self) -> Mapping[str, GcsCommand]:
-        """The commands by name."""
-        return self._commands
-
-    @property
-    def pace(self) -> Pace:
-        """How time passes."""
-        return self._state.pace
-
-    @property
-    def device(self) -> VirtualController:
-        """The controller with its stage."""
-        return self._state.device
 
     @property
     def in_control(self) -> Client | None:
@@ -149,7 +137,7 @@ class Interpreter:
             return None
         if self._macros.takes(client, words):
             return None
-        command = self._commands.get(words[0].upper())
+        command = self.commands.get(words[0].upper())
         if command is None:
             client.error = Refusal.UNKNOWN_COMMAND
             return None
@@ -244,7 +232,7 @@ class Interpreter:
         return None
 
     def _help(self, _: ControllerState, __: None) -> Reply:
-        commands = self._commands.values()
+        commands = self.commands.values()
         listed = [f"{c.name} {c.arguments} {c.text}".replace("  ", " ") for c in commands]
         return ["The following commands are valid:", *_CHARACTERS, *listed, "end of help"]
 
