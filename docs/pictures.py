@@ -382,7 +382,7 @@ PAGES = {
     "optimised.png": ("how-to/optimise.md", "better.png"),
     "piezo-hysteresis.png": ("tutorials/piezo-hysteresis.md", "piezo-hysteresis.png"),
     "sweep-map.png": ("how-to/sweep.md", "map.png"),
-    "tolerance.png": ("how-to/tolerance.md", "lot.png"),
+    "tolerance.png": ("how-to/tolerance.md", "parts.png"),
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {

@@ -346,9 +346,6 @@ class Page:
         header = re.match(r"(?:#|//|<!--) file: (\S+)", block.code)
         if header:
             (self.folder / header[1]).write_text(block.code, encoding="utf-8")
-        elif self.name == "first-stage.md" and block.code.startswith("flexstage: 1"):
-            # the reader writes it by hand, and appends to it
-            (self.folder / "guide.yaml").write_text(block.code, encoding="utf-8")
 
     def printed(self, block: Block, below: Block) -> bool:
         """Whether a block of text below a command is what it prints, and no list of files."""
