@@ -386,7 +386,7 @@ PAGES = {
 }
 #: Pictures that commands make, the last of which writes the file.
 COMMANDS = {
-    "diagram-vgtu-piezo-x.svg": ["equations vgtu-piezo --axis x --format svg --out"],
+    "diagram-vgtu-piezo-x.svg": ["equations vgtu-piezo --axis x --to svg --out"],
     "found-in-drawing.png": [
         "export vgtu-piezo --to dxf --folder .",
         "import vgtu-piezo.dxf --figure",
