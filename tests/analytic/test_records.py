@@ -837,3 +837,15 @@ def test_a_unit_stands_behind_a_column(tmp_path: Path) -> None:
     refuse(plain, "no column 'posn um'", columns=["posn um"], sample_rate=2.0)
     refuse(plain, "no column 'pos 7'", columns=["pos 7"], sample_rate=2.0)
     refuse(plain, "given two units", columns=["pos um", "0 mm"], sample_rate=2.0)
+
+
+def test_a_word_behind_a_column_is_its_unit_or_no_such_column(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("voltage [V],position [um]\n0,1\n1,2\n")
+    record = read_record(tmp_path / "r.csv", over="point")
+    assert record.channel("position um") is record.channel("position")
+    (tmp_path / "a.csv").write_text("force,acceleration\n0,1\n1,2\n")
+    shaken = read_record(tmp_path / "a.csv", columns=["force N", "acceleration g"], over="point")
+    assert shaken.channel("acceleration g").values == pytest.approx([9.80665, 19.6133])
+    for wrong in ("position filtered", "voltage as sent"):
+        with pytest.raises(RecordError, match=f"no column '{wrong}'"):
+            record.channel(wrong)

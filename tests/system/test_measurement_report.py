@@ -381,7 +381,14 @@ def test_a_bad_description_leaves_no_study(capsys, tmp_path):
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
 def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
     status, _, err = run(
-        capsys, name, "--models", "lumped,superelement", "--no-hysteresis", "--out", tmp_path
+        capsys,
+        name,
+        "--model",
+        "lumped,superelement",
+        "--parts",
+        "virtual,traditional",
+        "--folder",
+        tmp_path,
     )
     assert (status, err) == (0, "")
     results = json.loads((tmp_path / "results.json").read_text())

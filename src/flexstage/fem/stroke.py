@@ -25,7 +25,7 @@ from flexstage.system.statics import StrokeMotion
 _STEPS = 7
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FiniteStroke(StrokeMotion):
     """Motion of a platform over the stroke of a drive, from nothing, with finite displacements."""
 

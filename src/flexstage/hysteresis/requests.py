@@ -133,7 +133,7 @@ class AmplifierLimits(Request):
         """Refuse a limit of the current without what it charges."""
         if self.current is not None and self.capacitance is None:
             raise ModelError(
-                "--amplifier: a limit of the current needs the capacitance of the stack: give both"
+                "amplifier: a limit of the current needs the capacitance of the stack: give both"
             )
 
 

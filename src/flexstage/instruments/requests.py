@@ -24,10 +24,11 @@ def read_address(text: str) -> tuple[str, int]:
     (('0.0.0.0', 50000), ('::1', 0), ('127.0.0.1', 8080))
     """
     host, _, port = text.strip().rpartition(":")
-    if not port.isdecimal() or int(port) > _LAST_PORT:
+    bare = ":" in host and not (host.startswith("[") and host.endswith("]"))
+    if bare or not port.isdecimal() or int(port) > _LAST_PORT:
         raise ModelError(
             f"must be a port from 0 to {_LAST_PORT}, with an address before it or none, such as "
-            f"0.0.0.0:8080, got '{text[:60]}'"
+            f"0.0.0.0:8080 or [::1]:8080, got '{text[:60]}'"
         )
     return host.removeprefix("[").removesuffix("]") or _LOOPBACK, int(port)
 

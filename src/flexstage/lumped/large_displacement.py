@@ -44,7 +44,7 @@ class Equilibrium:
     """Newton steps that were taken."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StrokePath(StrokeMotion):
     """Motion of a probe's point over the stroke of a drive."""
 

@@ -26,7 +26,7 @@ from flexstage.system.batch import StageNumbers, arrays_of
 from flexstage.system.characteristics import pulsating_limit
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StageArrays(StageNumbers):
     """What the lumped model is made of, of many stages of one topology."""
 

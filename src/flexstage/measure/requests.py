@@ -36,10 +36,19 @@ def read_trials(text: str) -> int | str:
     return int(number)
 
 
+#: Windows of random segments (`measure.spectra.averaging.WINDOWS`, which needs NumPy).
+_WINDOWS = ("hann", "hamming", "blackman", "boxcar")
+
+
 def _exponential(window: str) -> float | None:
     """Return the share that an exponential window ends at; None of another window."""
     name, _, share = window.strip().partition(" ")
     if name != "exponential":
+        if window not in _WINDOWS:
+            raise ModelError(
+                f"there is no window '{window}': choose one of {', '.join(_WINDOWS)}, or "
+                'exponential with its value at the end of a hit, such as "exponential 5 %"'
+            )
         return None
     value = read_number(share, 'the value of the window at the end of a hit, such as "5 %"')
     if not 0.0 < value < 1.0:

@@ -82,7 +82,10 @@ def _write_rates(rates: Sequence[float | None]) -> str:
 def columns_text(columns: Sequence[str | int]) -> str:
     """Return the text of several columns."""
     texts = (str(column) for column in columns)
-    return ",".join('"' + t.replace('"', '""') + '"' if "," in t else t for t in texts)
+    quoted = (
+        '"' + t.replace('"', '""') + '"' if "," in t or t.startswith('"') else t for t in texts
+    )
+    return ",".join(quoted)
 
 
 #: What may divide columns, by the words for it; a shell passes a backslash and a letter.

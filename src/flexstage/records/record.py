@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.errors import RecordError, UnitError
 from flexstage.lazy import data_frame
 from flexstage.short_repr import short_repr
+from flexstage.units import si_unit
 
 if TYPE_CHECKING:
     import pandas
@@ -112,7 +113,12 @@ class Record:
         RecordError
             There is no such column.
         """
-        return self.channels[column_and_unit([c.name for c in self.channels], name)[0]]
+        names = [c.name for c in self.channels]
+        number, unit = column_and_unit(names, name)
+        found = self.channels[number]
+        if unit and not _is_unit(unit):
+            column_number(names, name)  # which says that there is no such column
+        return found
 
     def to_frame(self) -> "pandas.DataFrame":
         """Return time and channels as a data frame, named with their units; needs pandas."""
@@ -123,6 +129,12 @@ class Record:
             twice = sum(other.name == channel.name for other in self.channels) > 1
             frame[f"{k}: {name}" if twice else name] = channel.values
         return data_frame(frame)
+
+
+def _is_unit(text: str) -> bool:
+    with suppress(UnitError):
+        return bool(si_unit(text))
+    return False
 
 
 def column_number(names: Sequence[str], selector: str | int) -> int:

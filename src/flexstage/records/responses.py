@@ -236,7 +236,8 @@ def _asked(record: Record, columns: Sequence[str]) -> list[_Part]:
     parts = []
     for text in columns:
         name, _, unit = text.strip().rpartition(" ")
-        if not name or text.strip() in names or not (unit in _UNITS or _is_unit(unit)):
+        whole = text.strip() in names or f"{text.strip()} real" in names
+        if not name or whole or not (unit in _UNITS or _is_unit(unit)):
             name, unit = text.strip(), ""
         if f"{name} real" in names and f"{name} imaginary" in names:
             wanted = [f"{name} real", f"{name} imaginary"]

@@ -51,7 +51,7 @@ class StageNumbers:
         return max(x.shape[0] for x in arrays_of(self).values())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class SystemBatch(StageNumbers):
     r"""Stages of one topology as systems of rigid bodies, with a leading axis of samples.
 

@@ -141,8 +141,8 @@ def _in_unit(test: Test, record: Record, role: str, named: str) -> Channel:
         expected = "a unit of angle" if allowed == ("rad",) else expected
         raise RecordError(
             f"test '{test.name}': column '{channel.name}' {got}, and '{role}' needs {expected}: "
-            f"give it, such as {role}={'mrad' if allowed == ('rad',) else 'um'}, or choose another "
-            "column"
+            f'give it behind the column, such as {role}="{channel.name} '
+            f'{"mrad" if allowed == ("rad",) else "um"}", or choose another column'
         )
     return channel
 

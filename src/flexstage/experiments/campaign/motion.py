@@ -248,8 +248,8 @@ def _centres(record: Record, sphere: str) -> Array:
         if channel.unit != "m":
             got = f"is in {channel.unit}" if channel.unit else "does not give its unit"
             raise RecordError(
-                f"column '{name}' {got}, and a sphere needs a unit of length: give it, such as "
-                "spheres=mm"
+                f"column '{name}' {got}, and a sphere needs a unit of length: give it behind "
+                f'the sphere, such as spheres="{sphere} mm"'
             )
         found.append(channel.values)
     require_live(record, [sphere_columns(sphere)[0]])

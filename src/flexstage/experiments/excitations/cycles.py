@@ -168,6 +168,8 @@ class Designed(Excite, ExciteRequest):
 
     axis: str
     """The axis, of a piezo stack."""
+    multisine: bool = False
+    """Add a small multisine at the natural frequency."""
 
     def __post_init__(self) -> None:
         require_fields(self, ExciteRequest, PlanError, " of designed")

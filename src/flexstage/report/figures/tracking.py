@@ -137,7 +137,8 @@ def _over_time(axes: "Axes", curves: Sequence[_Curve], head: float) -> None:
         axes.plot(time, error, color=colour, linewidth=0.7, label=label)
     top = max((float(np.abs(error).max()) for _, error, _, _ in curves), default=0.0)
     axes.set_ylim(-1.1 * top, head * top)
-    axes.set_xlim(curves[0][0][0], max(float(time[-1]) for time, _, _, _ in curves))
+    if curves:
+        axes.set_xlim(curves[0][0][0], max(float(time[-1]) for time, _, _, _ in curves))
     add_legend(axes, loc="upper left", size=7.0)
 
 
