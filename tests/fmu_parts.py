@@ -20,6 +20,7 @@ from flexstage.export.fmu import fmu_file
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.hysteresis import CreepSpectrum, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from tests.c_compiler import EXACT
 
 __all__ = [
     "STEPPED",
@@ -83,8 +84,8 @@ def model(name: str, step: float = 1e-4) -> DynamicModel:
 def _archive(name: str, version: str, step: float) -> bytes:
     with pytest.MonkeyPatch.context() as patch:
         if name != "piezo":
-            # the full stage alone is compiled as it is exported: more optimisation takes longer
-            patch.setattr(fmu_file, "OPTIONS", ("-std=c99", "-O1", "-ffp-contract=off"))
+            # the full stage alone is compiled as it is exported: optimisation takes long
+            patch.setattr(fmu_file, "OPTIONS", ("-std=c99", *EXACT))
         made = fmu_files(model(name, step), version=version, binary=True)  # type: ignore[arg-type]
     return next(iter(made.values()))
 

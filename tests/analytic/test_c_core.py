@@ -124,7 +124,7 @@ def test_full_piezo_stage_gives_the_same_bits(full: DynamicModel, tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flags", [("-O0",), ("-O2",), ("-O3",), ("-O3", "-march=native")])
+@pytest.mark.parametrize("flags", [("-O1",), ("-O2",), ("-O3",), ("-O3", "-march=native")])
 def test_optimisation_does_not_change_a_bit(
     full: DynamicModel, tmp_path: Path, flags: tuple[str, ...]
 ) -> None:

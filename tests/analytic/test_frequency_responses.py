@@ -564,7 +564,6 @@ def test_power_of_a_density_is_that_of_the_signal() -> None:
     assert whole.rms().value == pytest.approx(np.sqrt(np.mean(u**2)), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     name=st.sampled_from(sorted(WINDOWS)), length=st.integers(16, 300), part=st.floats(0.05, 1.0),
     segments=st.integers(1, 40),

@@ -42,7 +42,9 @@ RANGES = (
     "platform_height=8..20 mm",
     "leg_spacing=30..60 mm",
 )
-LUMPED = SearchOptions(model="lumped", evaluations=1500, starts=1)
+LUMPED = SearchOptions(model="lumped", evaluations=1500, starts=0)
+#: From another start as well, which a seed gives.
+AGAIN = replace(LUMPED, starts=1)
 
 
 def problem(
@@ -70,7 +72,7 @@ def problem(
 
 @pytest.fixture(scope="module")
 def sound() -> Optimum:
-    return find_optimum(problem("stress.x <= 90 MPa", walls=True), LUMPED)
+    return find_optimum(problem("stress.x <= 90 MPa", walls=True), AGAIN)
 
 
 def rate(found: Optimum, name: str) -> float:
@@ -183,7 +185,7 @@ def test_best_is_a_sound_stage_and_its_file_loses_nothing(sound: Optimum) -> Non
 
 
 def test_same_seed_same_optimum(sound: Optimum) -> None:
-    again = find_optimum(problem("stress.x <= 90 MPa"), LUMPED)
+    again = find_optimum(problem("stress.x <= 90 MPa"), AGAIN)
     assert np.array_equal(sound.point, again.point)
 
 

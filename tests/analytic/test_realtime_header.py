@@ -20,7 +20,7 @@ from flexstage.export.realtime.comment import command_span, operations, rounding
 from flexstage.export.realtime.files import amalgamated, realtime_files
 from flexstage.hysteresis import DynamicModel, LogCreep, PrandtlIshlinskii, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
-from tests.c_compiler import EXACT, compile_program, compiler, load_library, write_files
+from tests.c_compiler import OPTIMISED, compile_program, compiler, load_library, write_files
 
 _STAGES = {name: design(name) for name in ("vgtu-piezo", "vgtu-mechanical")}
 _SYSTEMS = {name: lumped_system(stage) for name, stage in _STAGES.items()}
@@ -114,7 +114,7 @@ def _stepped(model: DynamicModel, commands: np.ndarray) -> np.ndarray:
 
 def _in_both_precisions(tmp_path: Path, model: DynamicModel) -> ctypes.CDLL:
     files = _files(model, "st") | _files(model, "sf", "single")
-    return load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
+    return load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files, flags=OPTIMISED)
 
 
 @_NAMES
@@ -185,7 +185,7 @@ def test_slow_creep_is_not_lost_in_single_precision(tmp_path: Path) -> None:
 def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
     model = _model("vgtu-piezo", keep_modes=2, creep=None, sensors={})
     files = _files(model, "st") | _files(model, "sf", "single")
-    library = load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files)
+    library = load_library(tmp_path, _wrapper("st") + _wrapper("sf"), files=files, flags=OPTIMISED)
     steps = 300_000
     up = np.linspace(0.0, 120.0, steps).astype(np.float32).astype(np.float64)
     commands = np.column_stack((up, 0.0 * up))
@@ -243,7 +243,7 @@ def test_it_compiles_without_a_warning(
     flags += ("-Wconversion", "-Wdouble-promotion")
     example = files["st_example.c"].decode()
     program = compile_program(
-        tmp_path, example, files=files, strict=flags, with_compiler=plus, flags=EXACT
+        tmp_path, example, files=files, strict=flags, with_compiler=plus, flags=OPTIMISED
     )
     done = subprocess.run([program], capture_output=True, text=True, check=True)
     rows = list(csv.reader(io.StringIO(done.stdout)))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
@@ -277,7 +277,6 @@ segments = st.lists(
 
 
 @given(segments, st.floats(-0.45, 0.45))
-@settings(max_examples=60, deadline=None)
 def test_sums_of_segments_against_hulls(columns: list[tuple[float, ...]], level: float):
     """Volume, outline and sections of any sum of segments, those of the hull of its 2^d corners."""
     g = np.array(columns).T

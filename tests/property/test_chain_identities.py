@@ -49,7 +49,6 @@ def linear_elements(draw: st.DrawFn) -> ChainElement:
     )
 
 
-@settings(max_examples=60, deadline=None)
 @given(linear_elements(), sequences, st.floats(1e-5, 0.02), st.integers(2, 5))
 def test_cutting_lines_changes_nothing(
     element: ChainElement, x: Array, dt: float, parts: int
@@ -60,7 +59,6 @@ def test_cutting_lines_changes_nothing(
     assert np.abs(whole - cut).max() < 1e-9
 
 
-@settings(max_examples=60, deadline=None)
 @given(linear_elements(), sequences, st.floats(1e-5, 0.02), st.data())
 def test_cutting_records_changes_nothing(
     element: ChainElement, x: Array, dt: float, data: st.DataObject
@@ -75,7 +73,6 @@ def test_cutting_records_changes_nothing(
     assert np.allclose(second.state, whole.state, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
 @given(linear_elements(), sequences, sequences, st.floats(-3.0, 3.0), st.floats(1e-5, 0.02))
 def test_linear_elements_add_up(
     element: ChainElement, a: Array, b: Array, factor: float, dt: float
@@ -86,7 +83,6 @@ def test_linear_elements_add_up(
     assert np.abs(both - apart).max() < 1e-10
 
 
-@settings(max_examples=60, deadline=None)
 @given(spectra(), sequences, st.floats(1e-5, 10.0))
 def test_a_spectrum_undoes_itself_both_ways(creep: CreepSpectrum, x: Array, dt: float) -> None:
     there = creep.simulate(creep.inverse(x, dt).values, dt).values
@@ -95,7 +91,6 @@ def test_a_spectrum_undoes_itself_both_ways(creep: CreepSpectrum, x: Array, dt: 
     assert np.abs(back - x).max() < 1e-10
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(0.0, 0.2), times, st.floats(1.5, 1e4), sequences, st.floats(1e-5, 10.0))
 def test_creep_undoes_itself_both_ways(
     rate: float, shortest: float, span: float, x: Array, dt: float
@@ -107,7 +102,6 @@ def test_creep_undoes_itself_both_ways(
     assert np.abs(back - x).max() < 1e-10
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     sequences,
     st.floats(1e-5, 0.02),

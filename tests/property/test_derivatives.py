@@ -138,7 +138,7 @@ def _every_parameter(name: str, chosen: slice) -> None:
     [
         ("vgtu-piezo", slice(3, 40, 14)),
         ("three-rrr", slice(0, 20, 5)),
-        ("gantry", slice(None)),
+        ("gantry", slice(0, None, 3)),
         ("scott-russell", slice(0, 22, 6)),
         ("cartwheel", slice(1, 15, 4)),
     ],
@@ -150,8 +150,9 @@ def test_derivatives_by_parameters_of_a_design(name: str, chosen: slice) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
-def test_derivatives_by_every_parameter_of_every_design(name: str) -> None:
-    _every_parameter(name, slice(None))
+def test_derivatives_by_parameters_of_every_design(name: str) -> None:
+    # every second one: of two axes that are made alike, and of necks and lengths in turn
+    _every_parameter(name, slice(None, None, 2))
 
 
 def _every_hinge(name: str, chosen: slice) -> None:
@@ -224,8 +225,8 @@ def test_derivatives_by_what_a_hinge_is_on_its_own(name: str, chosen: slice) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
-def test_derivatives_by_what_every_hinge_is_on_its_own(name: str) -> None:
-    _every_hinge(name, slice(None, None, 3))
+def test_derivatives_by_what_hinges_of_every_design_are_on_their_own(name: str) -> None:
+    _every_hinge(name, slice(None, None, 6))
 
 
 def test_of_two_modes_of_one_frequency_any_mixture_gives_the_same(monkeypatch) -> None:

@@ -346,9 +346,9 @@ def renamed(stage: Stage) -> Stage:
     )
 
 
-def studied(stage: Stage) -> dict[str, Any]:
+def studied(stage: Stage, *, experiments: bool) -> dict[str, Any]:
     """Return all that a study of rigid bodies gives, by the names that the parts had at first."""
-    study = run_study(stage, parts="identification,virtual")
+    study = run_study(stage, parts="identification,virtual" if experiments else "none")
     text = results_json(study.to_dict()).decode()
     require_valid(json.loads(text), "study")
     results = json.loads(re.sub("(body|hinge|drive|probe|axis)_of_", "", text))
@@ -370,10 +370,14 @@ def takes_long(name: str) -> bool:
 )
 def test_a_study_does_not_depend_on_names(name: str) -> None:
     stage = design(name)
+    # experiments with a stack take long, and ask for no more of a stage than the piezo stage has:
+    # two axes and drives, and figures of each
+    experiments = name == "vgtu-piezo" or not takes_long(name)
     # what is identified of a record that is alike to the last bit, is alike; so is a stack of
     # the same loop
     with computed_once("flexstage.studies.compensation", "identify"), set_once():
-        assert studied(renamed(stage)) == studied(stage)
+        own, other = (studied(s, experiments=experiments) for s in (stage, renamed(stage)))
+    assert other == own
 
 
 def test_hysteresis_is_found_whatever_axis_and_probe_are_called(

@@ -19,7 +19,7 @@ turns = st.floats(-4.0, 4.0)
 shifts = st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(profiles(), turns, shifts)
 def test_area_and_necks_of_any_guide(profile, turn, shift) -> None:
     stage = guide(profile, turn, shift)
@@ -36,7 +36,7 @@ def test_area_and_necks_of_any_guide(profile, turn, shift) -> None:
         assert math.dist(neck.right, neck.left) == pytest.approx(profile.neck_thickness, abs=1e-15)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(profiles(), turns, st.floats(0.02e-3, 0.4e-3))
 def test_a_wire_path_either_leaves_the_necks_or_is_refused(profile, turn, offset) -> None:
     plate = plate_contours(guide(profile, turn))
@@ -66,7 +66,6 @@ curves = st.builds(Curve, st.tuples(numbers, numbers), st.tuples(numbers, number
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(curves, curves)
 def test_distance_is_symmetric_and_below_that_of_points(a, b) -> None:
     d = distance(a, b)
@@ -75,7 +74,6 @@ def test_distance_is_symmetric_and_below_that_of_points(a, b) -> None:
         assert d <= point_distance(a.point(k / 10), b) + 1e-9
 
 
-@settings(max_examples=50, deadline=None)
 @given(curves, st.floats(0.001, 0.02))
 def test_a_parallel_curve_is_everywhere_at_its_distance(curve, offset) -> None:
     moved = curve.shifted(offset)

@@ -95,7 +95,7 @@ _FLAT = PowerFunction(
 )
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(notches(), turns, shifts)
 @example(_LONG, 0.0, (0.0, 0.0))
 @example(_STEEP, 2.983444411093359, (0.0, 0.0))
@@ -105,7 +105,7 @@ def test_some_guides_come_back(profile, turn, shift) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(notches(), turns, shifts)
 def test_many_guides_come_back(profile, turn, shift) -> None:
     _comes_back(profile, turn, shift)

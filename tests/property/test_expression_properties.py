@@ -4,7 +4,7 @@ from decimal import Decimal
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flexstage.designs import find_stage, parameters_of
@@ -92,7 +92,6 @@ VALUES = st.sampled_from(
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.dictionaries(
         NAMES_OF_A_DESIGN | st.text(max_size=9), VALUES | st.text(max_size=9), max_size=3

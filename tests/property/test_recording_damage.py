@@ -17,9 +17,7 @@ from tests.recordings import RATE, assert_true, written
 CHUNKS = [3, 1, 8, 2, 5, 6, 1, 1]
 STARTS = np.cumsum([0, *CHUNKS]).tolist()
 TOTAL = STARTS[-1]
-SETTINGS = settings(
-    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+SETTINGS = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture

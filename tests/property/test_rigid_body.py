@@ -38,7 +38,6 @@ def by_quaternion(a: Array, b: Array) -> tuple[Array, Array]:
     return R, b.mean(0) - R @ a.mean(0)
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=seeds, count=st.integers(3, 7), plane=st.booleans())
 def test_the_fit_equals_the_quaternion_solution(seed: int, count: int, plane: bool) -> None:
     random = np.random.default_rng(seed)

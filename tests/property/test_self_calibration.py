@@ -37,7 +37,6 @@ def kept(scale: ScaleErrors, orders: tuple[int, ...]) -> ScaleErrors:
     return ScaleErrors(orders=orders, cosine=scale.cosine[seen], sine=scale.sine[seen])
 
 
-@settings(max_examples=60, deadline=None)
 @given(heads=HEADS, seed=SEEDS, motion=st.booleans())
 def test_what_is_seen_is_found_and_the_rest_is_named(heads, seed, motion) -> None:
     alpha = np.array(heads)
@@ -119,7 +118,6 @@ def test_two_scales_in_any_positions(positions, seed) -> None:
     assert found[0].blind == found[1].blind
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=SEEDS)
 def test_the_nearest_reachable_point(seed) -> None:
     random = np.random.default_rng(seed)

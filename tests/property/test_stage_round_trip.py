@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
 from flexstage.errors import StageError
@@ -17,7 +17,7 @@ from tests.reference_stages import NAMES, reference_stage
 from tests.strategies import drives, profiles, stages
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(stages())
 def test_round_trip(stage: Stage) -> None:
     for shared in (False, True):
@@ -33,17 +33,24 @@ def test_round_trip_of_the_reference_stages(name: str) -> None:
     assert content_hash(stage_from_text(stage_to_text(stage))) == content_hash(stage)
 
 
+def kinds_of(strategy: st.SearchStrategy[object]) -> set[type]:
+    seen: set[type] = set()
+
+    @settings(phases=[Phase.generate], max_examples=300, deadline=None)
+    @given(strategy)
+    def look(value: object) -> None:
+        seen.add(type(value))
+
+    look()
+    return seen
+
+
 @pytest.mark.slow
 def test_every_kind_is_in_the_strategies() -> None:
-    from hypothesis import Phase, find
-
-    # the first of a kind will do: no simpler one is looked for
-    first = settings(phases=[Phase.generate], max_examples=2000, deadline=None)
     for family, strategy in zip(
         STAGE_FILE.families, (drives("d", ["a", "b"]), profiles()), strict=True
     ):
-        for kind in STAGE_FILE.families[family].values():
-            find(strategy, lambda value, kind=kind: type(value) is kind, settings=first)
+        assert kinds_of(strategy) == set(STAGE_FILE.families[family].values())
 
 
 @given(st.text(max_size=200))

@@ -69,7 +69,7 @@ def as_described() -> np.ndarray:
     return figures(superelement_model(hinged_bars(), FINE, cache=False))
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(st.floats(0.05, 2.0 * math.pi - 0.05))
 def test_a_turned_stage_has_the_same_figures(angle: float) -> None:
     turned = moved(hinged_bars(), PlaneMotion(angle=angle, shift=(0.01, 0.03)))

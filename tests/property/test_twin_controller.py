@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
@@ -109,7 +109,6 @@ def portions(total: int, draw: st.DataObject) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", ["piezo", "screw"])
-@settings(max_examples=60, deadline=None)
 @given(conversation=conversations, data=st.data())
 def test_time_in_portions_makes_no_difference(
     kind: str, conversation: list[tuple[list[Command], int]], data: st.DataObject
@@ -132,7 +131,6 @@ def test_time_in_portions_makes_no_difference(
 
 
 @pytest.mark.parametrize("kind", ["piezo", "screw"])
-@settings(max_examples=80, deadline=None)
 @given(conversation=conversations)
 def test_nothing_that_is_said_leads_outside_the_limits(
     kind: str, conversation: list[tuple[list[Command], int]]

@@ -262,36 +262,3 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
     status, said, err = run(capsys, *words, "--yes")
     assert (status, err) == (0, "")
     assert "nothing was measured" not in said
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_whole_piezo_plan_reaches_what_it_is_for(capsys, tmp_path):
-    out = tmp_path / "run"
-    address = "twin://?seed=3&model=superelement"
-    status, said, err = run(capsys, "vgtu-piezo", "--instrument", address, "--out", out, "--json")
-    assert (status, err) == (0, "")
-    result = json.loads(said)
-    figures = {(f["quantity"], f["axis"]): f["value"] for f in result["figures"]}
-    for axis, stroke, frequency in (("x", 63.12e-6, 337.0), ("y", 60.9e-6, 526.93)):
-        assert figures["output_displacement", axis] == pytest.approx(stroke, rel=0.08)
-        assert figures["natural_frequency_hz", axis] == pytest.approx(frequency, rel=0.05)
-    runs = {
-        (s["name"], r["way"]): (r, s["stroke"])
-        for s in result["steps"] if s["verb"] == "verify" for r in s["runs"]
-    }  # fmt: skip
-    for axis in "xy":
-        # the study: 93.9 and 94.3 % by the inverse of its Bouc-Wen model
-        assert runs[f"inverse-bouc-wen-{axis}", "inverse"][0]["reduction_percent"] > 93.0
-        best, stroke = runs[f"inverse-preisach-{axis}", "inverse"]
-        assert best["reduction_percent"] > 98.5
-        assert best["tracking_rms"] < 0.005 * stroke
-        # 5 nm of the sensor and 10 nm of the mains are in what it reads
-        assert runs[f"control-{axis}", "both"][0]["tracking_rms"] < 25e-9
-        assert runs[f"control-{axis}", "learning"][0]["tracking_rms"] < 25e-9
-    page = (out / "report.html").read_text()
-    # every loop beside what was published of it, and the model beside its own
-    cells = ("<td>0.43</td>", "<td>7.91</td>", "<td>1.05</td>")
-    for text in ("published, axis y: inverse of Bouc-Wen", *cells):
-        assert text in page, text
-    assert page.count('class="plot"') > 30

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import dask.config
 import psutil
@@ -102,15 +103,35 @@ def killed(process: psutil.Popen) -> list[str]:
     return process.args
 
 
+def configured(cluster: Loopback) -> Any:
+    """This process as one that the configuration of the cluster was given to."""
+    own = dask.config.collect(paths=[cluster.environment["DASK_CONFIG"]], env={})
+    return dask.config.set(dask.config.merge(dask.config.config, own))
+
+
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Loopback]:
+    """One that a test may do harm to."""
     folder = tmp_path / "cluster"
     folder.mkdir()
     started = Loopback(folder)
-    own = dask.config.collect(paths=[started.environment["DASK_CONFIG"]], env={})
-    with dask.config.set(dask.config.merge(dask.config.config, own)):
+    with configured(started):
         yield started
     started.end()
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loopback]:
+    cluster = Loopback(tmp_path_factory.mktemp("cluster"))
+    yield cluster
+    cluster.end()
+
+
+@pytest.fixture
+def unharmed(started: Loopback) -> Iterator[Loopback]:
+    """One for all tests that leave it as it is."""
+    with configured(started):
+        yield started
 
 
 def job(lasts: float = 0.02, count: int = 211) -> Job:
@@ -124,13 +145,13 @@ def test_the_manual_prints_a_scheduler_workers_and_a_command():
     ]  # fmt: skip
 
 
-def test_the_commands_of_the_manual_give_what_one_process_gives(cluster):
-    shared = cluster.run(*cluster.command, "--json", "--quiet")
+def test_the_commands_of_the_manual_give_what_one_process_gives(unharmed):
+    shared = unharmed.run(*unharmed.command, "--json", "--quiet")
     assert shared.returncode == 0, shared.stderr
     assert shared.stderr == ""
-    scheduler = cluster.command.index("--scheduler")
-    words = cluster.command[:scheduler] + cluster.command[scheduler + 2 :]
-    alone = cluster.run(*words, "--workers", "1", "--json", "--quiet")
+    scheduler = unharmed.command.index("--scheduler")
+    words = unharmed.command[:scheduler] + unharmed.command[scheduler + 2 :]
+    alone = unharmed.run(*words, "--workers", "1", "--json", "--quiet")
     assert alone.returncode == 0, alone.stderr
     one, other = json.loads(alone.stdout), json.loads(shared.stdout)
     for result in (one, other):
@@ -190,13 +211,13 @@ def test_without_workers_it_waits_and_says_so(cluster):
     assert any("no worker is connected, waiting for one" in what for what in said)
 
 
-def test_other_versions_are_refused(cluster, monkeypatch):
+def test_other_versions_are_refused(unharmed, monkeypatch):
     own = cluster_module.versions()
     monkeypatch.setattr(cluster_module, "versions", lambda: {**own, "numpy": "1.9.9"})
     has = f"the scheduler has numpy {own['numpy']} and this computer numpy 1.9.9: .* install the"
     with (
         pytest.raises(WorkerError, match=has),
-        open_workers(scheduler=cluster.address) as workers,
+        open_workers(scheduler=unharmed.address) as workers,
     ):
         workers.run(job())
 
@@ -241,8 +262,8 @@ def test_an_address_that_is_not_encrypted_is_refused(address, demanded):
         workers.run(job())
 
 
-def test_who_has_no_certificate_is_not_let_in(cluster):
-    address = cluster.address.replace("tls://", "tcp://")
+def test_who_has_no_certificate_is_not_let_in(unharmed):
+    address = unharmed.address.replace("tls://", "tcp://")
     # the scheduler listens by TLS alone: another client gets no word of it
     with (
         pytest.raises(WorkerError, match=f"no Dask scheduler answers at {address}"),
@@ -252,7 +273,7 @@ def test_who_has_no_certificate_is_not_let_in(cluster):
         workers.run(job())
 
 
-def test_what_is_no_scheduler_is_a_sentence(cluster, monkeypatch):
+def test_what_is_no_scheduler_is_a_sentence(unharmed, monkeypatch):
     """A server of another kind, which says nothing, and a worker."""
     monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
     with socket.socket() as silent:
@@ -266,14 +287,14 @@ def test_what_is_no_scheduler_is_a_sentence(cluster, monkeypatch):
             workers.run(job())
 
 
-def test_ctrl_c_is_left_to_the_cluster(cluster, tmp_path):
+def test_ctrl_c_is_left_to_the_cluster(unharmed, tmp_path):
     """A command that is interrupted leaves the workers to others."""
     words = [
         "flexstage", "tolerance", "vgtu-piezo", "--samples", "2000000", "--scheduler",
-        cluster.address, "--folder", str(tmp_path / "made"), "--model", "lumped",
+        unharmed.address, "--folder", str(tmp_path / "made"), "--model", "lumped",
     ]  # fmt: skip
     process = subprocess.Popen(
-        words, env=cluster.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        words, env=unharmed.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         cwd=tmp_path, start_new_session=True,
     )  # fmt: skip
     batches = tmp_path / "made" / "unfinished"
@@ -286,5 +307,5 @@ def test_ctrl_c_is_left_to_the_cluster(cluster, tmp_path):
     assert "Traceback" not in said
     assert said.splitlines()[-1] == "flexstage: interrupted"
     assert len(list(batches.glob("batch-*.npz"))) >= 3
-    with open_workers(scheduler=cluster.address) as workers:
+    with open_workers(scheduler=unharmed.address) as workers:
         assert len(workers.run(job(0.0, 30))["energy"]) == 30

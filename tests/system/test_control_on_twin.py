@@ -146,35 +146,6 @@ def loop_response(servo):
 
 
 @pytest.mark.slow
-def test_identified_and_followed_through_the_commands_of_a_controller() -> None:
-    with connect("twin://vgtu-piezo?model=lumped&seed=5") as twin:
-        axis = twin.axes["x"]
-        made = excitation(
-            (0.0, 120.0), sample_rate=10e3, rates=(1.0, 50.0), frequency=820.0,
-            slew=3e4, duration=25.0,
-        )  # fmt: skip
-        wave = Waveform(values={"x": made.voltage}, sample_rate_hz=10e3, quantity="voltage")
-        record = run_waveform(twin, wave, SIGNALS[:2], rate_hz=10e3)
-        # the command, and not the voltage after the amplifier, is what can be commanded again
-        command = Channel(name="command", values=made.voltage[: record.size], unit="V")
-        model = identify(
-            Record(channels=(*record.channels, command), time=record.time), "command", "x",
-            model=("preisach",),
-        ).model  # fmt: skip
-        tuning = tune(model, sample_rate_hz=10e3)
-        assert loop_margins(tuning.plant, tuning.settings).stable
-        wanted = sine("x", 12e-6, 60e-6, 20.0, sample_rate_hz=10e3)
-        run = control_run(
-            "feedforward and feedback", wanted, periods=20, models={"x": model},
-            servo={"x": tuning.settings}, limits={"x": axis.limits}, reading_delay=1e-4,
-        )  # fmt: skip
-        got = evaluate_record(carry_out(twin, run, SIGNALS, rate_hz=10e3), "x", wanted, "x", skip=2)
-        # as the sensor reads it: 5 nm of noise, and what is left of 20 Hz and its harmonics
-        assert got.whole.rms < 30e-9
-        assert got.random_rms < 10e-9
-
-
-@pytest.mark.slow
 def test_feedforward_of_a_quick_identification() -> None:
     """Two rates, a thousand samples a second, no resonance: what takes seconds to identify."""
     stage = virtual_stage(design("vgtu-piezo"), seed=4)
@@ -191,8 +162,10 @@ def test_feedforward_of_a_quick_identification() -> None:
         time=made.time,
     )
     model = identify(record, "voltage", "y", model=("preisach",)).model
+    tuning = tune(model, sample_rate_hz=10e3)
+    assert loop_margins(tuning.plant, tuning.settings).stable
     own = control_evidence.Bench(
-        stage=stage, axis="y", model=model, tuning=tune(model, sample_rate_hz=10e3),
+        stage=stage, axis="y", model=model, tuning=tuning,
         middle=36e-6, reach=(8e-6, 64e-6), told=[command[1, ::10]],
     )  # fmt: skip
     found = control_evidence.feedforward_figures(own)

@@ -64,10 +64,10 @@ def _mutants(source: Path, folder: Path, first: int, stop: int) -> list[str]:
 
 @pytest.mark.slow
 def test_no_damage_ends_the_program(whole: Path, tmp_path: Path) -> None:
-    lines = _mutants(whole, tmp_path, 0, 15)
+    lines = _mutants(whole, tmp_path, 0, 8)
     # the damages are real ones
-    assert sum("the geometry kernel broke down" in line for line in lines) > 5
-    assert sum(line.endswith(": read") for line in lines) > 5
+    assert sum("the geometry kernel broke down" in line for line in lines) > 2
+    assert sum(line.endswith(": read") for line in lines) > 2
 
 
 @pytest.mark.evidence

@@ -305,9 +305,9 @@ def test_a_scale_is_centred_from_its_file_and_from_its_record(tmp_path: Path) ->
     np.savetxt(path, columns, delimiter=",", header="angle,error", comments="")
     asked = {"error": "error", "angle": "angle", "unit": "deg", "radius": radius}
     found = fs.centre(path, **asked)
-    assert found.result["eccentricity"]["x"] == pytest.approx(e[0], abs=1e-10)
+    assert found.to_dict()["eccentricity"]["x"] == pytest.approx(e[0], abs=1e-10)
     again = fs.centre(fs.read_record(path, over="point"), **asked)
-    assert again.result["eccentricity"] == found.result["eccentricity"]
+    assert again.to_dict()["eccentricity"] == found.to_dict()["eccentricity"]
 
 
 def test_tests_and_drives_are_evaluated(tmp_path: Path) -> None:

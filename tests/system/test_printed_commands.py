@@ -188,7 +188,8 @@ def interrupted(folder: Path) -> None:
 
 
 def taken_up(folder: Path) -> None:
-    """What that run says afterwards: it has every step, and repeated none that it had."""
+    """What both runs say afterwards: the second has every step, and repeated none that it had."""
+    reached(folder / "first-run")
     first, second = (
         json.loads((folder / name / "run.json").read_text("utf-8"))["steps"]
         for name in ("first-run", "second-run")
@@ -197,6 +198,34 @@ def taken_up(folder: Path) -> None:
     assert {step["status"] for step in second.values()} == {"complete"}
     again = [name for name in first if second[name] != first[name]]
     assert again == ["control-y"]
+
+
+def reached(folder: Path) -> None:
+    """What the whole plan of the piezo stage is for."""
+    result = json.loads((folder / "results.json").read_text("utf-8"))
+    figures = {(f["quantity"], f["axis"]): f["value"] for f in result["figures"]}
+    for axis, stroke, frequency in (("x", 63.12e-6, 337.0), ("y", 60.9e-6, 526.93)):
+        assert figures["output_displacement", axis] == pytest.approx(stroke, rel=0.08)
+        assert figures["natural_frequency_hz", axis] == pytest.approx(frequency, rel=0.05)
+    runs = {
+        (s["name"], r["way"]): (r, s["stroke"])
+        for s in result["steps"] if s["verb"] == "verify" for r in s["runs"]
+    }  # fmt: skip
+    for axis in "xy":
+        # the study: 93.9 and 94.3 % by the inverse of its Bouc-Wen model
+        assert runs[f"inverse-bouc-wen-{axis}", "inverse"][0]["reduction_percent"] > 93.0
+        best, stroke = runs[f"inverse-preisach-{axis}", "inverse"]
+        assert best["reduction_percent"] > 98.5
+        assert best["tracking_rms"] < 0.005 * stroke
+        # 5 nm of the sensor and 10 nm of the mains are in what it reads
+        assert runs[f"control-{axis}", "both"][0]["tracking_rms"] < 25e-9
+        assert runs[f"control-{axis}", "learning"][0]["tracking_rms"] < 25e-9
+    page = (folder / "report.html").read_text("utf-8")
+    # every loop beside what was published of it, and the model beside its own
+    cells = ("<td>0.43</td>", "<td>7.91</td>", "<td>1.05</td>")
+    for text in ("published, axis y: inverse of Bouc-Wen", *cells):
+        assert text in page, text
+    assert page.count('class="plot"') > 30
 
 
 def solid(file: Path) -> None:

@@ -10,14 +10,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexstage.experiments.excitations.designed import excitation_of
 from netgen.occ import Box
 
 import flexstage as fs
 from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
+from flexstage.errors import ModelError
 from flexstage.experiments import dry_run, find_plan, read_plan
+from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
+from flexstage.experiments.campaign.results import characterise_files
+from flexstage.experiments.excitations.cycles import excitation_of
+from flexstage.explore.requests import SensitivityRequest, SweepRequest
 from flexstage.fem.part_analysis import part_result
+from flexstage.files.request import Request, recorded, request_of
 from flexstage.files.result import Result
 from flexstage.hinges.hinge_figures import notch_of
 from flexstage.hinges.requests import HingesRequest
@@ -29,6 +34,7 @@ from flexstage.hysteresis.requests import (
     CompensateRequest,
     ExciteRequest,
     IdentifyRequest,
+    KnownChain,
     PredictRequest,
 )
 from flexstage.measure import read_budget
@@ -37,9 +43,9 @@ from flexstage.measure.requests import FrfRequest
 from flexstage.measure.uncertainty.evaluate import evaluate
 from flexstage.records.read import read_files
 from flexstage.report.figures.style import encode
-from flexstage.studies import run_study
+from flexstage.studies import compare_measurement, run_study
 from flexstage.studies.models import run_models
-from flexstage.studies.requests import AnalyseRequest, StudyRequest
+from flexstage.studies.requests import AnalyseRequest, ModelOptions, StudyRequest
 
 BUDGET = """
 quantity: gap
@@ -66,6 +72,9 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     y = 0.31 * u + 0.04 * late + 3e-3 * rng.standard_normal(t.size)
     table("drive.csv", "time (s),u (V),y (um)", t, u, y)
     table("wanted.csv", "time (s),y (um)", t, 0.9 * y + 1.0)
+    cycles = 50.0 - 50.0 * np.cos(2.0 * np.pi * np.arange(1500) / 300.0)
+    moved = 0.63 * cycles + 0.01 * rng.standard_normal(cycles.size)
+    table("motion.csv", "time (s),u (um),y (um)", np.arange(cycles.size) / 100.0, cycles, moved)
     theta = np.arange(360) * 2.0 * np.pi / 360
     error = 3e-4 * np.cos(theta - 0.3) + 1e-6 * rng.standard_normal(theta.size)
     table("turn.csv", "angle (rad),error (rad)", theta, error)
@@ -90,15 +99,15 @@ def run(*words: str) -> int:
 
 
 WITHOUT_PROGRESS = {"hinges", "excite", "predict", "compensate", "centre"}
-IDENTIFY = "identify drive.csv --input u --output y --model dahl --delay 0s"
+IDENTIFY = "identify drive.csv --input u --output y --model dahl --known delay=0s"
 
 
 def drive() -> list[Any]:
-    return read_files([Path("drive.csv")], ["u", "y"], units=[None, None], even=True)
+    return read_files([Path("drive.csv")], ["u", "y"], even=True)
 
 
 def identified(*, tested: bool = False) -> Result:
-    request = IdentifyRequest(model=("dahl",), delay=0.0)
+    request = IdentifyRequest(model=("dahl",), known=KnownChain(delay=0.0))
     found = fs.identify(drive(), "u", "y", request)
     others = predict_each(found.model, drive(), "u", "y") if tested else []
     return replace(found, tested=tuple(others))
@@ -113,7 +122,7 @@ class Job:
     figure: bool = True
 
 
-STUDY = "--no-identification --no-virtual --no-traditional --no-cache --folder study"
+STUDY = "--parts none --no-cache --folder study"
 NECK = "leg.notch.neck_thickness"
 JOBS = {
     "hinges": Job(
@@ -178,7 +187,7 @@ JOBS = {
         "compensate m.yaml --reference wanted.csv --column y --voltage 0:110",
         lambda: compensate(
             read_model_file(Path("m.yaml")),
-            read_files([Path("wanted.csv")], ["y"], units=[None], even=True)[0],
+            read_files([Path("wanted.csv")], ["y"], even=True)[0],
             "y",
             CompensateRequest(voltage=(0.0, 110.0)),
         ),
@@ -191,8 +200,8 @@ JOBS = {
         ),
     ),
     "decay": Job(
-        "frf decay.csv --ring-down --output 1",
-        lambda: frf_of_files([Path("decay.csv")], FrfRequest(ring_down=True, output=(1,))),
+        "frf decay.csv --excitation ring-down --output 1",
+        lambda: frf_of_files([Path("decay.csv")], FrfRequest(excitation="ring-down", output=(1,))),
     ),
     "uncertainty": Job(
         "uncertainty budget.yaml --trials 20000",
@@ -249,3 +258,51 @@ def test_a_command_prints_and_draws_the_result_of_the_library(
     assert len(frames[0])
     if job.figure:
         assert encode(found.plot(), "svg") == picture.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        SweepRequest(over=("neck=0.3..0.8 mm",), samples=40, indices=True),
+        SensitivityRequest(per=10e-6, hinges=True),
+        IdentifyRequest(
+            model=("dahl", "duhem"), train=(None, 1500), known=KnownChain(delay=0.0), drift=True
+        ),
+        ExciteRequest(voltage=(0.0, 120.0), rates=(0.5, 5.0), multisine=False),
+        PredictRequest(start=float("inf")),
+        CompensateRequest(start="rest", reference_bandwidth=200.0),
+        FrfRequest(input=("force",), output=(1, "x"), band=(100.0, 300.0), fit_modes=2),
+        CharacteriseRequest(
+            axis="y", column=("command=0",), sensor=SensorUncertainty(calibration=1e-3)
+        ),
+    ],
+)
+def test_what_was_asked_is_asked_again_by_its_record(request_: Request) -> None:
+    said = json.loads(json.dumps(recorded(request_), allow_nan=False))
+    assert request_of(type(request_), None, said) == request_
+    assert recorded(type(request_)()) == {}
+
+
+def test_a_group_that_asks_for_something_stands_under_its_name() -> None:
+    asked = AnalyseRequest(options=ModelOptions(plane="stress"))
+    assert recorded(asked) == {"options": {"plane": "stress"}}
+
+
+def test_another_view_is_named() -> None:
+    found = fs.tolerance("parallelogram", model="lumped", samples=300)
+    shown, usual = (encode(figure, "svg") for figure in (found.plot("shares"), found.plot()))
+    assert shown != usual
+    with pytest.raises(ModelError, match="no drawing shows a ToleranceStudy as 'slices'"):
+        found.plot("slices")
+
+
+def test_measured_files_are_one_test(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "characterise motion.csv --test motion --column command=u --column along=y --json"
+    capsys.readouterr()
+    assert run(*words.split()) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed.pop("files") == []
+    asked = CharacteriseRequest(column=("command=u", "along=y"))
+    found = characterise_files(["motion.csv"], asked)
+    assert plain(printed) == plain(compare_measurement(found, None).to_dict())
+    assert plain(printed) == plain(found.to_dict())

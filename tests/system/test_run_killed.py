@@ -83,7 +83,7 @@ def _until(there, process) -> bool:
     return True
 
 
-@pytest.mark.parametrize("kills", sizes(slow=4, evidence=10))
+@pytest.mark.parametrize("kills", sizes(slow=3, evidence=10))
 def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(
     twin, tmp_path, kills: int
 ) -> None:

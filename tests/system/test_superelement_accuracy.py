@@ -41,14 +41,18 @@ def test_it_holds_in_the_plane() -> None:
     _check(random_stages(SEED_IN_PLANE, small=True), 1, 1.0)
 
 
-@pytest.mark.parametrize(("stages", "share"), sizes(slow=(5, 0.9), evidence=(200, 0.95)))
+@pytest.mark.parametrize(("stages", "share"), sizes(slow=(3, 0.9), evidence=(200, 0.95)))
 def test_it_holds_in_the_plane_on_more_stages(stages: int, share: float) -> None:
     _check(random_stages(SEED_IN_PLANE), stages, share)
 
 
-@pytest.mark.parametrize(("stages", "share"), sizes(slow=(1, 0.9), evidence=(60, 0.95)))
-def test_it_holds_in_space(stages: int, share: float) -> None:
-    _check(random_stages(SEED_IN_SPACE, small=True), stages, share, space=True)
+# the first stage of another seed has a quick reference
+@pytest.mark.parametrize(
+    ("seed", "stages", "share"),
+    sizes(slow=(11, 1, 0.9), evidence=(SEED_IN_SPACE, 60, 0.95)),
+)
+def test_it_holds_in_space(seed: int, stages: int, share: float) -> None:
+    _check(random_stages(seed, small=True), stages, share, space=True)
 
 
 def test_a_body_with_fewer_modes_is_one_that_was_condensed_with_fewer() -> None:

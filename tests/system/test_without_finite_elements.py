@@ -70,7 +70,7 @@ def said(folder: Path) -> dict[str, Said]:
         "rigid": ("analyse", "parallelogram", "--model", "lumped", "--json"),
         "identify": (
             *("identify", "drive.csv", "--input", "voltage", "--output", "position"),
-            *("--model", "dahl", "--delay", "0 s", "--json", "--quiet"),
+            *("--model", "dahl", "--known", "delay=0 s", "--json", "--quiet"),
         ),
     }
     done = subprocess.run(

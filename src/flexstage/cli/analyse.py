@@ -1,5 +1,6 @@
 """`flexstage analyse`: models of a stage: characteristics, modes, stress, Bode data."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,8 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
 from flexstage.errors import ModelError
-from flexstage.studies.requests import AnalyseRequest, models_of
+from flexstage.studies.requests import AnalyseRequest
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.studies import ModelRun
+    from flexstage.studies.models import ModelRuns
     from flexstage.system import Analysis
 
 #: Motion under a load that is rounding, in parts of the largest of all loads and probes [1].
@@ -63,7 +66,7 @@ def analyse(
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
     with progress_bar("analyse", quiet=quiet):
         found = run_models(described, request)
-    files = _written(found.runs, folder, figure, vtu=vtu)
+    files = _written(found, folder, figure, vtu=vtu)
     if json:
         print_result(found.to_dict(), files)
         return
@@ -75,17 +78,19 @@ def analyse(
 
 
 def _written(
-    runs: "Mapping[str, ModelRun]", folder: Path | None, figure: Path | None, *, vtu: bool
+    found: "ModelRuns", folder: Path | None, figure: Path | None, *, vtu: bool
 ) -> list[Path]:
     """Write what was asked for: of several models each into a folder of its name."""
     from flexstage.files.write import write_files
     from flexstage.report.analysis_files import analysis_files, bode_files
 
     files: list[Path] = []
+    runs = found.runs
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            files += write_files(within, analysis_files(run.analysis, run.data()))
+            alone = replace(found, runs={name: run}, left_out={})
+            files += write_files(within, analysis_files(run.analysis, alone.to_dict()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 

@@ -14,7 +14,8 @@ from flexstage.errors import ModelError
 from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
 from flexstage.files.request import option_words
-from flexstage.studies.requests import ComparisonRequest, models_of
+from flexstage.studies.requests import ComparisonRequest
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation

@@ -150,8 +150,9 @@ file does not say it, `"2 um"`. A name that holds commas stands in quotes, `'"x,
 file is refused before the work.
 
 **JSON.** With `--json` a command prints one JSON object on standard output: its result in SI
-units, or `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of
-the error in Python (`UsageError` for a command line that is wrong).
+units, which holds as `request` the options that differ from the usual, or
+`{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of the error in
+Python (`UsageError` for a command line that is wrong).
 
 **Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
 there is no room, what is alike in all rows is said once above, and lesser columns are left out by

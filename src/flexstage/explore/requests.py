@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from flexstage.files.ranges import Count, Range, Seed, Size, Stated, Written
 from flexstage.files.request import Request
-from flexstage.studies.requests import ModelName
+from flexstage.system.requests import ModelName
 
 if TYPE_CHECKING:
     from flexstage.explore.figures import Requirement

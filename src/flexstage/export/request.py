@@ -14,6 +14,7 @@ from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import DynamicRequest
 from flexstage.progress import subtask
+from flexstage.system.requests import ModelName
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
@@ -97,10 +98,8 @@ class ExportRequest(Request):
 
     to: Annotated[tuple[str, ...], Written("|".join(FORMATS), read=read_formats, write=",".join)]
     """Format; several separated by commas; 'all' writes every format that the stage allows."""
-    model: Annotated[str, Written("NAME")] = "superelement"
-    """The model, of those of 'flexstage analyse': lumped, superelement, plane, superelement-3d or
-    solid.
-    """
+    model: ModelName = "superelement"
+    """The model."""
     plane: Plane = "auto"
     """Plane state of the notches."""
     fmi: Literal["2.0", "3.0", "both"] = "both"

@@ -117,7 +117,7 @@ def hinge_figures(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Notch(Result):
+class HingeFigures(Result):
     """A notch of a plate, and what is known of it by every method."""
 
     table_key: ClassVar[str] = "stiffness"
@@ -178,22 +178,21 @@ _SIZES = {
 }
 
 
-def notch_of(request: HingesRequest) -> Notch:
+def notch_of(request: HingesRequest) -> HingeFigures:
     """Return the notch that is asked about.
 
     Examples
     --------
     >>> notch = notch_of(HingesRequest(profile="leaf", length=6e-3, depth=1e-3))
     >>> notch.to_dict()["leaf_length"], round(notch.stiffness(), 2)
-    (0.006, 1.34)
+    (0.006, 1.31)
     """
     names = dict.fromkeys(_SIZES.values())
-    asked = request
     if request.profile == "circular" and all(getattr(request, name) is None for name in names):
-        asked = dataclasses.replace(request, radius=1e-3)
-    return Notch(
+        request = dataclasses.replace(request, radius=1e-3)
+    return HingeFigures(
         request=request,
-        profile=_notch(asked),
+        profile=_notch(request),
         material=find_material(request.material),
         width=request.width,
         plane=request.plane,

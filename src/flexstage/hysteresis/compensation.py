@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Compensation(Result):
+class CompensationCommand(Result):
     """A command, with the model that it is by."""
 
     file: ModelFile
@@ -25,6 +25,11 @@ class Compensation(Result):
     """The command."""
     notes: tuple[str, ...]
     """What a user should know."""
+
+    @property
+    def band(self) -> float | None:
+        """Half the width of the band of 95 % of the held-out errors, over the stroke [%]."""
+        return self.file.errors.get("heldout_95")
 
     @property
     def drive(self) -> DriveModel:
@@ -52,7 +57,7 @@ def compensate(
     reference: Record,
     column: str | int,
     request: CompensateRequest,
-) -> Compensation:
+) -> CompensationCommand:
     """Return the command by which a drive follows a column of a record."""
     drive, channel = file.model, reference.channel(column)
     values, converted = in_unit_of_model(
@@ -62,4 +67,4 @@ def compensate(
         values = values + lowest_reading(drive)
     made = command_as_asked(drive, values, 1.0 / reference.sample_rate_hz, request)
     said = (*file.notes, *filter(None, [converted]), *made.notes, *reference.notes)
-    return Compensation(request=request, file=file, made=made, notes=said)
+    return CompensationCommand(request=request, file=file, made=made, notes=said)

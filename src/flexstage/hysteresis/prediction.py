@@ -151,6 +151,11 @@ class Predictions(Result):
         }
 
     @property
+    def first(self) -> Prediction:
+        """The model on the first record."""
+        return self.found[0]
+
+    @property
     def band(self) -> float | None:
         """Half the width of the band of 95 % of the held-out errors, over the stroke [%]."""
         return self.file.errors.get("heldout_95")

@@ -5,7 +5,7 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 from flexstage.errors import HingeError
-from flexstage.hinges.hinge_figures import Notch
+from flexstage.hinges.hinge_figures import HingeFigures
 from flexstage.hinges.registry import profile_class
 from flexstage.material import Material
 from flexstage.material import material as find_material
@@ -15,7 +15,7 @@ from flexstage.table import table
 from flexstage.units import Dimension, parse
 
 
-class HingeResult(Notch):
+class HingeResult(HingeFigures):
     """What is known of a notch, by every method, to look at."""
 
     __slots__ = ()

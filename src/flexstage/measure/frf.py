@@ -67,7 +67,7 @@ def frf(records: Sequence[Record], request: FrfRequest) -> FrfResult | DecayResu
             excitation=request.excitation,
             window="hann" if at_end else request.window,
             resolution_hz=request.resolution,
-            hits=HitOptions(exponential=at_end) if at_end else None,
+            hits=HitOptions(exponential=at_end or None),
         )
         responses, added = [estimate.response], estimate.added_damping_rate
     found = None

@@ -11,16 +11,7 @@ from flexstage.explore.sensitivity import Sensitivities
 from flexstage.explore.sweep import Sweep
 from flexstage.explore.tolerance import ToleranceStudy
 from flexstage.files.plain import json_text
-from flexstage.report.figures.distributions import draw_shares, draw_spreads
-from flexstage.report.figures.optimum import (
-    draw_before_after,
-    draw_figures,
-    draw_front,
-    draw_history,
-)
-from flexstage.report.figures.sensitivity import draw_sensitivities
 from flexstage.report.figures.style import encode
-from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page
@@ -34,8 +25,8 @@ def sweep_files(found: Sweep) -> tuple[Files, list[str]]:
         "sweep.csv": partial(sweep_csv, found),
         "sweep.parquet": partial(sweep_parquet, found),
         "sweep.json": lambda: json_text(found.summary()).encode(),
-        "sweep.svg": lambda: encode(draw_sweep(found), "svg"),
-        "indices.svg": lambda: encode(draw_indices(found), "svg"),
+        "sweep.svg": lambda: encode(found.plot(), "svg"),
+        "indices.svg": lambda: encode(found.plot("indices"), "svg"),
         "sweep.html": lambda: sweep_html(found).encode(),
     }
     if found.indices is None:
@@ -65,7 +56,7 @@ def front_files(found: Front) -> Files:
         {
             "best.yaml": found.optimum.text.encode(),
             "optimise.json": json_text(found.to_dict()).encode(),
-            "front.svg": encode(draw_front(found), "svg"),
+            "front.svg": encode(found.plot(), "svg"),
         }
         | _optimum_pictures(found.optimum)
         | page
@@ -73,12 +64,8 @@ def front_files(found: Front) -> Files:
 
 
 def _optimum_pictures(found: Optimum) -> Files:
-    draws = {
-        "history.svg": draw_history,
-        "before-after.svg": draw_before_after,
-        "figures.svg": draw_figures,
-    }
-    return {name: encode(draw(found), "svg") for name, draw in draws.items()}
+    views = {"history.svg": "history", "before-after.svg": "", "figures.svg": "figures"}
+    return {name: encode(found.plot(view), "svg") for name, view in views.items()}
 
 
 def tolerance_files(study: ToleranceStudy, *, every: bool = False) -> Files:
@@ -86,10 +73,10 @@ def tolerance_files(study: ToleranceStudy, *, every: bool = False) -> Files:
     files = {
         "tolerance.html": tolerance_page(study).encode(),
         "tolerance.json": json_text(study.to_dict()).encode(),
-        "figures.svg": encode(draw_spreads(study), "svg"),
+        "figures.svg": encode(study.plot(), "svg"),
     }
     if study.shares:
-        files["shares.svg"] = encode(draw_shares(study), "svg")
+        files["shares.svg"] = encode(study.plot("shares"), "svg")
     if every:
         files["samples.csv"] = samples_csv(study)
     return files
@@ -100,5 +87,5 @@ def sensitivity_files(found: Sensitivities) -> Files:
     return {
         "sensitivity.json": json_text(found.to_dict()).encode(),
         "sensitivity.csv": sensitivity_csv(found).encode(),
-        "sensitivity.svg": encode(draw_sensitivities(found), "svg"),
+        "sensitivity.svg": encode(found.plot(), "svg"),
     }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
 from itertools import count
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from flexstage.cache.memory import Memory
@@ -135,9 +136,9 @@ def _typeset(text: str) -> "Markup":
 
 
 #: By type and view: the function that draws it, of `flexstage.report.figures`, and what that calls
-#: the result.
+#: the result, or takes of it: "profile=profile".
 DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
-    ("HingeResult", ""): ("hinges.draw_hinge", "found"),
+    ("HingeResult", ""): ("hinges.draw_notch", "profile=profile"),
     ("HoldNoise", ""): ("noise.draw_hold", "noise"),
     ("Identification", ""): ("identification.draw_identification", "found"),
     ("IdentifiedStep", ""): ("tracking.draw_drive_fit", "step"),
@@ -146,21 +147,31 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
     ("CentredRecords", ""): ("centring.draw_centred", "found"),
-    ("Compensation", ""): ("tracking.draw_command", "found"),
-    ("DecayResult", ""): ("modal_fit.draw_decay", "found"),
-    ("EvaluatedBudget", ""): ("distributions.draw_evaluated", "found"),
+    ("CompensationCommand", ""): (
+        "tracking.draw_feedforward",
+        "made=made model=drive band_percent=band",
+    ),
+    ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
+    ("EvaluatedBudget", ""): (
+        "distributions.draw_budget",
+        "propagated=propagated drawn=drawn quantity=budget.quantity unit=budget.unit "
+        "factor=budget.factor",
+    ),
     ("FrfResult", ""): ("modal_fit.draw_frf", "found"),
-    ("FrfResult", "stabilisation"): ("modal_fit.draw_frf_stabilisation", "found"),
+    ("FrfResult", "stabilisation"): ("modal_fit.draw_stabilisation", "fit=fit"),
     ("Front", ""): ("optimum.draw_front", "found"),
     ("MotionCurve", ""): ("motion_error.draw_motion_error", "curve"),
-    ("Notch", ""): ("hinges.draw_hinge", "found"),
+    ("HingeFigures", ""): ("hinges.draw_notch", "profile=profile"),
     ("Optimum", ""): ("optimum.draw_before_after", "found"),
     ("Optimum", "figures"): ("optimum.draw_figures", "found"),
     ("Optimum", "history"): ("optimum.draw_history", "found"),
-    ("PartResult", ""): ("part.draw_part_result", "found"),
+    ("PartResult", ""): ("part.draw_part", "part=part held=held moved=moved"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
-    ("Predictions", ""): ("identification.draw_predictions", "found"),
+    ("Predictions", ""): (
+        "identification.draw_prediction",
+        "found=first model=file.model band=band",
+    ),
     ("Record", ""): ("identification.draw_record", "record"),
     ("Refinement", ""): ("fields.draw_convergence", "refinement"),
     ("Sensitivities", ""): ("sensitivity.draw_sensitivities", "found"),
@@ -189,7 +200,9 @@ def plotted(result: Any, view: str = "", **options: Any) -> "Figure":
         shown = f" as '{view}'" if view else ""
         known = ", ".join(sorted({name for name, _ in DRAWINGS}))
         raise ModelError(f"no drawing shows a {kind}{shown}: there are drawings of {known}")
-    function, parameter = DRAWINGS[kind, view]
+    function, parameters = DRAWINGS[kind, view]
     module, _, name = function.partition(".")
     draw = getattr(import_module(f"flexstage.report.figures.{module}"), name)
-    return draw(**{parameter: result}, **options)
+    named = (parameter.partition("=") for parameter in parameters.split())
+    taken = {name: attrgetter(path)(result) if path else result for name, _, path in named}
+    return draw(**taken, **options)

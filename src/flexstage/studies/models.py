@@ -16,8 +16,9 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.stage.hinge_attachment import root_widths
 from flexstage.stage.mass import mass_properties
-from flexstage.studies.requests import AnalyseRequest, ModelOptions, models_of
+from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.system import Analysis, analyse
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     import pandas

@@ -1,12 +1,12 @@
 """What is asked of the models of a stage, one or several."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from flexstage.files.ranges import INNER_SHARE, Seed, Written
 from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
+from flexstage.system.requests import ModelName, ModelNames
 
 if TYPE_CHECKING:
     from flexstage.cache.cache import Cache
@@ -14,34 +14,9 @@ if TYPE_CHECKING:
 else:  # a command reads texts; their classes need NumPy
     Cache = Stage = object
 
-_WHAT = (
-    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
-    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
-    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
-    "large displacement."
-)
-_Model = Literal["lumped", "superelement", "plane", "superelement-3d", "solid"]
-#: A model, by the word for it.
-ModelName = Annotated[_Model, Written(help=_WHAT)]
-#: Several models, or all.
-ModelNames = Annotated[
-    tuple[Literal[_Model, "all"], ...], Written("NAMES", commas=True, help=_WHAT)
-]
-
 #: What a study does beside the models of a stage.
 StudyPart = Literal["identification", "virtual", "traditional", "none"]
 ALL_PARTS: tuple[StudyPart, ...] = ("identification", "virtual", "traditional")
-
-
-def models_of(names: Sequence[str]) -> list[str]:
-    """Return the models that are named, each once.
-
-    Examples
-    --------
-    >>> models_of(("plane", "lumped", "plane"))
-    ['plane', 'lumped']
-    """
-    return list(dict.fromkeys(get_args(_Model) if "all" in names else names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

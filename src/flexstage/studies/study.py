@@ -23,9 +23,10 @@ from flexstage.quantities import QUANTITIES
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import MODELS, ModelRun, run_model
-from flexstage.studies.requests import ModelOptions, Plane, StudyRequest, models_of
+from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
 from flexstage.studies.virtual_experiments import carry_out
 from flexstage.system import Analysis
+from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation

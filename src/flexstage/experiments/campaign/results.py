@@ -58,7 +58,7 @@ class TestResult:
         """Return it as plain data, in SI units."""
         positioning, ranges = self.details.get("positioning"), self.details.get("ranges", ())
         data: dict[str, Any] = {
-            **picked(self.test, "name", "kind", "axis", "records"),
+            **picked(self.test, "name", "kind=test", "axis", "records"),
             "figures": [f.quantity for f in self.figures],
             "notes": list(self.notes),
         }

@@ -58,7 +58,7 @@ class Catalogue:
     Examples
     --------
     >>> import tempfile
-    >>> from datetime import UTC
+    >>> from datetime import UTC, datetime
     >>> stage = StageEntry(name="vgtu-piezo", serial_number="7")
     >>> start = datetime(2031, 5, 17, 9, 30, tzinfo=UTC)
     >>> run = RunEntry(identifier="0123" * 8, stage=stage, started=start, kind="motion")

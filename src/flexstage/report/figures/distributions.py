@@ -11,8 +11,6 @@ from flexstage.explore.deviations import LABELS
 from flexstage.explore.figures import Requirement
 from flexstage.explore.spread import Spread
 from flexstage.explore.tolerance import ToleranceStudy
-from flexstage.files.plain import picked
-from flexstage.measure.uncertainty.evaluate import EvaluatedBudget
 from flexstage.measure.uncertainty.monte_carlo import MonteCarlo
 from flexstage.measure.uncertainty.propagate import Propagated
 from flexstage.report.figures.style import (
@@ -56,12 +54,6 @@ def draw_budget(
     _distribution(left, propagated, drawn, quantity, unit, factor)
     _budget(right, propagated)
     return figure
-
-
-def draw_evaluated(found: EvaluatedBudget) -> "Figure":
-    """Draw an evaluated budget in the unit of its file."""
-    named = picked(found.budget, "quantity", "unit", "factor")
-    return draw_budget(found.propagated, found.drawn, **named)
 
 
 def _distribution(

@@ -10,7 +10,6 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.hinges import Profile
-from flexstage.hinges.hinge_figures import Notch
 from flexstage.quantities import number, round_below
 from flexstage.report.figures.body_motion import drawn_axis, elongation_words, exaggeration
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
@@ -59,11 +58,6 @@ def draw_notch(profile: Profile) -> "Figure":
     axes.set(xlabel="along the hinge [mm]", ylabel="across [mm]", aspect="equal")
     entitle(axes, f"{profile.kind} notch, neck {profile.neck_thickness * MM:g} mm")
     return figure
-
-
-def draw_hinge(found: Notch) -> "Figure":
-    """Draw the contour of a notch that was computed, in millimetres."""
-    return draw_notch(found.profile)
 
 
 def draw_stress(analysis: Analysis) -> "Figure":

@@ -7,7 +7,6 @@ import numpy as np
 
 from flexstage.hysteresis import DriveModel, Prediction
 from flexstage.hysteresis.identification.result import Identification
-from flexstage.hysteresis.prediction import Predictions
 from flexstage.records import Channel, Record
 from flexstage.report.figures.responses import shown_lines, thinned
 from flexstage.report.figures.style import (
@@ -149,11 +148,6 @@ def draw_prediction(found: Prediction, model: DriveModel, band: float | None = N
     entitle(left, Path(found.source).name or "loop")
     _error(right, found, at, band)
     return figure
-
-
-def draw_predictions(found: Predictions) -> "Figure":
-    """Draw the first record of several, with the band of the model."""
-    return draw_prediction(found.found[0], found.file.model, found.band)
 
 
 def _error(axes: "Axes", found: Prediction, at: np.ndarray, band: float | None) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.estimate import Estimate
-from flexstage.measure.frf_result import DecayResult, FrfResult
+from flexstage.measure.frf_result import FrfResult
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities import beside
@@ -37,19 +37,7 @@ def draw_frf(found: FrfResult) -> "Figure":
     return draw_response(found.response) if found.fit is None else draw_modal_fit(found.fit)
 
 
-def draw_frf_stabilisation(found: FrfResult) -> "Figure":
-    """Draw the poles of each order, where modes were fitted."""
-    if found.fit is None:
-        raise ModelError("no modes were fitted: there is no stabilisation diagram")
-    return draw_stabilisation(found.fit)
-
-
-def draw_decay(found: DecayResult) -> "Figure":
-    """Draw a free decay and its fit."""
-    return draw_ring_down(found.fit, found.record)
-
-
-def draw_stabilisation(fit: ModalFit) -> "Figure":
+def draw_stabilisation(fit: ModalFit | None) -> "Figure":
     """Draw the poles of each order over the magnitude of the response.
 
     Marks say what is stable; the magnitude is the root mean square of all outputs and inputs, modes
@@ -57,8 +45,8 @@ def draw_stabilisation(fit: ModalFit) -> "Figure":
     """
     # a mode belongs to poles that are nearer than this part of its frequency
     beside_a_pole = 0.02
-    diagram = fit.stabilisation
-    if diagram is None:
+    diagram = None if fit is None else fit.stabilisation
+    if fit is None or diagram is None:
         raise ModelError("the fit has no stabilisation diagram")
     measured = fit.fitted[0].measured
     figure, axes = one_panel(9.6, 4.0)

@@ -14,7 +14,6 @@ from scipy.optimize import isotonic_regression
 
 from flexstage.arrays import Array, Integers
 from flexstage.fem.part import Part, PartSurface, part_surface
-from flexstage.fem.part_analysis import PartResult
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,
@@ -102,11 +101,6 @@ def _within(corners: Array, x: Array, y: Array) -> tuple[NDArray[np.bool_], Arra
     slack = -1e-3
     inside = (v >= slack) & (w >= slack) & (v + w <= 1.0 - slack)
     return inside, az + v * (bz - az) + w * (cz - az)
-
-
-def draw_part_result(found: PartResult) -> "Figure":
-    """Draw a part with the faces that are held and moved."""
-    return draw_part(found.part, held=found.held, moved=found.moved)
 
 
 def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()) -> "Figure":

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from flexstage.experiments.verbs.identify import IdentifiedStep
     from flexstage.experiments.verbs.verify import FollowedRun, VerifiedStep
     from flexstage.hysteresis import DriveModel, Feedforward
-    from flexstage.hysteresis.compensation import Compensation
     from flexstage.studies.compensation import AxisExperiment
 
 
@@ -244,11 +243,6 @@ def draw_feedforward(
     _command_error(figure.add_subplot(grid[1, 0], sharex=above), made, model, band_percent)
     _command_loop(figure.add_subplot(grid[:, 1]), made, model)
     return figure
-
-
-def draw_command(found: "Compensation") -> "Figure":
-    """Draw a command that was computed by a model file, with the band of that."""
-    return draw_feedforward(found.made, found.drive, found.file.errors.get("heldout_95"))
 
 
 def _command(axes: "Axes", made: "Feedforward", model: "DriveModel") -> None:

@@ -13,8 +13,8 @@ from flexstage.files.write import write_files
 from flexstage.report.analysis_files import analysis_files
 from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
-from flexstage.studies.models import run_model
-from flexstage.studies.requests import ModelOptions
+from flexstage.studies.models import run_models
+from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.system import Analysis, FrequencyResponse
 from flexstage.system.modes import modes
 from flexstage.system.response import default_frequencies_hz, response_of_modes
@@ -57,7 +57,9 @@ def analysed(
     """Analyse a variant by one model; write fields of its mesh into a folder, if one is given."""
     began = time.monotonic()
     with progress.subtask(0.0, 0.85):
-        run = run_model(variant.stage(), model, options)
+        request = AnalyseRequest(model=(model,), options=options)  # type: ignore[arg-type]
+        found = run_models(variant.stage(), request)
+    (run,) = found.runs.values()
     analysis, refinement = run.analysis, run.refinement
     with progress.subtask(0.85, 0.95):
         surface = stage_surface(analysis, run.mesh)
@@ -76,7 +78,7 @@ def analysed(
         variant=variant,
         options=options,
         analysis=analysis,
-        results=run.data(),
+        results=found.to_dict(),
         surface=surface,
         responses=responses,
         convergence=drawn,
