@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-import flexstage
+from flexstage.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ def _spell(words: list[str], value: object) -> None:
 def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
     """Record where a result comes from, now: its description and the choices that change it."""
     return Provenance(
-        version=flexstage.__version__,
+        version=__version__,
         input_hash=content_hash(description),
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings or {}),
