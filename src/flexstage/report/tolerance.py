@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from flexstage.explore.deviations import KINDS, LABELS, scatter_dimensions
 from flexstage.explore.figures import Figure
 from flexstage.explore.spread import Spread, Yield, samples_for
-from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
-from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
+from flexstage.explore.tolerance import VALIDITY, ToleranceChoice, ToleranceStudy
+from flexstage.explore.tolerance_choice import COARSEST, FINEST
 from flexstage.quantities import number
 from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
