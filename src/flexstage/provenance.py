@@ -8,6 +8,7 @@ import inspect
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -42,6 +43,12 @@ def content_hash(description: object) -> str:
     words: list[str] = []
     _spell(words, description)
     return hashlib.sha256("".join(words).encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _spell(words: list[str], value: object) -> None:
