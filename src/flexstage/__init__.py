@@ -11,6 +11,7 @@ the reference manual lists. All of it is imported when it is first used.
 from typing import TYPE_CHECKING
 
 from flexstage.lazy import import_on_use
+from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from flexstage import centring as centring
@@ -57,7 +58,5 @@ __all__ = [
     "sweep",
     "tolerance",
 ]
-
-__version__ = "0.1.0"
 
 import_on_use(__name__)

@@ -8,10 +8,11 @@ import inspect
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-import flexstage
+from flexstage.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +43,12 @@ def content_hash(description: object) -> str:
     words: list[str] = []
     _spell(words, description)
     return hashlib.sha256("".join(words).encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _spell(words: list[str], value: object) -> None:
@@ -81,7 +88,7 @@ def _spell(words: list[str], value: object) -> None:
 def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
     """Record where a result comes from, now: its description and the choices that change it."""
     return Provenance(
-        version=flexstage.__version__,
+        version=__version__,
         input_hash=content_hash(description),
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         settings=dict(settings or {}),

@@ -8,8 +8,8 @@ import pytest
 from flexstage.errors import PlanError, RecordError
 from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
 from flexstage.experiments.excitations import EXCITATIONS, EqualCycles, Multisine
-from flexstage.experiments.plan import SensorEntry, plan_from_text
-from flexstage.experiments.verb import Verb
+from flexstage.experiments.plan import plan_from_text
+from flexstage.experiments.verb import SensorEntry, Verb
 from flexstage.experiments.verbs import VERBS, Identify, Measure, Verify
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata

@@ -221,7 +221,7 @@ def test_a_run_that_is_whole_is_read_and_nothing_moves(tmp_path):
     second = run_plan(made(), again, tmp_path, resume=True)
     assert waves(again) == []
     assert [f.estimate.value for f in second.figures] == [f.estimate.value for f in first.figures]
-    assert not any(step.repeated for step in second.records)
+    assert not any(step.repeated for step in second.of("measure"))
     assert second.run.started == first.run.started
 
 
@@ -253,7 +253,7 @@ def test_what_failed_is_taken_up_again_and_what_was_recorded_of_it_is_kept(tmp_p
     stairs = found.step("stairs")
     round_ = found.step("round")
     assert waves(mended) == [stairs.time.size, round_.time.size]
-    assert [step.repeated for step in found.records] == [False, True, True]
+    assert [step.repeated for step in found.of("measure")] == [False, True, True]
     done = read_state(tmp_path)
     assert done is not None
     (partial,) = done.steps["steps"].partial
@@ -301,7 +301,7 @@ def test_a_record_that_was_changed_on_disk_is_taken_again_and_kept(tmp_path):
     path.write_bytes(content)
     again = bench()
     found = run_plan(made(), again, tmp_path, resume=True)
-    assert [step.repeated for step in found.records] == [False, True, False]
+    assert [step.repeated for step in found.of("measure")] == [False, True, False]
     assert (tmp_path / "records" / "steps.replaced-1.h5").read_bytes() == bytes(content)
 
 
@@ -309,12 +309,12 @@ def test_a_record_that_was_changed_on_disk_is_taken_again_and_kept(tmp_path):
 def test_a_step_that_changed_is_repeated_with_all_that_depends_on_it_and_nothing_else(tmp_path):
     changed = made(TEXT.replace("cycles: 3", "cycles: 4"))
     found = run_plan(changed, bench(), tmp_path, resume=True)
-    assert [step.repeated for step in found.records] == [True, False, False]
+    assert [step.repeated for step in found.of("measure")] == [True, False, False]
     assert found.step("motion").record.size == 1251
     # how well a sensor is known changes figures, and no record
     better = made(TEXT.replace("cycles: 3", "cycles: 4").replace("0.001", "0.0002"))
     again = run_plan(better, bench(), tmp_path, resume=True)
-    assert not any(step.repeated for step in again.records)
+    assert not any(step.repeated for step in again.of("measure"))
     a, b = (r.figure("output_displacement", "x").estimate.uncertainty for r in (found, again))
     assert b == pytest.approx(a / 5.0, rel=0.01)
 
@@ -338,7 +338,7 @@ def test_another_instrument_repeats_every_record(tmp_path):
             return replace(super().identity, serial_number="S8")
 
     found = run_plan(made(), Other(noise=1e-9), tmp_path, resume=True)
-    assert all(step.repeated for step in found.records)
+    assert all(step.repeated for step in found.of("measure"))
 
 
 def test_a_plan_that_cannot_be_carried_out_moves_nothing(tmp_path):
@@ -532,7 +532,7 @@ def test_a_model_is_shown_at_the_rate_of_its_record(tmp_path):
     file = tmp_path / "m.yaml"
     file.write_text(model_text(ModelFile(model=drive)))
     context = SimpleNamespace(plan=SimpleNamespace(axis_of=lambda _: "x"),
-                              measured=lambda _: SimpleNamespace(evaluated=record))  # fmt: skip
+                              result_of=lambda *_: SimpleNamespace(evaluated=record))  # fmt: skip
     found = Identify(of=("motion",), output="x").result(context, "pi", [file], now=False)
     assert found.modelled == pytest.approx(reading, abs=1e-15)
     assert found.deviation < 1e-15

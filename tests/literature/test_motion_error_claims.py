@@ -12,7 +12,6 @@ from flexstage.designs import design
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
 from flexstage.stage import Stage, mass_properties
-from flexstage.studies.results import traditional_results
 from flexstage.studies.traditional import TraditionalComparison, compare_traditional
 from flexstage.studies.traditional_stages import traditional_axes
 from flexstage.system import analyse
@@ -62,7 +61,7 @@ def test_the_claims_hold_for_some_definitions_and_not_for_others(compared) -> No
     assert [name for name, held in straight.items() if not held] == [
         "stacked double parallelograms"
     ]
-    results = traditional_results(compared)
+    results = compared.data()
     assert [row["holds"] for row in results["reductions"]["across"]] == list(holds.values())
     assert len(results["stages"]) == 5
     assert results["stages"][0]["axes"]["x"]["across"]["upper"] < 1e-6

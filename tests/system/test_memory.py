@@ -27,7 +27,7 @@ from flexstage.stage import Stage
 from flexstage.studies import results_json, run_model, run_study
 from flexstage.studies import study as study_module
 from flexstage.studies.requests import ModelOptions
-from flexstage.studies.results import analysis_results, run_results
+from flexstage.studies.results import analysis_results
 from tests.undrawn import without_figures
 
 ROW = Characteristic(quantity="resolution", axis="x", origin="plane", value=2.3e-8, unit="m")
@@ -249,7 +249,7 @@ def test_a_model_is_read_with_all_that_it_says(
     assert analysis_results(read.analysis, responses=True) == analysis_results(
         first.analysis, responses=True
     )
-    assert run_results(read) == run_results(first)
+    assert read.beyond_analysis() == first.beyond_analysis()
     assert read.analysis.system.stress is not None
     assert first.analysis.system.stress is not None
     assert np.array_equal(read.analysis.system.stress.matrix, first.analysis.system.stress.matrix)

@@ -17,7 +17,6 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-import flexstage
 from flexstage.cache.cache import TYPES, Cache, Entry
 from flexstage.provenance import content_hash
 
@@ -100,7 +99,7 @@ def _called(functions: Callable[[], tuple[Any, ...]], place: int, *given: Any) -
 def _surroundings() -> tuple[str, ...]:
     """Hash of the package's files, and the versions of what it runs on."""
     return (
-        source_hash(Path(flexstage.__file__).parent),
+        source_hash(Path(__file__).parents[1]),
         platform.python_version(),
         platform.machine(),
         *(f"{name} {metadata.version(name)}" for name in _LIBRARIES),

@@ -12,7 +12,6 @@ from typing import Annotated, cast
 
 import typer
 
-import flexstage
 from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
@@ -43,6 +42,7 @@ from flexstage.cli.tolerance import tolerance
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
 from flexstage.errors import NO_FINITE_ELEMENTS, FlexstageError
+from flexstage.version import __version__
 
 __all__ = ["app", "main"]
 
@@ -95,7 +95,7 @@ def _root(
 ) -> None:
     """Design, verify, identify and drive flexure-based micropositioning stages."""
     if version:
-        typer.echo(f"flexstage {flexstage.__version__}")
+        typer.echo(f"flexstage {__version__}")
         if verbose:
             _print_environment()
         raise typer.Exit

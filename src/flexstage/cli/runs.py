@@ -290,12 +290,11 @@ def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
 
 def _state_of(entry: "RunEntry") -> str:
     """Say whether the file of a run is what was entered."""
-    import hashlib
+    from flexstage.provenance import file_hash
 
     path = Path(entry.folder) / entry.file
     try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        digest = file_hash(path)
     except OSError:
         return "not there"
     return "as entered" if digest == entry.sha256 else "changed since it was entered"

@@ -2,66 +2,22 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from flexstage.choose import has_no, nearest
 from flexstage.errors import PlanError
 from flexstage.experiments.excitations import EXCITATIONS
-from flexstage.experiments.verb import Verb
+from flexstage.experiments.verb import Defaults, SensorEntry, Verb
 from flexstage.experiments.verbs import VERBS
 from flexstage.experiments.verbs.excite import Excite
 from flexstage.files.decoder import Decoder, read, read_file
 from flexstage.files.format import Form, Format, check_name
 from flexstage.files.nodes import Mapping, Node, Sequence
-from flexstage.files.ranges import Range, require_ranges
-from flexstage.sensor import SensorSpecification
-from flexstage.units import Frequency
 
 if TYPE_CHECKING:
     from flexstage.stage import Stage
-
-
-_Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorEntry(SensorSpecification):
-    """A sensor of the instrument: which channel it is, and what is known of its errors."""
-
-    channel: Annotated[int, Range(low=1)]
-    """Number of the channel, from 1."""
-    unit: Literal["m", "rad"] = "m"
-    """What it reads in."""
-
-    def __post_init__(self) -> None:
-        SensorSpecification.__post_init__(self)
-        require_ranges(self, PlanError, f"sensor '{self.name}'")
-
-    @property
-    def instrument(self) -> SensorSpecification:
-        """The same without its channel."""
-        return SensorSpecification(
-            **{f.name: getattr(self, f.name) for f in fields(SensorSpecification)}
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Defaults:
-    """What holds for all steps that say nothing else."""
-
-    sample_rate: _Rate = 1000.0
-    """Rate of samples of records [Hz]."""
-    command_rate: _Rate = 1000.0
-    """Rate of samples of commands [Hz]; straight lines between them."""
-    lowest_frequency: _Rate | None = None
-    """Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped model
-    where not given.
-    """
-
-    def __post_init__(self) -> None:
-        require_ranges(self, PlanError, "the defaults")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +68,7 @@ class Plan:
     """Serial number of the stage."""
     sensors: tuple[SensorEntry, ...] = ()
     """The sensors."""
-    defaults: Defaults = Defaults()
+    defaults: Defaults = field(default_factory=Defaults)
     """What holds for all steps."""
     steps: tuple[Step, ...]
     """The steps."""
@@ -133,9 +89,13 @@ class Plan:
         """Return a sensor by name; refused where there is none."""
         return _named("sensor", self.sensors, name)
 
+    def action_of(self, name: str) -> Verb:
+        """Return what a step does; refused where there is none."""
+        return self.step(name).action
+
     def axis_of(self, name: str) -> str:
         """Return the axis that a step is about; both, such as ``xy``, where it is about two."""
-        return self.step(name).action.axis_of(self)
+        return self.action_of(name).axis_of(self)
 
     def chosen(self, names: tuple[str, ...] | None) -> tuple[Step, ...]:
         """Return steps by name with all that they use, in their order; every step for None."""

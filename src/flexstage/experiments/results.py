@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
+from typing import Any, ClassVar, Literal
 
 from flexstage.characteristic import (
     Characteristic,
@@ -20,10 +20,6 @@ from flexstage.files.result import Result
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.provenance import provenance
 from flexstage.stage import Stage
-
-if TYPE_CHECKING:
-    from flexstage.experiments.verbs.identify import IdentifiedStep
-    from flexstage.experiments.verbs.measure import MeasuredStep
 
 #: Figures that depend on whether the drives hold the stage.
 _OF_MODES = ("natural_frequency_hz", "damping_ratio")
@@ -91,7 +87,7 @@ class PlanResult(Result):
         if figure.quantity not in _OF_MODES:
             return False
         (source,) = self.plan.step(figure.test).needs
-        return not self.plan.step(source).action.struck
+        return not self.plan.action_of(source).struck
 
     def published_of(self, figure: MeasuredCharacteristic) -> tuple[Characteristic, ...]:
         """Return what was published of the same thing; nothing of a mode with drives in place."""
@@ -111,16 +107,6 @@ class PlanResult(Result):
     def of(self, verb: str) -> tuple[StepResult, ...]:
         """Return what all steps of a verb gave."""
         return tuple(step for step in self.steps if self.plan.step(step.name).verb == verb)
-
-    @property
-    def records(self) -> "tuple[MeasuredStep, ...]":
-        """The records that were taken."""
-        return cast("tuple[MeasuredStep, ...]", self.of("measure"))
-
-    @property
-    def models(self) -> "tuple[IdentifiedStep, ...]":
-        """The models that were identified."""
-        return cast("tuple[IdentifiedStep, ...]", self.of("identify"))
 
     @property
     def characterisation(self) -> Characterisation:

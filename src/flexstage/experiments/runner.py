@@ -23,7 +23,6 @@ from flexstage.experiments.state import (
     RunState,
     StepState,
     clear_leftovers,
-    file_hash,
     files_hash,
     fingerprint,
     is_whole,
@@ -43,7 +42,7 @@ from flexstage.instruments.lock import folder_lock, instrument_lock
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.instruments.recording.metadata import RunMetadata, StageRun
-from flexstage.provenance import content_hash
+from flexstage.provenance import content_hash, file_hash
 from flexstage.stage import Stage
 
 
@@ -128,12 +127,12 @@ def run_plan(
         frequency=natural_frequency(plan, own),
     )
     with folder_lock(where):
-        return _carry_out(
-            context, plan.chosen(request.only), catalogue, resume=request.resume, held=held
-        )
+        steps = plan.chosen(request.only)
+        return _carry_out(plan, context, steps, catalogue, resume=request.resume, held=held)
 
 
 def _carry_out(
+    plan: Plan,
     context: RunContext,
     steps: tuple[Step, ...],
     catalogue: str | None,
@@ -141,7 +140,7 @@ def _carry_out(
     resume: bool,
     held: str,
 ) -> PlanResult:
-    instrument, where, plan = context.instrument, context.folder, context.plan
+    instrument, where = context.instrument, context.folder
     state = _begun(context, resume=resume)
     began = time.monotonic()
     told: tuple[str, ...] = ()

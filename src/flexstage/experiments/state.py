@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Literal
 
 from flexstage.errors import PlanError, RecordError
-from flexstage.experiments.plan import Plan, SensorEntry, Step
+from flexstage.experiments.plan import Step
+from flexstage.experiments.verb import PlanLookup, SensorEntry
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import StageRun, utc_time
-from flexstage.provenance import content_hash
+from flexstage.provenance import content_hash, file_hash
 from flexstage.stage import Stage
 
 _NAME = "run.json"
@@ -81,12 +82,6 @@ def _require_times(state: StepState | RunState, what: str) -> None:
                 raise PlanError(str(error)) from error
 
 
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def write_state(folder: Path, state: RunState) -> None:
     """Write the state whole, or leave the one that is there."""
     content = {STATE_FILE.key: STATE_FILE.version, **asdict(state)}
@@ -106,7 +101,7 @@ def read_state(folder: Path) -> RunState | None:
 
 
 def fingerprint(
-    step: Step, plan: Plan, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
+    step: Step, plan: PlanLookup, stage: Stage, instrument: Identity, upstream: Mapping[str, str]
 ) -> str:
     """Return the hash of everything that the result of a step depends on."""
     words = [step.name, content_hash(step.action), content_hash(stage), content_hash(plan.defaults)]

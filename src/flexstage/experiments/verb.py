@@ -4,26 +4,120 @@ And what the steps of a plan share, while it is looked at and while it is carrie
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
+from flexstage.errors import PlanError
 from flexstage.experiments.command import BASE_RATE_HZ, Command
+from flexstage.files.ranges import Range, require_ranges
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
+from flexstage.sensor import SensorSpecification
 from flexstage.stage.limits import AxisLimits
+from flexstage.units import Frequency
 
 if TYPE_CHECKING:
     from flexstage.characteristic import MeasuredCharacteristic
     from flexstage.experiments.campaign.results import TestResult
-    from flexstage.experiments.plan import Plan
-    from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.verbs.identify import IdentifiedStep
-    from flexstage.experiments.verbs.measure import MeasuredStep
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
     from flexstage.section import Section
     from flexstage.stage import Stage
     from flexstage.table import Table
+
+
+_Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorEntry(SensorSpecification):
+    """A sensor of the instrument: which channel it is, and what is known of its errors."""
+
+    channel: Annotated[int, Range(low=1)]
+    """Number of the channel, from 1."""
+    unit: Literal["m", "rad"] = "m"
+    """What it reads in."""
+
+    def __post_init__(self) -> None:
+        SensorSpecification.__post_init__(self)
+        require_ranges(self, PlanError, f"sensor '{self.name}'")
+
+    @property
+    def instrument(self) -> SensorSpecification:
+        """The same without its channel."""
+        return SensorSpecification(
+            **{f.name: getattr(self, f.name) for f in fields(SensorSpecification)}
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Defaults:
+    """What holds for all steps that say nothing else."""
+
+    sample_rate: _Rate = 1000.0
+    """Rate of samples of records [Hz]."""
+    command_rate: _Rate = 1000.0
+    """Rate of samples of commands [Hz]; straight lines between them."""
+    lowest_frequency: _Rate | None = None
+    """Lowest natural frequency of the stage with its drives in place [Hz]; that of the lumped model
+    where not given.
+    """
+
+    def __post_init__(self) -> None:
+        require_ranges(self, PlanError, "the defaults")
+
+
+class PlanLookup(Protocol):
+    """What a step looks up in the plan that it belongs to."""
+
+    @property
+    def stage(self) -> str:
+        """Stage file, or name of a built-in design."""
+        ...
+
+    @property
+    def sensors(self) -> tuple[SensorEntry, ...]:
+        """The sensors."""
+        ...
+
+    @property
+    def defaults(self) -> Defaults:
+        """What holds for all steps."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks that belong to every figure."""
+        ...
+
+    def sensor(self, name: str) -> SensorEntry:
+        """Return a sensor by name; refused where there is none."""
+        ...
+
+    def action_of(self, name: str) -> "Verb":
+        """Return what a step does; refused where there is none."""
+        ...
+
+    def axis_of(self, name: str) -> str:
+        """Return the axis that a step is about; both, such as ``xy``, where it is about two."""
+        ...
+
+
+class ResultLookup(Protocol):
+    """What a step looks up in the result of its plan, where it shows its own."""
+
+    @property
+    def stage(self) -> "Stage":
+        """The stage."""
+        ...
+
+    def relative(self, file: Path) -> str:
+        """Return the name of a file from the folder of the run."""
+        ...
+
+    def plain_figure(self, figure: "MeasuredCharacteristic") -> dict[str, Any]:
+        """Return a figure of this result as plain data."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +172,7 @@ class PlannedStep:
 class PlanContext:
     """What the steps of a plan share while it is looked at, without an instrument."""
 
-    plan: "Plan"
+    plan: PlanLookup
     """The plan."""
     stage: "Stage"
     """The stage."""
@@ -130,7 +224,7 @@ class Verb:
         """Equal cycles in its command; None where they are not counted."""
         return None
 
-    def axis_of(self, plan: "Plan") -> str:
+    def axis_of(self, plan: PlanLookup) -> str:
         """Return the axis that it is about; both, such as ``xy``, where it is about two."""
         return plan.axis_of(self.needs[0])
 
@@ -181,7 +275,7 @@ class Verb:
         del context
         return PlannedStep(name=name, verb=self.verb, what=f"of {', '.join(self.needs)}")
 
-    def depends_on(self, plan: "Plan") -> tuple[object, ...]:
+    def depends_on(self, plan: PlanLookup) -> tuple[object, ...]:
         """Return parts of the plan, apart from itself and its defaults, that its result is of."""
         del plan
         return ()
@@ -198,7 +292,7 @@ class Verb:
         raise NotImplementedError
 
     @staticmethod
-    def section(steps: "Sequence[Any]", result: "PlanResult") -> "Section | None":
+    def section(steps: "Sequence[Any]", result: ResultLookup) -> "Section | None":
         """Return the section of the report on all steps of this verb."""
         del steps, result
         return None
@@ -226,7 +320,7 @@ class StepResult:
         """SHA-256 of each record that it evaluated, by its name."""
         return {}
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         """Return what ``results.json`` keeps of it beside its name and verb."""
         raise NotImplementedError
 
@@ -246,6 +340,9 @@ class StepResult:
         """Return what the catalogue keeps of a model; `runs` are identifiers of records by file."""
         del context, stage, runs
         return None
+
+
+_Result = TypeVar("_Result", bound=StepResult)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -272,13 +369,11 @@ class RunContext(PlanContext):
         own = self.instrument.axes.get(axis)
         return None if own is None else own.limits
 
-    def measured(self, name: str) -> "MeasuredStep":
-        """Return what an earlier step measured, as the plan has made sure that it did."""
-        return cast("MeasuredStep", self.results[name])
-
-    def identified(self, name: str) -> "IdentifiedStep":
-        """Return the model that an earlier step identified, as the plan has made sure."""
-        return cast("IdentifiedStep", self.results[name])
+    def result_of(self, name: str, kind: type[_Result]) -> _Result:
+        """Return what an earlier step gave, of the kind that the plan has made sure of."""
+        result = self.results[name]
+        assert isinstance(result, kind)
+        return result
 
     def signal(self, sensor: str) -> Signal:
         """Return the signal of a sensor of the plan."""

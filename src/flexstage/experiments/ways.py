@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from flexstage.experiments.verb import RunContext
 from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
+    Reference,
     ReferenceTrajectory,
     joined,
     reference_of,
@@ -29,9 +29,6 @@ from flexstage.instruments.record_run import run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.records import Record
 from flexstage.system.servo import ServoSettings
-
-if TYPE_CHECKING:
-    from flexstage.experiments.verbs.verify import Verify
 
 #: Samples of the loop from a reading to the voltage that answers it; and from reading to target.
 _LOOP_DELAY, _READING_DELAY = 2.0, 1.0
@@ -47,8 +44,14 @@ class TrackingSetup:
 
     name: str
     """Name of the step."""
-    action: "Verify"
-    """The step."""
+    model: str
+    """The step that identified the model."""
+    along: str
+    """The sensor that reads the position."""
+    reference: Reference
+    """What shall be followed."""
+    trials: int
+    """Trials of learning."""
     course: ReferenceTrajectory
     """The reference, by the model with the zero that the sensor has now."""
     signals: tuple[Signal, ...]
@@ -59,18 +62,29 @@ class TrackingSetup:
     """By how much the zero of the sensor has moved since the model was identified [m]."""
 
 
-def tracking_setup(context: RunContext, name: str, action: "Verify") -> TrackingSetup:
-    """Look where the zero of the sensor is now, and make the reference for it."""
+def tracking_setup(
+    context: RunContext,
+    name: str,
+    *,
+    model: str,
+    along: str,
+    reference: Reference,
+    rate_hz: float,
+    trials: int,
+    controlled: bool,
+) -> TrackingSetup:
+    """Look where the zero of the sensor is now, and make the reference for it.
+
+    `controlled` is whether it is followed under control in one of the ways.
+    """
     # readings that are averaged to find by how much the zero of the sensor has moved
     readings = 20
-    controlled = any(way in ("feedback", "both") for way in action.ways)
-    course = reference_of(context, action.model, action.reference, controlled=controlled)
+    course = reference_of(context, model, reference, controlled=controlled)
     axis = course.axis
     signals = (
-        context.signal(action.along),
+        context.signal(along),
         Signal(kind="voltage", source=axis, name="voltage", unit="V"),
     )
-    rate = action.rate(context.plan)
     made = compensate(
         {axis: course.model},
         course.trajectory,
@@ -79,13 +93,21 @@ def tracking_setup(context: RunContext, name: str, action: "Verify") -> Tracking
     )
     prepare_loops(context.instrument, [axis], "voltage")
     park(context.instrument, [axis])
-    record = run_waveform(context.instrument, made.lead_in, signals, rate_hz=min(rate, 1000.0))
-    reading = float(np.mean(record.channel(action.along).values[-readings:]))
+    record = run_waveform(context.instrument, made.lead_in, signals, rate_hz=min(rate_hz, 1000.0))
+    reading = float(np.mean(record.channel(along).values[-readings:]))
     shift = reading - made.predicted[axis]
     moved = shifted_model(course.model, shift)
-    course = reference_of(context, action.model, action.reference, moved, controlled=controlled)
+    course = reference_of(context, model, reference, moved, controlled=controlled)
     return TrackingSetup(
-        name=name, action=action, course=course, signals=signals, rate_hz=rate, shift=shift
+        name=name,
+        model=model,
+        along=along,
+        reference=reference,
+        trials=trials,
+        course=course,
+        signals=signals,
+        rate_hz=rate_hz,
+        shift=shift,
     )
 
 
@@ -254,7 +276,7 @@ def _learned(context: RunContext, own: TrackingSetup, about: RunMetadata) -> Pat
     They are learned beside a control where the axis takes both and the model can tune it: it takes
     up creep and drift, which go on between the trials, and learning what repeats.
     """
-    axis, action = own.course.axis, own.action
+    axis = own.course.axis
     course, run = _to_learn(context, own)
     skip = course.settle * course.trajectory.period
 
@@ -279,9 +301,9 @@ def _learned(context: RunContext, own: TrackingSetup, about: RunMetadata) -> Pat
             course.trajectory,
             run.feedforward or run.waveform,
             {axis: course.model},
-            LearningSettings(trials=action.trials - 1, periods=max(course.cycles, 2)),
+            LearningSettings(trials=own.trials - 1, periods=max(course.cycles, 2)),
             limits={axis: course.limits},
-            columns={axis: action.along},
+            columns={axis: own.along},
             servo=run.servo or None,
         )
         errors = " ".join(f"{t.rms:.6e}" for t in found.axes[axis].trials)
@@ -305,7 +327,7 @@ def _to_learn(context: RunContext, own: TrackingSetup) -> tuple[ReferenceTraject
     # what the control leaves of a voltage is known at the rate of its loop
     rate = context.base_rate_hz
     course = reference_of(
-        context, own.action.model, own.action.reference, course.model, controlled=True, rate_hz=rate
+        context, own.model, own.reference, course.model, controlled=True, rate_hz=rate
     )
     return course, _planned_run(course, Way.BOTH, servo, _READING_DELAY / rate)
 

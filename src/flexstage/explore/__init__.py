@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     )
     from flexstage.explore.sensitivity import Sensitivities, sensitivities
     from flexstage.explore.sweep import Sweep, sweep
-    from flexstage.explore.tolerance import ToleranceStudy, tolerance
-    from flexstage.explore.tolerance_choice import ToleranceChoice, choose_tolerances
+    from flexstage.explore.tolerance import ToleranceChoice, ToleranceStudy, tolerance
+    from flexstage.explore.tolerance_choice import choose_tolerances
     from flexstage.explore.variables import Variable, every_variable, variables_of
     from flexstage.explore.workers import Workers, open_workers
 

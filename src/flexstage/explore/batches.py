@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-import flexstage
 from flexstage.errors import ModelError, RecordError, WorkerError
 from flexstage.files.write import write_whole
+from flexstage.version import __version__
 
 #: A batch that lasts this long hides what it costs to send it, and little is lost with it [s].
 _LASTS = 1.0
@@ -160,7 +160,7 @@ def versions() -> dict[str, str]:
     import scipy
 
     return {
-        "flexstage": flexstage.__version__,
+        "flexstage": __version__,
         "python": ".".join(platform.python_version_tuple()[:2]),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

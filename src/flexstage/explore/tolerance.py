@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,6 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
-
-if TYPE_CHECKING:
-    from flexstage.explore.tolerance_choice import ToleranceChoice
 
 #: Samples of a batch: some tenths of a second of work.
 BATCH = 2500
@@ -125,6 +122,48 @@ def _batch(
     return {"values": values, "gone": gone}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToleranceChoice:
+    """Tolerances by which a share of all stages meets what is required, at the least cost."""
+
+    target: float
+    """The share of good stages that was asked for [1]."""
+    reached: bool
+    """Whether the lower end of the interval of the yield is at the target or above it."""
+    usual: Scatter
+    """The scatter that the choice began with."""
+    chosen: Scatter
+    """The scatter that was found; the finest one that is thought of where none reaches the target.
+    """
+    kinds: tuple[str, ...]
+    """The fields of `Scatter` that were chosen."""
+    cost: float
+    """Cost of the chosen scatter in parts of that of the usual one [1]."""
+    before: tuple[Yield, ...]
+    """Yields with the usual scatter: of every requirement, and of all together."""
+    after: tuple[Yield, ...]
+    """Yields with the chosen scatter."""
+    verdict: str
+    """What came out, in a sentence."""
+
+    def data(self) -> dict[str, Any]:
+        """Return what was chosen as plain data."""
+        return {
+            **picked(self, "target", "reached", "verdict", "cost"),
+            "scatter": picked(self.chosen, *self.kinds),
+            "yields": [one.data() for one in self.after],
+        }
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a scatter to show: not where the stage as drawn is not good."""
+        return self.reached or self.chosen != self.usual
+
+    def factor(self, kind: str) -> float:
+        """Return the chosen scatter of a kind in parts of the usual one [1]."""
+        return getattr(self.chosen, kind) / getattr(self.usual, kind)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToleranceStudy(Result):
     """What the workshop makes of a stage."""
@@ -149,7 +188,7 @@ class ToleranceStudy(Result):
     """What to know of the result."""
     provenance: Provenance
     """Where it comes from."""
-    choice: "ToleranceChoice | None" = None
+    choice: ToleranceChoice | None = None
     """The tolerances that reach a yield, where they were asked for."""
 
     __repr__ = short_repr

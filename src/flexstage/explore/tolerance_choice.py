@@ -11,56 +11,13 @@ from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.made_stages import process_of
 from flexstage.explore.spread import Yield, yield_of
-from flexstage.explore.tolerance import Lot, ToleranceStudy, yields_of
+from flexstage.explore.tolerance import Lot, ToleranceChoice, ToleranceStudy, yields_of
 from flexstage.explore.workers import Workers
-from flexstage.files.plain import picked
 from flexstage.progress import listen, update
 from flexstage.virtual.imperfections import Scatter
 
 #: Finest and coarsest scatter that is thought of, as parts of the given one.
 FINEST, COARSEST = 0.02, 3.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ToleranceChoice:
-    """Tolerances by which a share of all stages meets what is required, at the least cost."""
-
-    target: float
-    """The share of good stages that was asked for [1]."""
-    reached: bool
-    """Whether the lower end of the interval of the yield is at the target or above it."""
-    usual: Scatter
-    """The scatter that the choice began with."""
-    chosen: Scatter
-    """The scatter that was found; the finest one that is thought of where none reaches the target.
-    """
-    kinds: tuple[str, ...]
-    """The fields of `Scatter` that were chosen."""
-    cost: float
-    """Cost of the chosen scatter in parts of that of the usual one [1]."""
-    before: tuple[Yield, ...]
-    """Yields with the usual scatter: of every requirement, and of all together."""
-    after: tuple[Yield, ...]
-    """Yields with the chosen scatter."""
-    verdict: str
-    """What came out, in a sentence."""
-
-    def data(self) -> dict[str, Any]:
-        """Return what was chosen as plain data."""
-        return {
-            **picked(self, "target", "reached", "verdict", "cost"),
-            "scatter": picked(self.chosen, *self.kinds),
-            "yields": [one.data() for one in self.after],
-        }
-
-    @property
-    def found(self) -> bool:
-        """Whether there is a scatter to show: not where the stage as drawn is not good."""
-        return self.reached or self.chosen != self.usual
-
-    def factor(self, kind: str) -> float:
-        """Return the chosen scatter of a kind in parts of the usual one [1]."""
-        return getattr(self.chosen, kind) / getattr(self.usual, kind)
 
 
 def choose_tolerances(

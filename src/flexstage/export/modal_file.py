@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.request import StageExport
@@ -30,6 +29,7 @@ from flexstage.system import (
     modes,
 )
 from flexstage.system.response import default_frequencies_hz
+from flexstage.version import __version__
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13
@@ -294,7 +294,7 @@ def modal_file(stage: Stage, system: MechanicalSystem, found: Modes) -> bytes:
             f"{system.model} model, drives {found.drives}",
             "NONE",
             "unit modal mass; displacement in m, rotation in rad, for 1 kg^0.5 m",
-            f"flexstage {flexstage.__version__}",
+            f"flexstage {__version__}",
         )
         shape = points.shape(system, found.shapes[:, k - 1])
         parts.append(mode_shape(titles, k, frequency, ratio, numbers, shape))
@@ -327,7 +327,7 @@ def frf_file(stage: Stage, responses: Iterable[FrequencyResponse]) -> bytes:
 
 
 def _opening(stage: Stage, what: str) -> str:
-    program = f"flexstage {flexstage.__version__}"
+    program = f"flexstage {__version__}"
     return heading(stage.name, f"{what}: {stage.title or stage.name}", program) + (si_units())
 
 

@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import flexstage
 from flexstage.errors import StageError
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
+from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from netgen.occ import TopoDS_Shape
@@ -155,7 +155,7 @@ def _headed(text: str, stage: Stage) -> str:
         f"{stage.material.name}; millimetres; z = 0 is the middle plane"
     )
     name, title = _quoted(stage.name), _quoted(stage.title or stage.name)
-    ours = _quoted(f"flexstage {flexstage.__version__}")
+    ours = _quoted(f"flexstage {__version__}")
     header = (
         "ISO-10303-21;\nHEADER;\n"
         f"FILE_DESCRIPTION((\n{_quoted(said)}),\n'2;1');\n"

@@ -1,6 +1,5 @@
 """Reading measured files into records: format, columns, units, time, and the checks."""
 
-import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexstage.errors import RecordError, UnitError
 from flexstage.files.request import request_of
+from flexstage.provenance import file_hash
 from flexstage.records.binary_files import read_hdf5, read_numpy, read_tdms
 from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (
@@ -180,8 +180,7 @@ def _hash(file: Path) -> str:
         raise RecordError(f"there is no file '{file}'")
     if not file.is_file():
         raise RecordError(f"'{file}' is no file: give one file of measured columns")
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return file_hash(file)
 
 
 def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:

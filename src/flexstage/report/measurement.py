@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import flexstage
 from flexstage.cache.memory import Memory
 from flexstage.characteristic import shown_units
 from flexstage.experiments.campaign.results import TestResult
@@ -17,6 +16,7 @@ from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, 
 from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
 from flexstage.table import Cell, Column, Table, table
 from flexstage.units import readable
+from flexstage.version import __version__
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (
@@ -102,7 +102,7 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
             f"{len(result.found.results)} tests, {len(result.rows)} figures; intervals are those "
             "of 95 %"
         ),
-        version=flexstage.__version__,
+        version=__version__,
         sections=_sections(result),
         notes=result.found.notes,
         memory=memory,

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 
-import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.figures import Figure, Requirement
@@ -20,6 +19,7 @@ from flexstage.report.page import page_html
 from flexstage.report.sweep import parallel_coordinates
 from flexstage.section import Picture, Section
 from flexstage.table import Column, Table, table
+from flexstage.version import __version__
 
 # limits that are named, and what the table says of a bound
 _HELD, _BOUND = 8, {"low": "lower", "high": "upper"}
@@ -99,7 +99,7 @@ def front_html(found: Front) -> str:
     return page_html(
         heading=f"{found.problem.family.template.source}: Pareto front",
         lead=" and ".join(goal.text for goal in found.problem.goals),
-        version=flexstage.__version__,
+        version=__version__,
         links=(("coordinates", "Parallel coordinates"), (shown.key, shown.title)),
         sections=(shown,),
         notes=front_notes(found),

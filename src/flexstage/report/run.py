@@ -5,7 +5,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-import flexstage
 from flexstage.characteristic import in_order
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.verbs import VERBS
@@ -15,6 +14,7 @@ from flexstage.report.page import page_html
 from flexstage.section import Content, Definitions, Section
 from flexstage.studies.measurement import compare_plan
 from flexstage.table import Table, table
+from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from flexstage.characteristic import MeasuredCharacteristic
@@ -29,7 +29,7 @@ def run_text(result: PlanResult) -> str:
     return page_html(
         heading=f"{result.stage.name}: {name}",
         lead=_lead(result),
-        version=flexstage.__version__,
+        version=__version__,
         sections=_sections(result),
         notes=_notes(result),
     )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.explore.sampling import SobolIndices
@@ -20,6 +19,7 @@ from flexstage.report.page import page_html
 from flexstage.report.tables import LUMPED_NOTE, value_text
 from flexstage.section import Definitions, Picture, Section
 from flexstage.table import Table, table
+from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -116,7 +116,7 @@ def sweep_html(sweep: Sweep) -> str:
     return page_html(
         heading=f"{sweep.stage}: sweep",
         lead=sweep_title(sweep),
-        version=flexstage.__version__,
+        version=__version__,
         links=(("coordinates", "Parallel coordinates"), *((s.key, s.title) for s in sections)),
         sections=sections,
         notes=sweep_notes(sweep),

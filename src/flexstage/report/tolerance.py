@@ -3,17 +3,17 @@
 import math
 from collections.abc import Iterator
 
-import flexstage
 from flexstage.explore.deviations import KINDS, LABELS, scatter_dimensions
 from flexstage.explore.figures import Figure
 from flexstage.explore.spread import Spread, Yield, samples_for
-from flexstage.explore.tolerance import VALIDITY, ToleranceStudy
-from flexstage.explore.tolerance_choice import COARSEST, FINEST, ToleranceChoice
+from flexstage.explore.tolerance import VALIDITY, ToleranceChoice, ToleranceStudy
+from flexstage.explore.tolerance_choice import COARSEST, FINEST
 from flexstage.quantities import number
 from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
 from flexstage.section import Bullets, Picture, Section
 from flexstage.table import Table, table
+from flexstage.version import __version__
 from flexstage.virtual.imperfections import Scatter
 
 _LEAST = 0.01  # share of the variance that is told [1]
@@ -173,7 +173,7 @@ def tolerance_page(study: ToleranceStudy) -> str:
             f"{study.samples} stages drawn from a process, seed {study.lot.seed}; {study.model}; "
             "intervals are those of 95 %"
         ),
-        version=flexstage.__version__,
+        version=__version__,
         sections=_sections(study),
         # the first says what the description is, such as a reconstruction
         notes=(*study.notes, *study.stage.notes[:1]),

@@ -1,11 +1,13 @@
 """Identification and compensation of a piezo stage, carried out on its entire dynamic model."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from flexstage import progress
 from flexstage.arrays import Array
+from flexstage.files.plain import picked
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.identification.identify import identify
@@ -76,6 +78,31 @@ class AxisExperiment:
     """Width of that loop, and errors [m]."""
     runs: tuple[CompensatedRun, ...]
     """With the inverse of each model."""
+
+    def data(self) -> dict[str, Any]:
+        """Return its figures as plain data.
+
+        Stroke, widths, errors [m], reductions [%], and how good each model is [%].
+        """
+        return {
+            "kind": "virtual experiment",
+            **picked(self, "stroke", "loop_width=width", "model_deviation=deviation"),
+            "open_loop": _errors(self.open_loop),
+            "runs": [
+                {
+                    **picked(
+                        run.identification, "model=kind", "rms_percent", "heldout_rms_percent"
+                    ),
+                    "reduction_percent": run.reduction_percent,
+                    **_errors(run.tracking),
+                }
+                for run in self.runs
+            ],
+        }
+
+
+def _errors(tracked: Tracking) -> dict[str, float]:
+    return picked(tracked, "loop_width", "tracking_rms=rms", "tracking_max=largest")
 
 
 def virtual_experiment(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage import progress
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hinges.compliance import require_sizes
 from flexstage.lazy import data_frame
@@ -17,6 +18,7 @@ from flexstage.stage import Stage
 from flexstage.stage.hinge_attachment import root_widths
 from flexstage.stage.mass import mass_properties
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
+from flexstage.studies.results import analysis_results
 from flexstage.system import Analysis, analyse
 from flexstage.system.requests import models_of
 
@@ -48,9 +50,48 @@ class ModelRun:
 
     def data(self) -> dict[str, Any]:
         """Return all that the model found as plain data, with its frequency responses."""
-        from flexstage.studies.results import model_data
+        return analysis_results(self.analysis, responses=True) | self.beyond_analysis()
 
-        return model_data(self)
+    def beyond_analysis(self) -> dict[str, Any]:
+        """Return what a run has beyond its analysis, as plain data; SI units, frequencies in Hz.
+
+        Only what there is of the meshes and their values, the path of each axis, and the buckling
+        load of bars [N].
+        """
+        out: dict[str, Any] = {}
+        if self.refinement is not None:
+            out["refinement"] = {
+                **picked(self.refinement, "quantity", "accuracy", "estimate"),
+                "steps": [
+                    {
+                        **picked(step.settings, "order", "neck_size"),
+                        "unknowns": step.unknowns,
+                        "seconds": round(step.seconds, 3),
+                        "values": [
+                            {"quantity": quantity, "axis": axis, "value": plain(value)}
+                            for (quantity, axis), value in step.values.items()
+                        ],
+                    }
+                    for step in self.refinement.steps
+                ],
+            }
+        if self.strokes:
+            out["strokes"] = {
+                path.axis: picked(
+                    path,
+                    "displacement",
+                    "force",
+                    "along",
+                    "across",
+                    "rotation",
+                    "natural_frequency_hz_at_full_stroke=frequency_hz",
+                    "ratio_change",
+                )
+                for path in self.strokes
+            }
+        if self.bars:
+            out["bar_buckling_load"] = plain(self.bars)
+        return out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

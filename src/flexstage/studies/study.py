@@ -14,6 +14,7 @@ from flexstage.characteristic import Characteristic, Characteristics
 from flexstage.comparison import Comparison, compare
 from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ConvergenceError, ModelError, StageError
+from flexstage.files.plain import picked
 from flexstage.files.request import request_of
 from flexstage.files.result import Result
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
@@ -24,6 +25,7 @@ from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.studies.models import MODELS, ModelRun, run_model
 from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
+from flexstage.studies.results import analysis_results, characteristic_row
 from flexstage.studies.virtual_experiments import carry_out
 from flexstage.system import Analysis
 from flexstage.system.requests import models_of
@@ -109,9 +111,21 @@ class Study(Result):
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        from flexstage.studies.results import study_data
-
-        return study_data(self)
+        return {
+            **picked(self.stage, "stage=name", "title", "notes"),
+            "characteristics": [characteristic_row(row) for row in self.characteristics],
+            "models": {
+                name: _without_table(a)
+                | self.runs.get(name, ModelRun(analysis=a)).beyond_analysis()
+                for name, a in self.analyses.items()
+            },
+            "left_out": dict(self.left_out),
+            "hysteresis": {axis: made.data() for axis, made in self.experiments.items()},
+            "virtual_measurement": _or_reason(self.virtual),
+            "centring": _or_reason(self.centring),
+            "traditional": _or_reason(self.traditional),
+            "variants": {name: analysis_results(a) for name, a in self.variants.items()},
+        }
 
     @property
     def characteristics(self) -> Characteristics:
@@ -171,6 +185,22 @@ class Study(Result):
         lumped = self.analyses["lumped"].system
         model = dynamic_model(self.stage, lumped, hysteresis=identified or "usual")
         return diagram_files(self.stage, model=model)
+
+
+def _without_table(analysis: Analysis) -> dict[str, Any]:
+    """All of an analysis but its characteristics, which stand in the table of the study."""
+    results = analysis_results(analysis)
+    del results["characteristics"]
+    return results
+
+
+def _or_reason(
+    found: "MeasurementComparison | CentringTrial | TraditionalComparison | str | None",
+) -> dict[str, Any]:
+    """Return a result as plain data, or why there is none; nothing where it was not asked for."""
+    if found is None:
+        return {}
+    return {"reason": found} if isinstance(found, str) else found.data()
 
 
 def run_study(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from flexstage.characteristic import measured_value
 from flexstage.choose import listed
 from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.errors import ModelError
+from flexstage.files.plain import picked, plain
 from flexstage.short_repr import short_repr
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.mass import outer_size
@@ -126,6 +127,48 @@ class TraditionalComparison:
     """How many of each were made."""
 
     __repr__ = short_repr
+
+    def data(self) -> dict[str, Any]:
+        """Return the comparison as plain data; SI units, shares from 0 to 1.
+
+        Motion errors are medians and 95 % quantiles of the samples.
+        """
+        stages = (self.own, *self.others, self.asymmetric)
+        return {
+            **picked(self, "claim", "samples", "measured", "implied", "longest_leg", "scatter"),
+            "stages": [
+                {
+                    **picked(stage, "title", "frequency_hz", "size", "mass", "actuators"),
+                    "drift": {
+                        load: dict(zip(("x", "y", "rotation"), moved, strict=True))
+                        for load, moved in stage.drift.items()
+                    },
+                    "axes": {
+                        name: {
+                            **picked(axis, "travel", "geometry", "bending", "manufacture"),
+                            **picked(axis, "assembly", "coupling", "finite_elements"),
+                            **{
+                                what: dict(
+                                    zip(("median", "upper"), axis.figures(what), strict=True)
+                                )
+                                for what in ("across", "straightness", "normal", "yaw", "tilt")
+                            },
+                        }
+                        for name, axis in stage.axes.items()
+                    },
+                }
+                for stage in stages
+            ],
+            "catalogue": plain(self.catalogue),
+            "reductions": {
+                measure: [
+                    picked(row, "against", "other", "reduction", "share", "holds")
+                    for row in self.reductions(measure)
+                ]
+                for measure in MEASURES
+            },
+            "verdict": [*verdict(self), *drift_verdict(self)],
+        }
 
     def reductions(self, measure: Measure = "across") -> tuple[Reduction, ...]:
         """Say by how much the stage is below each of the others, by a measure of motion errors.

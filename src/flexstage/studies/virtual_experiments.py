@@ -11,6 +11,7 @@ from flexstage.arrays import Array
 from flexstage.cache.memory import Memory
 from flexstage.characteristic import Characteristics
 from flexstage.errors import FlexstageError, ModelError
+from flexstage.files.plain import picked
 from flexstage.stage import PiezoStack, Stage
 from flexstage.studies.measurement import MeasurementComparison, compare_with_references
 from flexstage.system import MechanicalSystem
@@ -39,6 +40,21 @@ class CentringTrial:
     """Readings of the first head before and after."""
     angles: tuple[Array, Array]
     """Angles of their samples [rad]."""
+
+    def data(self) -> dict[str, Any]:
+        """Return what is left of the eccentricity [m] and every step as plain data."""
+        return {
+            "kind": "virtual experiment",
+            **picked(self, "left", "reached=done.reached", "reason=done.reason"),
+            "steps": [
+                {
+                    **picked(step, "kind", "command"),
+                    **picked(step.reading.length, "length=value", "interval"),
+                    "predicted": None if step.predicted is None else step.predicted.value,
+                }
+                for step in self.done.steps
+            ],
+        }
 
 
 def carry_out(

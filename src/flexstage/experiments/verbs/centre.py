@@ -16,7 +16,15 @@ from flexstage.choose import has_no
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.experiments.command import prepare_loops
-from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
+from flexstage.experiments.verb import (
+    PlanContext,
+    PlanLookup,
+    PlannedStep,
+    ResultLookup,
+    RunContext,
+    StepResult,
+    Verb,
+)
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import Range, Seed, require_ranges
@@ -29,8 +37,6 @@ from flexstage.table import table
 from flexstage.units import DIMENSIONS, Angle, Length
 
 if TYPE_CHECKING:
-    from flexstage.experiments.plan import Plan
-    from flexstage.experiments.results import PlanResult
     from flexstage.section import Content
     from flexstage.virtual.table import VirtualTable
 
@@ -90,7 +96,7 @@ class Centre(Verb):
         if not self.heads:
             raise PlanError("centre needs one head at least, got none")
 
-    def axis_of(self, plan: "Plan") -> str:
+    def axis_of(self, plan: PlanLookup) -> str:
         del plan
         return "".join(self.axes)
 
@@ -172,7 +178,7 @@ class Centre(Verb):
         )
 
     @staticmethod
-    def section(steps: "Sequence[CentredStep]", result: "PlanResult") -> Section:
+    def section(steps: "Sequence[CentredStep]", result: ResultLookup) -> Section:
         del result
         heads = (
             "move", "kind", "x [µm]", "y [µm]", "eccentricity [µm]", "± (95 %)",
@@ -230,7 +236,7 @@ class CentredStep(StepResult):
     notes: tuple[str, ...] = ()
     """What a reader should know."""
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result
         own = asdict(self)
         return {"axis": "".join(own.pop("axes")), **{k: own[k] for k in own if k != "name"}}

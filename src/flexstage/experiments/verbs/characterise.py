@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -15,13 +15,9 @@ from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
 from flexstage.experiments.campaign.requests import Evaluation
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
-from flexstage.experiments.verb import RunContext, StepResult, Verb
-from flexstage.experiments.verbs.measure import Measure
+from flexstage.experiments.verb import PlanLookup, ResultLookup, RunContext, StepResult, Verb
+from flexstage.experiments.verbs.measure import Measure, MeasuredStep
 from flexstage.records import Channel, Record
-
-if TYPE_CHECKING:
-    from flexstage.experiments.plan import Plan
-    from flexstage.experiments.results import PlanResult
 
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)
 
@@ -69,8 +65,8 @@ class Characterise(Verb):
                 )
         return ""
 
-    def depends_on(self, plan: "Plan") -> tuple[object, ...]:
-        return (plan.sensors, *(plan.step(name).action for name in self.of))
+    def depends_on(self, plan: PlanLookup) -> tuple[object, ...]:
+        return (plan.sensors, *(plan.action_of(name) for name in self.of))
 
     def result(
         self, context: RunContext, name: str, files: list[Path], *, now: bool
@@ -87,7 +83,7 @@ class Characterise(Verb):
         )
 
         def load(test: Test) -> list[Record]:
-            record = context.measured(test.name).evaluated
+            record = context.result_of(test.name, MeasuredStep).evaluated
             if test.test != "workspace":
                 return [record]
             return [corner_visits(record, test.columns.x or "", test.columns.y or "")]
@@ -121,7 +117,7 @@ class CharacterisedStep(StepResult):
         own = tuple(figure for result in self.found.results for figure in result.figures)
         return (*own, *self.ratios)
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
             "figures": [result.plain_figure(f) for f in self.figures],
             "notes": [f"{r.test.name}: {n}" for r in self.found.results for n in r.notes],
@@ -134,7 +130,7 @@ def _ratios(
     """Give the ratio of each axis that a screw drives."""
     for result in found.results:
         stroke = result.details.get("stroke")
-        record = context.measured(result.test.name).record
+        record = context.result_of(result.test.name, MeasuredStep).record
         if stroke is None or record.channel("command").unit != "m":
             continue
         sensor = campaign.instrument(result.test.along)
@@ -150,9 +146,9 @@ def _ratios(
 
 def _test(context: RunContext, name: str) -> Test:
     """Return the description of a test that a step has measured."""
-    action = cast("Measure", context.plan.step(name).action)
+    action = cast("Measure", context.plan.action_of(name))
     kind = KINDS[action.test or ""]
-    source = context.plan.step(action.of).action
+    source = context.plan.action_of(action.of)
     axis = context.plan.axis_of(name)
     roles = {r: s for r, s in action.roles.items() if r in (kind.sensors or ())}
     given: dict[str, Any] = {**roles, **kind.beside}
@@ -166,7 +162,7 @@ def _test(context: RunContext, name: str) -> Test:
         name=name,
         test=action.test or "",
         axis=axis,
-        records=(context.measured(name).file.name,),
+        records=(context.result_of(name, MeasuredStep).file.name,),
         columns=Columns(**given),
         along=action.along or action.x,
         transverse=action.across or action.vertical,

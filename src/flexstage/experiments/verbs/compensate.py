@@ -11,7 +11,15 @@ from flexstage.arrays import Array
 from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import axis_setting, estimated_stroke
 from flexstage.experiments.command import CommandWaveform, require_size
-from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
+from flexstage.experiments.verb import (
+    PlanContext,
+    PlannedStep,
+    ResultLookup,
+    RunContext,
+    StepResult,
+    Verb,
+)
+from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.files.ranges import Count, Range, Whole, require_ranges
 from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
@@ -19,7 +27,6 @@ from flexstage.units import Frequency
 
 if TYPE_CHECKING:
     from flexstage.control import Trajectory
-    from flexstage.experiments.results import PlanResult
     from flexstage.hysteresis import DriveModel
 
 
@@ -102,7 +109,7 @@ def reference_of(
     under control too, it keeps within the positions that may be commanded. The rate of its samples
     [Hz] is that of the plan's commands where not given.
     """
-    found = context.identified(model)
+    found = context.result_of(model, IdentifiedStep)
     used = found.model if drive is None else drive
     limits = context.instrument.axes[found.axis].limits
     setting = axis_setting(context.stage, found.axis, limits=limits)
@@ -324,7 +331,7 @@ class CompensatedStep(StepResult):
     notes: tuple[str, ...] = ()
     """What was changed."""
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result
         error = self.predicted - self.reference
         return {

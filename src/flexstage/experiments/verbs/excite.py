@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from flexstage.experiments.axis_limits import AxisSetting, axis_setting
 from flexstage.experiments.command import BASE_RATE_HZ, Command, CommandWaveform, require_size
 from flexstage.experiments.verb import (
     PlanContext,
+    PlanLookup,
     PlannedMotion,
     PlannedStep,
+    ResultLookup,
     RunContext,
     StepResult,
     Verb,
@@ -24,10 +26,6 @@ from flexstage.files.ranges import Range, require_ranges
 from flexstage.instruments.limits import check_waveform
 from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits
-
-if TYPE_CHECKING:
-    from flexstage.experiments.plan import Plan
-    from flexstage.experiments.results import PlanResult
 
 #: What stands for above nothing.
 TINY = 1e-12
@@ -60,7 +58,7 @@ class Excite(Verb):
         own = getattr(self, "axis", None)
         return (own,) if own is not None else tuple(getattr(self, "axes", ()))
 
-    def axis_of(self, plan: "Plan") -> str:
+    def axis_of(self, plan: PlanLookup) -> str:
         del plan
         return "".join(self.moved)
 
@@ -167,7 +165,7 @@ class CommandedStep(StepResult):
     notes: tuple[str, ...] = ()
     """What a reader should know."""
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         del result
         return {
             **picked(self, "axis", "kind", "unit", "samples=time.size"),

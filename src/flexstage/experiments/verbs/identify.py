@@ -11,19 +11,19 @@ import numpy as np
 from flexstage.arrays import Array
 from flexstage.characteristic import measured_value
 from flexstage.errors import PlanError
-from flexstage.experiments.verb import RunContext, StepResult, Verb
+from flexstage.experiments.verb import ResultLookup, RunContext, StepResult, Verb
+from flexstage.experiments.verbs.characterise import CharacterisedStep
+from flexstage.experiments.verbs.measure import MeasuredStep
 from flexstage.files.plain import picked
 from flexstage.files.request import require_fields
 from flexstage.files.write import write_whole
 from flexstage.hysteresis.requests import IdentifyRequest
-from flexstage.provenance import provenance
+from flexstage.provenance import file_hash, provenance
 from flexstage.quantities import number
 from flexstage.section import Bullets, Picture, Pictures, Section
 from flexstage.table import Column, table
 
 if TYPE_CHECKING:
-    from flexstage.experiments.results import PlanResult
-    from flexstage.experiments.verbs.characterise import CharacterisedStep
     from flexstage.hysteresis import DriveModel
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
 
@@ -94,7 +94,7 @@ class Identify(Verb, IdentifyRequest):
     def run(self, context: RunContext, name: str) -> list[Path]:
         from flexstage.hysteresis import ModelFile, identify, model_text
 
-        steps = [context.measured(step) for step in self.of]
+        steps = [context.result_of(step, MeasuredStep) for step in self.of]
         found = identify(
             [step.evaluated for step in steps],
             "command",
@@ -132,7 +132,7 @@ class Identify(Verb, IdentifyRequest):
         """Return what is asked for, with the mode that was measured in place."""
         asked = {f.name: getattr(self, f.name) for f in fields(IdentifyRequest)}
         if self.characterised_by is not None:
-            found = cast("CharacterisedStep", context.results[self.characterised_by]).found
+            found = context.result_of(self.characterised_by, CharacterisedStep).found
             axis = self.axis_of(context.plan)
             asked["known"] = replace(
                 self.known,
@@ -148,7 +148,7 @@ class Identify(Verb, IdentifyRequest):
 
         del now
         read = read_model_file(files[0])
-        record = context.measured(self.of[-1]).evaluated
+        record = context.result_of(self.of[-1], MeasuredStep).evaluated
         voltage = record.channel("command").values
         measured = record.channel(self.output).values
         dt = 1.0 / record.sample_rate_hz
@@ -172,7 +172,7 @@ class Identify(Verb, IdentifyRequest):
         )
 
     @staticmethod
-    def section(steps: "Sequence[IdentifiedStep]", result: "PlanResult") -> Section:
+    def section(steps: "Sequence[IdentifiedStep]", result: ResultLookup) -> Section:
         heads = (
             Column("Step", "title"), "Axis", "<Model", "<Errors [% of the stroke]",
             "Largest deviation [µm]", "published [µm]",
@@ -232,7 +232,7 @@ class IdentifiedStep(StepResult):
         """Time at which the record has forgotten what was before it [s]."""
         return float(self.time[int(SETTLED * self.time.size)])
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
             **picked(self, "axis", "model=kind"),
             "file": result.relative(self.file),
@@ -247,12 +247,11 @@ class IdentifiedStep(StepResult):
     def model_entry(
         self, context: RunContext, stage: "StageEntry", runs: Mapping[str, str]
     ) -> "ModelEntry":
-        from flexstage.experiments.state import file_hash
         from flexstage.instruments.catalogue.entries import ModelEntry
 
-        action = cast("Identify", context.plan.step(self.name).action)
+        action = cast("Identify", context.plan.action_of(self.name))
         # the last record that it was identified from
-        record = context.measured(action.of[-1]).file.relative_to(context.folder).as_posix()
+        record = context.result_of(action.of[-1], MeasuredStep).file
         made = datetime.datetime.fromtimestamp(self.file.stat().st_mtime, datetime.UTC)
         return ModelEntry(
             kind=self.kind,
@@ -261,6 +260,6 @@ class IdentifiedStep(StepResult):
             figures={f"{k} [%]": v for k, v in self.errors_percent.items()},
             stage=stage,
             created=made,
-            run=runs.get(record, ""),
+            run=runs.get(record.relative_to(context.folder).as_posix(), ""),
             sha256=file_hash(self.file),
         )

@@ -3,12 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from flexstage.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
 from flexstage.experiments.campaign.requests import Evaluation, Roles
-from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
+from flexstage.experiments.verb import (
+    PlanContext,
+    PlanLookup,
+    PlannedStep,
+    ResultLookup,
+    RunContext,
+    StepResult,
+    Verb,
+)
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range
 from flexstage.quantities import number
@@ -16,10 +24,6 @@ from flexstage.records import Record, read_record
 from flexstage.section import Section
 from flexstage.table import Column, table
 from flexstage.units import Frequency
-
-if TYPE_CHECKING:
-    from flexstage.experiments.plan import Plan
-    from flexstage.experiments.results import PlanResult
 
 _TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 
@@ -33,7 +37,7 @@ class Recording(Verb):
     sample_rate: Annotated[Frequency, Range(low=1e-3, high=1e7)] | None = None
     """Rate of samples [Hz]; that of the plan where not given."""
 
-    def rate(self, plan: "Plan") -> float:
+    def rate(self, plan: PlanLookup) -> float:
         """Return the rate of samples [Hz]."""
         return self.sample_rate or plan.defaults.sample_rate
 
@@ -93,7 +97,7 @@ class Measure(Recording, Roles, Evaluation):
         step = PlannedStep(name=name, verb=self.verb, what="")
         if source.problem:
             return replace(step, problem=f"'{source.name}' cannot be made")
-        if context.plan.step(self.of).action.struck:
+        if context.plan.action_of(self.of).struck:
             return replace(step, what=f"force and response of {source.what}", signals=2)
         return replace(
             step,
@@ -107,7 +111,7 @@ class Measure(Recording, Roles, Evaluation):
     def run(self, context: RunContext, name: str) -> list[Path]:
         command = context.commands[self.of]
         about = context.metadata(name, self.test or "identification", self.axis_of(context.plan))
-        sensors = self.reads({self.of: context.plan.step(self.of).action})
+        sensors = self.reads({self.of: context.plan.action_of(self.of)})
         read = [context.signal(sensor) for sensor in dict.fromkeys(sensors)]
         signals = command.signals(read, self.output, context.stage)
         if not signals:
@@ -134,7 +138,7 @@ class Measure(Recording, Roles, Evaluation):
         )
 
     @staticmethod
-    def section(steps: "Sequence[MeasuredStep]", result: "PlanResult") -> Section:
+    def section(steps: "Sequence[MeasuredStep]", result: ResultLookup) -> Section:
         del result
         rows = (
             (
@@ -193,7 +197,7 @@ class MeasuredStep(StepResult):
             return self.record
         return from_sample(self.record, self.first)
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
             **picked(self, "axis", "test"),
             "file": result.relative(self.file),

@@ -12,7 +12,14 @@ from flexstage.characteristic import MeasuredCharacteristic, measured_value
 from flexstage.errors import PlanError
 from flexstage.estimate import Component, Estimate
 from flexstage.experiments.axis_limits import estimated_stroke
-from flexstage.experiments.verb import PlanContext, PlannedStep, RunContext, StepResult, Verb
+from flexstage.experiments.verb import (
+    PlanContext,
+    PlannedStep,
+    ResultLookup,
+    RunContext,
+    StepResult,
+    Verb,
+)
 from flexstage.experiments.verbs.compensate import (
     LEARNING,
     NOTES,
@@ -20,6 +27,7 @@ from flexstage.experiments.verbs.compensate import (
     reference_rate,
     require_whole_cycles,
 )
+from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.experiments.verbs.measure import Recording
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
@@ -29,7 +37,6 @@ from flexstage.section import Bullets, Picture, Pictures, Section
 from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from flexstage.experiments.results import PlanResult
     from flexstage.hysteresis import Tracking
     from flexstage.stage import Stage
 
@@ -113,14 +120,23 @@ class Verify(Recording):
         from flexstage.experiments.ways import follow, tracking_setup
 
         require_whole_cycles(name, self.reference, self.rate(context.plan))
-        own = tracking_setup(context, name, self)
+        own = tracking_setup(
+            context,
+            name,
+            model=self.model,
+            along=self.along,
+            reference=self.reference,
+            rate_hz=self.rate(context.plan),
+            trials=self.trials,
+            controlled=not {"feedback", "both"}.isdisjoint(self.ways),
+        )
         return [follow(context, own, way) for way in self.ways]
 
     def result(
         self, context: RunContext, name: str, files: list[Path], *, now: bool
     ) -> "VerifiedStep":
         del now
-        model = context.identified(self.model)
+        model = context.result_of(self.model, IdentifiedStep)
         runs = [
             _run(way, read_record(file), file, self)
             for way, file in zip(self.ways, files, strict=True)
@@ -153,7 +169,7 @@ class Verify(Recording):
         )
 
     @staticmethod
-    def section(steps: "Sequence[VerifiedStep]", result: "PlanResult") -> Section:
+    def section(steps: "Sequence[VerifiedStep]", result: ResultLookup) -> Section:
         heads = (
             Column("", "title"), "stroke [µm]", "rate [Hz]", "loop width [µm]", "narrowed by [%]",
             "error [nm rms]", "[% of the stroke]", "largest error [nm]",
@@ -255,7 +271,7 @@ class VerifiedStep(StepResult):
         done = ", ".join(run.way for run in self.runs)
         raise PlanError(f"step '{self.name}' was not run in the way '{way}': there is {done}")
 
-    def plain(self, result: "PlanResult") -> dict[str, Any]:
+    def plain(self, result: ResultLookup) -> dict[str, Any]:
         return {
             **picked(self, "axis", "model=kind", "stroke", "rate_hz"),
             "units": dict(_UNITS),

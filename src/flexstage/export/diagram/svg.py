@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.page import Frame, PageLayout, Segment, layout
@@ -24,6 +23,7 @@ from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
+from flexstage.version import __version__
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -214,7 +214,7 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     foot_y = under + deep + 22.0
     out.append(
         text(
-            f"flexstage {flexstage.__version__}; equations of the lumped model",
+            f"flexstage {__version__}; equations of the lumped model",
             0.0, foot_y, size=SMALL, fill="#555555",
         )
     )  # fmt: skip

@@ -5,7 +5,6 @@ import io
 from collections.abc import Iterator
 from typing import Any
 
-import flexstage
 from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.wire import CUT_ORDER_RULE, Cut, cuts, offset_contours
@@ -13,6 +12,7 @@ from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
+from flexstage.version import __version__
 
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
 DXF_LAYERS: dict[str, tuple[str, int, int]] = {
@@ -238,7 +238,7 @@ def _title_lines(stage: Stage) -> list[tuple[str, str]]:
         ("Material", stage.material.name),
         ("Thickness", f"{millimetres(stage.thickness)} mm"),
         ("Units", "mm"),
-        ("Made by", f"flexstage {flexstage.__version__}"),
+        ("Made by", f"flexstage {__version__}"),
     ]
 
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-import flexstage
 from flexstage.export.drawing.canvas import MEDIUM, PAPER, THICK, THIN, Box, Canvas, millimetres
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
@@ -19,6 +18,7 @@ from flexstage.export.drawing.plate_view import (
 from flexstage.export.request import StageExport
 from flexstage.export.svg import number, text_width, wrapped
 from flexstage.stage import Stage
+from flexstage.version import __version__
 
 _COLUMN = 2.0 * CELL[0] + PAPER.gap  # width of the column of details and tables [mm]
 _TITLE_HEIGHT = 5.0 * PAPER.title_row
@@ -91,7 +91,7 @@ def drawing_svg(stage: Stage) -> bytes:
     _write_notes(canvas, (column, frame.bottom - _TITLE_HEIGHT - _notes_height(blocks)), blocks)
     _lower_left(canvas, frame, blocks, view.scale)
     draw_view(canvas, view, stage, plate, marks)
-    about = f"Made by flexstage {flexstage.__version__}. Lengths in millimetres."
+    about = f"Made by flexstage {__version__}. Lengths in millimetres."
     return canvas.svg(f"{stage.name}: {stage.title}" if stage.title else stage.name, about)
 
 
@@ -225,7 +225,7 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
         [("", stage.title or "-")],
         [("Material", stage.material.name), ("Thickness", f"{millimetres(stage.thickness)} mm")],
         [("Scale", ratio(scale)), ("Sheet", sheet)],
-        [("Units", "mm"), ("Made by", f"flexstage {flexstage.__version__}")],
+        [("Units", "mm"), ("Made by", f"flexstage {__version__}")],
     ]
     for k, row in enumerate(rows):
         y = top + PAPER.title_row * k

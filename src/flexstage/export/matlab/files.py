@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-import flexstage
 from flexstage.errors import ModelError
 from flexstage.export.control_object import linear_part, rest_shape, state_names
 from flexstage.export.request import StageExport
@@ -21,6 +20,7 @@ from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import DrivePort
 from flexstage.system.statics import imposed_shape
+from flexstage.version import __version__
 
 _TEMPLATES = ("stage_script.m", "stage_step.m")
 _LONGEST = 63 - len("_step")  # of a name in MATLAB
@@ -109,7 +109,7 @@ def _text(file: str, name: str, title: str) -> bytes:
     for token, value in (
         ("STAGE_NAME", name),
         ("STAGE_TITLE", plain),
-        ("FLEXSTAGE_VERSION", flexstage.__version__),
+        ("FLEXSTAGE_VERSION", __version__),
     ):
         raw = raw.replace(token, value)
     return raw.encode("ascii")
@@ -125,7 +125,7 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "name": stage.name,
         "title": stage.title,
         "mechanical_model": system.model,
-        "version": f"flexstage {flexstage.__version__}",
+        "version": f"flexstage {__version__}",
         "notes": _cell(_notes(model)),
         "step": model.step,
         # first order, continuous

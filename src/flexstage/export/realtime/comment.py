@@ -7,10 +7,10 @@ import textwrap
 
 import numpy as np
 
-import flexstage
 from flexstage.export.source.model_numbers import c_comment, lag_rates
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
+from flexstage.version import __version__
 
 #: Roundings of a step over the largest force: six terms of the size of the force in deflection and
 #: in rate, each with the rounding of its factor, its product and three sums.
@@ -27,7 +27,7 @@ def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
         f"{prefix}.h: flexure stage {model.name}, stepped in real time.",
         "",
         *_wrapped(model.title),
-        f"Written by flexstage {flexstage.__version__}.",
+        f"Written by flexstage {__version__}.",
         "",
         f"Commands, in this order ({big}_DRIVES = {len(model.drives)}):",
         *(f"  [{i}] {line}" for i, d in enumerate(model.drives) for line in [_drive(d)]),

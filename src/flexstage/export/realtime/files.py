@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.realtime.comment import (
@@ -22,6 +21,7 @@ from flexstage.export.source.model_numbers import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
 from flexstage.files.plain import csv_text
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
+from flexstage.version import __version__
 
 _LONGEST = 40
 # A weight that is this much smaller than the largest is far below what single precision resolves;
@@ -163,7 +163,7 @@ def _example(model: DynamicModel, prefix: str, limit: float) -> str:
     for token, value in (
         ("STAGE_NAME", c_comment(model.name)),
         ("COMMAND_NAMES", c_comment(names)),
-        ("FLEXSTAGE_VERSION", flexstage.__version__),
+        ("FLEXSTAGE_VERSION", __version__),
         ("LOWEST", ", ".join(c_number(low) for low, _ in spans)),
         ("HIGHEST", ", ".join(c_number(high) for _, high in spans)),
         ("SELF_TEST_LIMIT", f"{limit:.2g}"),

@@ -4,7 +4,6 @@ import textwrap
 
 import numpy as np
 
-from flexstage import __version__
 from flexstage.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
 from flexstage.export.diagram.stage_diagram import stage_diagram
@@ -18,6 +17,7 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.model import Array
+from flexstage.version import __version__
 
 _POINTS = 401
 # Largest command where nobody has said how far a drive goes.

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-import flexstage
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.export.request import StageExport
@@ -19,6 +18,7 @@ from flexstage.files.names import file_names
 from flexstage.files.plain import csv_text
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis
+from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
@@ -129,7 +129,7 @@ def _comment(remark: str) -> str:
     # a comment must not hold two dashes
     while "--" in plain:
         plain = plain.replace("--", "- -")
-    return f"{plain}; written by flexstage {flexstage.__version__}"
+    return f"{plain}; written by flexstage {__version__}"
 
 
 def _arrays(fields: Mapping[str, Values]) -> str:

@@ -1,6 +1,5 @@
 """Entering the folder of a run: from what its own files say, and from nothing else."""
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEn
 from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
+from flexstage.provenance import file_hash
 
 #: What an entry takes from the description of its run as it is.
 _SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")
@@ -102,8 +102,6 @@ def _described(
 ) -> RunEntry:
     if not about.identifier:
         raise RecordError(f"'{path}' does not say which run it is of: no writer has begun it")
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     return RunEntry(
         identifier=about.identifier,
         stage=StageEntry(
@@ -118,7 +116,7 @@ def _described(
         simulated=about.instrument.simulated,
         folder=str(folder),
         file=path.resolve().relative_to(folder).as_posix(),
-        sha256=digest,
+        sha256=file_hash(path),
         status=status,
         samples=samples,
         sample_rate_hz=rate,

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import flexstage
 from flexstage.errors import RecordError
 from flexstage.files.decoder import Decoder, read_json
 from flexstage.files.format import Format
 from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
 from flexstage.records import Record
+from flexstage.version import __version__
 
 #: What is known of a run, as its files say it.
 RUN_DESCRIPTION = Format(
@@ -97,7 +97,7 @@ class RunMetadata(StageRun):
     True
     """
 
-    version: str = flexstage.__version__
+    version: str = __version__
     """Version of flexstage."""
     design: str = ""
     """Built-in design, or file, that its description comes from."""

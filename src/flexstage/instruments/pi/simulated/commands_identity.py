@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from flexstage import __version__
 from flexstage.instruments.pi.simulated.command import (
     GcsCommand,
     Reply,
@@ -20,6 +19,7 @@ from flexstage.instruments.pi.simulated.parameters import (
     items_of,
     listing,
 )
+from flexstage.version import __version__
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0

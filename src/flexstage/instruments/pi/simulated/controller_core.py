@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexstage import __version__
 from flexstage.arrays import Array
 from flexstage.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import AxisState
@@ -25,6 +24,7 @@ from flexstage.instruments.pi.simulated.tables import (
 )
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
+from flexstage.version import __version__
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
 _KINDS = ("position", "target", "error", "voltage", "channel", "force", "response")
