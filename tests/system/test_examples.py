@@ -67,10 +67,12 @@ def test_notch_comparison(capsys: pytest.CaptureFixture[str]) -> None:
 def _first_stage(names: dict[str, Any], printed: str) -> None:
     # platform and two legs that turn about their feet, on four notches 28 mm apart
     legs = 2.0 * 5e-3 * 24e-3 * (0.25 + (5e-3**2 + 24e-3**2) / (12.0 * 28e-3**2))
-    mass = 10e-3 * (45e-3 * 12e-3 + legs) * names["stage"].material.density
+    upper_notches = 2.0 * (4.5e-3 * 4e-3 - math.pi * 2e-3**2)
+    area = 45e-3 * 12e-3 + legs + upper_notches
+    mass = 10e-3 * area * names["stage"].material.density
     stiffness = 4.0 * names["notch"].stiffness("rotation") / 28e-3**2
     by_hand = math.sqrt(stiffness / mass) / (2.0 * math.pi)
-    assert names["result"].value("natural_frequency_hz", "x") == pytest.approx(by_hand, rel=0.01)
+    assert names["result"].value("natural_frequency_hz", "x") == pytest.approx(by_hand, rel=5e-3)
     assert "0.5 mm: 221.7 Hz, 106.9 MPa" in printed
 
 
@@ -90,7 +92,7 @@ def _bench(names: dict[str, Any], printed: str) -> None:
     # creep and the cycle of 1 s add a little to what is true of slow ones
     assert names["stroke"] == pytest.approx(truth.stroke, rel=0.05)
     assert names["width"] == pytest.approx(truth.loop_width(), rel=0.1)
-    assert "voltage constant: True" in printed
+    assert "voltage changes by 0.0 V" in printed
     assert "cannot be sent to 90 um" in printed
 
 
