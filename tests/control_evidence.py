@@ -143,7 +143,7 @@ def bench(seed: int, axis: str = "x", **options: object) -> Bench:
         sample_rate=RATE_HZ,
         rates=(1.0, 50.0),
         frequency=DRAWN_MODE_HZ.get(axis),
-        slew=limits.slew,
+        amplifier={"slew": limits.slew},
         hold_time=5.0,
     )
     command = np.zeros((len(stage.axes), made.voltage.size))
