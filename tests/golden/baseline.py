@@ -75,8 +75,8 @@ def work() -> dict[str, list[list[str]]]:
         names[f"{stage}-equations"] = [["equations", stage, "--json"]]
         for model in MODELS:
             names[f"{stage}-{model}"] = [["analyse", stage, "--model", model, "--json"]]
-        names[f"{stage}-export"] = [["export", stage, "--to", "all", "--out", "{out}"]]
-        names[f"{stage}-study"] = [["study", stage, "--out", "{out}", "--no-cache", "--json"]]
+        names[f"{stage}-export"] = [["export", stage, "--to", "all", "--folder", "{out}"]]
+        names[f"{stage}-study"] = [["study", stage, "--folder", "{out}", "--no-cache", "--json"]]
         names[f"{stage}-run"] = [["run", stage]]
     return names
 
@@ -111,7 +111,7 @@ def on_the_twin(stage: str, out: Path) -> str:
         found = re.search(r"gcs://\S+", twin.stdout.readline())
         assert found is not None, "the twin gave no address"
         return flexstage(
-            "run", stage, "--instrument", found[0], "--out", str(out / "run"), "--json", "--yes"
+            "run", stage, "--instrument", found[0], "--folder", str(out / "run"), "--json", "--yes"
         )
     finally:
         twin.terminate()

@@ -47,7 +47,7 @@ def left_behind(directory: Path) -> list[str]:
 def test_study_prints_a_table_and_writes_a_report(
     elsewhere: Path, capsys: pytest.CaptureFixture[str], models: str, less: tuple[str, ...]
 ) -> None:
-    assert run("study", "vgtu-piezo", "--models", models, *less) == 0
+    assert run("study", "vgtu-piezo", "--model", models, *less) == 0
     out = capsys.readouterr().out
     for text in (
         "Natural frequency [Hz]",
@@ -114,7 +114,7 @@ def test_help_is_a_word_too_and_hinges_say_how_a_profile_is_named(
         assert capsys.readouterr().out == wanted
     assert run("hinges", "circular") == 2
     assert "a profile is named by --profile" in capsys.readouterr().err
-    assert run("hinges", "--kind", "v", "--depth", "1 mm") == 2  # as --profile v is
+    assert run("hinges", "--profile", "v", "--depth", "1 mm") == 2  # as --profile v is
     assert "--half-angle" in capsys.readouterr().err
 
 
@@ -174,7 +174,7 @@ def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_study_json_is_one_object(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("study", "parallelogram", "--models", "lumped,superelement", "--folder", "d", "--json")
+    words = ("study", "parallelogram", "--model", "lumped,superelement", "--folder", "d", "--json")
     assert run(*words, "-q", *BRIEFLY) == 0
     captured = capsys.readouterr()
     rows = json.loads(captured.out)["characteristics"]
@@ -213,7 +213,7 @@ def test_every_model_of_a_stage_side_by_side(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A small stage goes through those that a study has where none is chosen."""
-    assert run("study", "parallelogram", "--out", "d") == 0
+    assert run("study", "parallelogram", "--folder", "d") == 0
     out = capsys.readouterr().out
     results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
     assert list(results["models"]) == ["lumped", "superelement", "plane", "superelement-3d"]
@@ -235,7 +235,7 @@ def test_solid_elements_are_there_to_compare_with(
     elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """They are the check of condensed bodies in space, and head the tables where asked for."""
-    words = ("parallelogram", "--model", "lumped,superelement-3d,solid", "--out", "d")
+    words = ("parallelogram", "--model", "lumped,superelement-3d,solid", "--folder", "d")
     assert run("study", *words, *BRIEFLY) == 0
     assert "solid" in capsys.readouterr().out
     results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
@@ -265,7 +265,7 @@ def test_analyse_refines_to_an_accuracy(capsys: pytest.CaptureFixture[str]) -> N
 
 @pytest.mark.usefixtures("undrawn")
 def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("analyse", "parallelogram", "--out", "a") == 0
+    assert run("analyse", "parallelogram", "--folder", "a") == 0
     capsys.readouterr()
     assert left_behind(elsewhere) == ["a/analysis.json", "a/bode-x.svg"]
     responses = json.loads((elsewhere / "a" / "analysis.json").read_text("utf-8"))["responses"]
@@ -276,7 +276,7 @@ def test_analyse_writes_bode_data(elsewhere: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.usefixtures("undrawn")
 def test_analyse_writes_files_for_paraview(elsewhere: Path) -> None:
-    words = ("--model", "plane", "--out", "a", "--vtu")
+    words = ("--model", "plane", "--folder", "a", "--vtu")
     assert run("analyse", "parallelogram", *words) == 0
     written = left_behind(elsewhere)
     assert {"a/analysis.json", "a/vtu/static-x.vtu", "a/vtu/mode-01.vtu"} <= set(written)
@@ -303,11 +303,11 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["study", "nothing.yaml"], "vgtu-mechanical"),
         (["study", "vgtu-piez"], "did you mean 'vgtu-piezo'"),
         (
-            ["study", "vgtu-piezo", "--models", "lumped,solids"],
+            ["study", "vgtu-piezo", "--model", "lumped,solids"],
             "did you mean 'solid'",
         ),
-        (["study", "vgtu-piezo", "--models", "magic"], "got 'magic'"),
-        (["study", "vgtu-piezo", "--models", ","], "must name one at least of lumped"),
+        (["study", "vgtu-piezo", "--model", "magic"], "got 'magic'"),
+        (["study", "vgtu-piezo", "--model", ","], "must name one at least of lumped"),
         (["study", "vgtu-piezo", "--plane", "flat"], "auto, stress or strain"),
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),
@@ -321,14 +321,14 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
         (["analyse", "vgtu-piezo", "--model", "solid", "--plane", "strain"], "no plane state"),
         (["analyse", "vgtu-piezo", "--model", "solid", "--stroke"], "choose plane"),
         (["analyse", "vgtu-piezo", "--model", "lumped", "--supports", "elastic"], "are rigid"),
-        (["analyse", "vgtu-piezo", "--vtu", "--out", "a"], "plane or solid"),
+        (["analyse", "vgtu-piezo", "--vtu", "--folder", "a"], "plane or solid"),
         (["analyse", "vgtu-piezo", "--supports", "soft"], "must be rigid or elastic"),
         (["show", "vgtu-piezo", "--out", "stage.gif"], ".svg, .png, .pdf"),
         (["show", "vgtu-piezo", "--out", "stage"], ".svg, .png, .pdf"),
         (["draw", "vgtu-piezo"], "draw"),
         (["check", ""], "called ''"),
         (["check", "x" * 5000], "no file is called"),
-        (["study", "parallelogram", "--out", ""], "an empty text"),
+        (["study", "parallelogram", "--folder", ""], "an empty text"),
         (["--nonsense"], "--nonsense"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -382,7 +382,8 @@ def test_a_place_that_cannot_be_written_is_status_1(
     (elsewhere / "file").write_text("in the way")
     target = "file/stage.svg" if command == ["show"] else "file/out"
     # said before the minutes that a study can take
-    assert run(command[0], "parallelogram", "--out", target, *command[1:]) == 1
+    option = "--out" if command == ["show"] else "--folder"
+    assert run(command[0], "parallelogram", option, target, *command[1:]) == 1
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
@@ -411,7 +412,7 @@ def test_work_that_fails_leaves_nothing(
 
     # the last thing before the files are written
     monkeypatch.setattr("flexstage.report.study.report_pages", fail)
-    assert run("study", "parallelogram", "--models", "lumped", *BRIEFLY) == status
+    assert run("study", "parallelogram", "--model", "lumped", *BRIEFLY) == status
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1

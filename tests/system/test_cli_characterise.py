@@ -32,7 +32,7 @@ def found(capsys, *words):
 
 def refused(capsys, said, folder, *words):
     before = sorted(folder.rglob("*"))
-    status, out, err = run(capsys, *words, "--out", folder / "made")
+    status, out, err = run(capsys, *words, "--folder", folder / "made")
     assert (status, out) == (2, ""), err
     assert err.startswith("flexstage: ")
     assert err.count("\n") == 1, "more than one line"
@@ -49,9 +49,9 @@ def values(result):
 )
 def made(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("virtual")
-    words = ("--stage", request.param, "--virtual", "7", "--models", "lumped")
+    words = ("--stage", request.param, "--virtual-seed", "7", "--model", "lumped")
     with undrawn(), pytest.raises(SystemExit) as ended:
-        main(["characterise", *words, "--out", str(folder)])
+        main(["characterise", *words, "--folder", str(folder)])
     assert ended.value.code == 0
     return request.param, folder
 
@@ -60,7 +60,7 @@ def test_files_give_the_figures_that_they_were_made_with(capsys, made):
     stage, folder = made
     first = json.loads((folder / "results.json").read_text())
     require_valid(first, "measurement")
-    again = found(capsys, folder / "campaign.yaml", "--models", "lumped")
+    again = found(capsys, folder / "campaign.yaml", "--model", "lumped")
     assert [c["quantity"] for c in again["characteristics"]] == [
         c["quantity"] for c in first["characteristics"]
     ]
@@ -157,11 +157,13 @@ def test_a_stage_of_ones_own_with_one_axis(capsys, tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text(stage_to_text(design("parallelogram")))
     out = tmp_path / "made"
-    first = found(capsys, "--stage", mine, "--virtual", "3", "--models", "lumped", "--out", out)
+    first = found(
+        capsys, "--stage", mine, "--virtual-seed", "3", "--model", "lumped", "--folder", out
+    )
     assert {c["axis"] for c in first["characteristics"]} == {"x"}
     assert "workspace_area" not in {c["quantity"] for c in first["characteristics"]}
     assert (out / "stage.yaml").exists()
-    again = found(capsys, out / "campaign.yaml", "--models", "lumped")
+    again = found(capsys, out / "campaign.yaml", "--model", "lumped")
     assert values(again).keys() == values(first).keys()
     assert again["characteristics"][0]["differences"].keys() == {"lumped"}
 
@@ -232,14 +234,14 @@ def test_cycles_of_another_size_are_no_part_of_the_stroke(capsys, tmp_path):
     assert test["ranges"][1]["stroke"]["value"] == pytest.approx(36e-6, abs=3e-9)
     said = "3 cycles from 0 to 100 V, 3 cycles from 5 to 95 V: those from 0 to 100 V are evaluated"
     assert said in test["notes"][0]
-    out = run(capsys, path, *columns, "--out", tmp_path / "out")[1]
+    out = run(capsys, path, *columns, "--folder", tmp_path / "out")[1]
     assert re.search(r"5 to 95 V +3 +3(6\.00|5\.99)", out)
     assert "stroke by range of the command" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_table(capsys, tmp_path):
     path = loop(tmp_path / "loop.csv")
-    status, out, err = run(capsys, path, *ROLES, "--out", tmp_path / "out")
+    status, out, err = run(capsys, path, *ROLES, "--folder", tmp_path / "out")
     assert (status, err) == (0, "")
     assert re.search(r"Output displacement +x +63\.(?:7|69[5-9])\d* ", out)
     assert (tmp_path / "out" / "report.html").exists()
@@ -392,13 +394,13 @@ def test_bad_options(capsys, tmp_path):
         ("the campaign has no test", (campaign,)),
         ("stands alone", (campaign, path)),
         ("--column has no meaning", (campaign, "--column", "along=1 um")),
-        ("--virtual-seed needs --stage", ("--virtual", "3")),
-        ("--virtual-seed needs --stage", (path, "--virtual", "3", "--stage", "vgtu-piezo")),
-        ("--column has no meaning with --virtual",
-         ("--virtual", "3", "--stage", "parallelogram", "--column", "across=1")),
+        ("--virtual-seed needs --stage", ("--virtual-seed", "3")),
+        ("--virtual-seed needs --stage", (path, "--virtual-seed", "3", "--stage", "vgtu-piezo")),
+        ("--column has no meaning with --virtual-seed",
+         ("--virtual-seed", "3", "--stage", "parallelogram", "--column", "across=1")),
         ("no built-in design", (path, *ROLES, "--stage", "vgtu-pieso")),
         ("did you mean 'lumped'",
-         (path, *ROLES, "--stage", "parallelogram", "--models", "lumbed")),
+         (path, *ROLES, "--stage", "parallelogram", "--model", "lumbed")),
         ("unknown kind 'wave': choose from motion", (path, *ROLES, "--test", "wave")),
         ("evaluated from one file, got 2", (path, other, *ROLES)),
         ("no column 'sensr'", (path, "--column", "command=drive", "--column", "along=sensr")),
@@ -426,9 +428,9 @@ def test_a_stage_without_axes(capsys, tmp_path):
     assert bare != text
     path = tmp_path / "bare.yaml"
     path.write_text(bare)
-    refused(capsys, "names no axis", tmp_path, "--virtual", "1", "--stage", path)
+    refused(capsys, "names no axis", tmp_path, "--virtual-seed", "1", "--stage", path)
     # a measured one can still be set beside its models, which then have nothing to say
-    result = found(capsys, loop(tmp_path / "l.csv"), *ROLES, "--stage", path, "--models", "lumped")
+    result = found(capsys, loop(tmp_path / "l.csv"), *ROLES, "--stage", path, "--model", "lumped")
     assert len(result["characteristics"]) == 7
 
 
@@ -476,7 +478,7 @@ def test_positioning_as_the_standard_has_it(capsys, tmp_path):
     )
     said = "0 of 3 positions were reached from both sides.*name the column"
     refused(capsys, said, tmp_path, shuffled, *words)
-    _, out, err = run(capsys, arrows, *words, "--out", tmp_path / "made")
+    _, out, err = run(capsys, arrows, *words, "--folder", tmp_path / "made")
     assert err == ""
     assert re.search(r"R +repeatability +16\.971 .* 27\.799", out)
     assert re.search(r"\n25 +9\.0+ +13\.0+ +11\.0+ +−4\.0+ ", out)
@@ -506,7 +508,7 @@ def test_a_description_finds_its_files_from_its_own_folder(capsys, tmp_path, mon
     (folder / "stage.yaml").write_text(stage_to_text(design("parallelogram")))
     (folder / "plan.yaml").write_text(PLAN.format(stage="stage.yaml", along="sensor"))
     monkeypatch.chdir(tmp_path)
-    result = found(capsys, "bench/plan.yaml", "--models", "lumped")
+    result = found(capsys, "bench/plan.yaml", "--model", "lumped")
     assert result["stage"] == "parallelogram"
     assert values(result)["output_displacement", "x"]["differences"].keys() == {"lumped"}
     (folder / "plan.yaml").write_text(PLAN.format(stage="gone.yaml", along="sensor"))

@@ -103,7 +103,7 @@ def test_the_printed_result(capsys, model_file, reference_file):
 
 def test_limits_and_slew_hold(capsys, tmp_path, model_file, reference_file):
     words = (model_file, "--reference", reference_file, "--sample-rate", 250, "--json")
-    more = ("--limits", "20:80", "--amplifier", "slew=190 V/s", "--out", tmp_path / "c.npz")
+    more = ("--voltage", "20:80", "--amplifier", "slew=190 V/s", "--out", tmp_path / "c.npz")
     status, out, err = run(capsys, "compensate", *words, *more)
     assert (status, err) == (0, "")
     result = json.loads(out)
@@ -157,18 +157,18 @@ def test_an_edited_model_is_said(capsys, tmp_path, model_file, reference_file):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--limits", "5"), 'must be a range LOW:HIGH, such as "10 V:20 V"'),
-        (("--limits", "80:20"), "must rise"),
-        (("--limits", "0:9 m"), "not a unit of voltage"),
+        (("--voltage", "5"), 'must be a range LOW:HIGH, such as "10 V:20 V"'),
+        (("--voltage", "80:20"), "must rise"),
+        (("--voltage", "0:9 m"), "not a unit of voltage"),
         (("--amplifier", "slew=5 V"), "'--amplifier': slew 'V' is not a unit of slew rate"),
         (("--amplifier", "slew=-5 V/s"), "'--amplifier': slew must be above 0"),
         (("--amplifier", "slew=0 V/s"), "'--amplifier': slew must be above 0"),
         (("--amplifier", "current=5 mA"), "needs the capacitance"),
         (("--amplifier", "current=5 mA,capacitance=0 uF"), "capacitance must be above 0"),
         (("--amplifier", "capacitance=5 uF"), "the capacitance needs the current"),
-        (("--band", "0 Hz"), "'--reference-bandwidth': must be above 0"),
-        (("--band", "1e-9 Hz"), "leaves nothing"),
-        (("--band", "low"), "expected a frequency"),
+        (("--reference-bandwidth", "0 Hz"), "'--reference-bandwidth': must be above 0"),
+        (("--reference-bandwidth", "1e-9 Hz"), "leaves nothing"),
+        (("--reference-bandwidth", "low"), "expected a frequency"),
         (("--start", "warm"), "--start must be conditioned, rest or a time"),
         (("--column", "3"), "no column 3"),
         (("--column", "wanted V"), "the model gives m"),

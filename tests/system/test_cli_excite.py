@@ -73,7 +73,7 @@ def test_a_stage_gives_the_limits(capsys):
     lowest = modes(lumped_system(stage), drives="in place").frequency_hz[0]
     assert result["natural_frequency_hz"] == pytest.approx(lowest, rel=1e-9)
     assert "multisine at the resonance" in {p["name"] for p in result["parts"]}
-    without = json.loads(run(capsys, *words, "--no-resonance")[1])
+    without = json.loads(run(capsys, *words, "--no-multisine")[1])
     assert "multisine at the resonance" not in {p["name"] for p in without["parts"]}
 
 

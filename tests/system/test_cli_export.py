@@ -46,7 +46,7 @@ def test_every_format_is_looked_for() -> None:
 @pytest.mark.parametrize("name", sorted(_HOLDS))
 def test_a_format_is_written(name: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
-    words = ["vgtu-piezo", "--to", name, "--model", "lumped", "--out", str(out), "--json"]
+    words = ["vgtu-piezo", "--to", name, "--model", "lumped", "--folder", str(out), "--json"]
     assert _run(*words, "--source-only", "--bandwidth", "2 kHz", "--creep", "1.5%") == 0
     said = json.loads(capsys.readouterr().out)
     suffix, inside = _HOLDS[name]
@@ -62,7 +62,7 @@ def test_a_format_is_written(name: str, tmp_path: Path, capsys) -> None:
 
 
 def test_several_formats_get_a_folder_each(tmp_path: Path, capsys) -> None:
-    assert _run("parallelogram", "--to", "step, csv,step", "--out", str(tmp_path)) == 0
+    assert _run("parallelogram", "--to", "step, csv,step", "--folder", str(tmp_path)) == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["csv", "step"]
     assert "parallelogram.step" in capsys.readouterr().out.replace("\n", "")
 
@@ -70,13 +70,13 @@ def test_several_formats_get_a_folder_each(tmp_path: Path, capsys) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("stage", ["vgtu-mechanical", "parallelogram"])
 def test_a_screw_stage_is_handed_on_too(stage: str, tmp_path: Path) -> None:
-    words = ["--to", "mat,c,fmu,simulink,diagram", "--source-only", "--out", str(tmp_path)]
+    words = ["--to", "mat,c,fmu,simulink,diagram", "--source-only", "--folder", str(tmp_path)]
     assert _run(stage, *words) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"mat", "c", "fmu", "simulink", "diagram"}
 
 
 def test_both_versions_of_fmi_are_written_or_one(tmp_path: Path) -> None:
-    words = ["--to", "fmu", "--source-only", "--out", str(tmp_path)]
+    words = ["--to", "fmu", "--source-only", "--folder", str(tmp_path)]
     assert _run("parallelogram", *words, "--fmi", "3.0") == 0
     (only,) = tmp_path.iterdir()
     with zipfile.ZipFile(only) as archive:
@@ -94,7 +94,7 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
     words = ["vgtu-piezo", "--to", "mat", "--model", "lumped", "--json"]
     made = []
     for i, extra in enumerate((["--hysteresis", f"x={file}"], ["--hysteresis", "none"])):
-        assert _run(*words, "--out", str(tmp_path / str(i)), *extra) == 0
+        assert _run(*words, "--folder", str(tmp_path / str(i)), *extra) == 0
         said = json.loads(capsys.readouterr().out)
         made.append(said["notes"])
     assert any(note.startswith("Of identified drives") for note in made[0])
@@ -110,8 +110,8 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
         (["vgtu-piezo", "--to", "dwg"], "'--to': must be one or more of diagram"),
         (["vgtu-piezo", "--to", "c", "--precision", "half"], "double or single"),
         (["vgtu-piezo", "--to", "fmu", "--fmi", "1.0"], "2.0, 3.0 or both"),
-        (["vgtu-piezo", "--to", "c", "--step", "-1 ms"], "'--time-step': must be from 1e-12"),
-        (["vgtu-piezo", "--to", "c", "--step", "3 mm"], "not a unit of time"),
+        (["vgtu-piezo", "--to", "c", "--time-step", "-1 ms"], "'--time-step': must be from 1e-12"),
+        (["vgtu-piezo", "--to", "c", "--time-step", "3 mm"], "not a unit of time"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis is usual, none"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "x=missing.yaml"], "no file missing.yaml"),
         (["vgtu-piezo", "--to", "c", "--current", "0.1 A", "--model", "lumped"], "bandwidth"),
@@ -122,7 +122,7 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
 )
 def test_bad_input_is_refused_in_a_sentence(words, said, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
-    assert _run(*words, "--out", str(out)) == 2
+    assert _run(*words, "--folder", str(out)) == 2
     captured = capsys.readouterr()
     assert said in captured.err
     assert captured.err.count("\n") == 1
@@ -135,7 +135,7 @@ def test_all_leaves_out_what_the_stage_does_not_allow(tmp_path: Path, capsys) ->
     file = tmp_path / "bare.yaml"
     write_stage(bare, file)
     out = tmp_path / "out"
-    words = [str(file), "--to", "all", "--out", str(out), "--model", "lumped", "--source-only"]
+    words = [str(file), "--to", "all", "--folder", str(out), "--model", "lumped", "--source-only"]
     assert _run(*words, "--json") == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     left = {note.split(" was left out: ")[0] for note in notes if " was left out: " in note}
@@ -145,14 +145,14 @@ def test_all_leaves_out_what_the_stage_does_not_allow(tmp_path: Path, capsys) ->
     assert {"fmu", "simulink", "c", "mat"} <= left
     assert {"step", "dxf", "drawing"} <= written
     # asked for by name it is refused
-    assert _run(str(file), "--to", "step,fmu", "--out", str(tmp_path / "two")) == 2
+    assert _run(str(file), "--to", "step,fmu", "--folder", str(tmp_path / "two")) == 2
     assert not (tmp_path / "two").exists()
 
 
 def test_notes_of_rigid_bodies_are_told_from_those_of_the_chosen_model(
     tmp_path: Path, capsys
 ) -> None:
-    assert _run("parallelogram", "--to", "mat,diagram", "--out", str(tmp_path), "--json") == 0
+    assert _run("parallelogram", "--to", "mat,diagram", "--folder", str(tmp_path), "--json") == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     assert any(note.startswith("Diagram and Simulink: Lumped model") for note in notes)
     assert not any(note.startswith("Lumped model") for note in notes)

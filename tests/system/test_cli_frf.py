@@ -170,7 +170,7 @@ def test_an_exponential_window_adds_no_damping(capsys, struck):
         "hammer",
         "--band",
         "80:350",
-        "--modes",
+        "--fit-modes",
         "2",
     )
     plain = found(capsys, *words)
@@ -198,14 +198,14 @@ def test_random(capsys, shaken):
 
 
 def test_the_excitation_is_recognised(capsys, struck):
-    result = found(capsys, struck, "--input", "force", "--output", "a", "--modes", "0")
+    result = found(capsys, struck, "--input", "force", "--output", "a", "--fit-modes", "0")
     assert result["excitation"] == "hammer"
     assert result["modes"] == []
     assert "reduced_chi_squared" not in result
 
 
 def test_universal_file_of_another_library(capsys, universal):
-    result = found(capsys, universal, "--band", "80:350", "--modes", "2")
+    result = found(capsys, universal, "--band", "80:350", "--fit-modes", "2")
     check_modes(result)
     assert len(result["outputs"]) == 2
     assert len(result["inputs"]) == 1
@@ -257,7 +257,7 @@ def test_delay_and_lag_of_a_sensor(capsys, folder):
     path = table(folder / "late.csv", force, noisy(answered(force, delay, lag), 0.005, rng))
     words = (
         path, "--input", "force", "--output", "a,b", "--excitation", "hammer", "--band", "60:420",
-        "--modes", "2",
+        "--fit-modes", "2",
     )  # fmt: skip
     late = found(capsys, *words, "--fit", "delay")
     assert late["delay"]["unit"] == "s"
@@ -270,7 +270,7 @@ def test_delay_and_lag_of_a_sensor(capsys, folder):
     assert both["reduced_chi_squared"] < late["reduced_chi_squared"]
     assert "lag" not in late
     # one mode on a few lines, for what the table says of it
-    few = (*words[:-3], "220:290", "--modes", "1")
+    few = (*words[:-3], "220:290", "--fit-modes", "1")
     status, out, _ = run(capsys, *few, "--fit", "delay,lag")
     assert status == 0
     assert re.search(r"delay 0\.003\d* s", out)
@@ -302,7 +302,7 @@ def test_a_step_of_few_digits_widens_the_interval(capsys, folder):
         path, np.column_stack((t, force, answered(force))), delimiter=",",
         header="time (s),force (N),a (m/s^2),b (m/s^2)", comments="", fmt="%.9g",
     )  # fmt: skip
-    words = (path, "--input", "force", "--output", "a,b", "--band", "80:350", "--modes", "2")
+    words = (path, "--input", "force", "--output", "a,b", "--band", "80:350", "--fit-modes", "2")
     coarse = found(capsys, *words)
     (note,) = [note for note in coarse["notes"] if "sample-rate" in note]
     assert "between 2047.08 and 2051.28 Hz" in note
@@ -320,7 +320,7 @@ def test_the_response_is_written_and_read_back(capsys, struck, tmp_path):
     for suffix in ("csv", "npz", "h5", "mat"):
         out = tmp_path / f"response.{suffix}"
         result = found(
-            capsys, struck, "--input", "force", "--output", "a,b", "--modes", "0", "--out", out
+            capsys, struck, "--input", "force", "--output", "a,b", "--fit-modes", "0", "--out", out
         )
         assert result["files"] == [str(out)]
         back = read_record(out, over="point")
@@ -339,7 +339,7 @@ def test_figures(capsys, request, struck, tmp_path, modes):
         request.getfixturevalue("undrawn")
     out, picture = tmp_path / "r.csv", tmp_path / "r.svg"
     result = found(
-        capsys, struck, "--input", "force", "--output", "a,b", "--modes", modes,
+        capsys, struck, "--input", "force", "--output", "a,b", "--fit-modes", modes,
         "--band", "80:350", "--figure", picture, "--out", out,
     )  # fmt: skip
     diagram = [tmp_path / "r-stabilisation.svg"] if modes == "2" else []
@@ -428,7 +428,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("must rise", (*named, "--band", "800:200")),
         ("such as .10 Hz:20 Hz.", (*named, "--band", "800")),
         ("Hz", (*named, "--band", "2 m:5 m")),
-        ("'--fit-modes': must be", (*named, "--modes", "many")),
+        ("'--fit-modes': must be", (*named, "--fit-modes", "many")),
         ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
@@ -438,7 +438,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("window", (*named, "--excitation", "random", "--window", "shutter")),
         ("no window .exponental 5 %.", (*named, "--window", "exponental 5 %")),
         ("'--near': must be", (*named, "--near", "300,-2")),
-        ("differ", (*named, "--near", "137,250", "--modes", "3")),
+        ("differ", (*named, "--near", "137,250", "--fit-modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),
         ("'--weight': must be noise, relative or uniform", (*named, "--weight", "inv")),
         ("--fit complex goes with delay or lag", (*named, "--fit", "complex")),
@@ -452,7 +452,10 @@ def test_bad_options(capsys, struck, tmp_path):
             "--band.*no meaning",
             (struck, "--excitation", "ring-down", "--output", "a", "--band", "8:20"),
         ),
-        ("--fit-modes 0", (struck, "--excitation", "ring-down", "--output", "a", "--modes", "0")),
+        (
+            "--fit-modes 0",
+            (struck, "--excitation", "ring-down", "--output", "a", "--fit-modes", "0"),
+        ),
         ("'--resolution': must be above 0", (*named, "--resolution", "-2 Hz")),
         ("exponential", (*named, "--excitation", "hammer", "--window", "exponential 1.7")),
     ):
@@ -462,7 +465,7 @@ def test_bad_options(capsys, struck, tmp_path):
 def test_swapped_columns_are_said_first(capsys, shaken):
     """A fit that leaves all of the response is none, however small its intervals."""
     coarse = ("--resolution", "4 Hz")
-    words = (shaken, "--input", "a", "--output", "force", "--modes", "1", *coarse)
+    words = (shaken, "--input", "a", "--output", "force", "--fit-modes", "1", *coarse)
     status, out, _ = run(capsys, *words)
     assert status == 0
     assert re.match(r"warning: the residual is \d+ % of a response", out)
@@ -470,7 +473,7 @@ def test_swapped_columns_are_said_first(capsys, shaken):
     result = found(capsys, *words)
     assert len(result["warnings"]) == 1
     assert not any("the residual is" in n and "of a response" in n for n in result["notes"])
-    right = found(capsys, shaken, "--input", "force", "--output", "a", "--modes", "2", *coarse)
+    right = found(capsys, shaken, "--input", "force", "--output", "a", "--fit-modes", "2", *coarse)
     assert right["warnings"] == []
 
 
@@ -489,7 +492,7 @@ def test_a_figure_that_cannot_be_written_leaves_no_response(capsys, struck, tmp_
     blocked = tmp_path / "file"
     blocked.write_text("")
     status, _, err = run(
-        capsys, struck, "--input", "force", "--output", "a", "--modes", "0",
+        capsys, struck, "--input", "force", "--output", "a", "--fit-modes", "0",
         "--out", tmp_path / "r.csv", "--figure", blocked / "f.svg",
     )  # fmt: skip
     assert status == 1
@@ -508,12 +511,12 @@ def test_a_response_that_was_written_gives_the_same_modes(
     capsys, shaken, estimated, tmp_path, suffix
 ):
     out = tmp_path / f"response.{suffix}"
-    band = ("--band", "80:350", "--modes", "2")
+    band = ("--band", "80:350", "--fit-modes", "2")
     words = (shaken, "--input", "force", "--output", "a,b", "--resolution", "2 Hz")
     first = estimated or found(capsys, *words, *band, "--out", out)
     if estimated:
         # the modes are those of the first file: only the response is written anew
-        found(capsys, *words, "--band", "80:350", "--modes", "0", "--out", out)
+        found(capsys, *words, "--band", "80:350", "--fit-modes", "0", "--out", out)
     estimated.update(first)
     again = found(capsys, out, *band)
     assert again["outputs"] == ["a", "b"]
@@ -532,7 +535,7 @@ def test_a_table_of_an_analyser(capsys, folder, tmp_path):
     columns = np.column_stack((f, 20.0 * np.log10(np.abs(h)), np.degrees(np.angle(h))))
     np.savetxt(file, columns, delimiter=",", header="Frequency (Hz),Gain (dB),P", comments="")
     refused(capsys, "--response", tmp_path, file)
-    result = found(capsys, file, "--response", "0,1,2 deg", "--modes", "2")
+    result = found(capsys, file, "--response", "0,1,2 deg", "--fit-modes", "2")
     for mode, (f0, zeta, _) in zip(result["modes"], MODES, strict=True):
         assert mode["frequency_hz"]["value"] == pytest.approx(f0, rel=1e-5)
         assert mode["damping_ratio"]["value"] == pytest.approx(zeta, rel=1e-3)

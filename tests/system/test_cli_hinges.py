@@ -47,7 +47,7 @@ def test_json_is_one_object_with_every_method(capsys):
         ("leaf", "--length", "6 mm", "--depth", "1 mm"),
         ("parabolic", "--length", "4 mm", "--depth", "1 mm"),
         ("hyperbolic", "--length", "4 mm", "--depth", "1 mm"),
-        ("v", "--depth", "2 mm", "--angle", "30 deg", "--radius", "0.5 mm"),
+        ("v", "--depth", "2 mm", "--half-angle", "30 deg", "--radius", "0.5 mm"),
         ("power", "--length", "4 mm", "--depth", "1 mm", "--exponent", "4"),
     ],
     ids=lambda s: s[0],

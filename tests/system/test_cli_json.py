@@ -131,7 +131,7 @@ def test_a_drawing_says_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
 def test_equations_in_a_file_are_printed_as_an_object_beside_it(
     capsys: pytest.CaptureFixture[str], form: str, begins: str
 ) -> None:
-    words = ("equations", "parallelogram", "--format", form, "--out", "file", "--json")
+    words = ("equations", "parallelogram", "--to", form, "--out", "file", "--json")
     with pytest.raises(SystemExit) as end:
         main(words)
     assert not end.value.code

@@ -1,4 +1,4 @@
-"""An option means one thing in every command, and its former names still work."""
+"""An option means one thing in every command."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.command import FORMER_OPTIONS
 from tests.system.test_cli_json import commands
 
 #: What differs in writing and not in meaning.
@@ -22,14 +21,6 @@ ONE_MEANING = {
     "--start": "the state before a record; the words are those that apply",
     "--to": "the format that is written",
 }
-#: A value that an option accepts, by what its help shows.
-VALUES = {
-    "FOLDER": "made", "NAME": "lumped", "ANGLE": "30 deg", "text|latex|svg": "latex",
-    "TIME": "2 s", "NUMBER": "7", "NUMBER|auto": "7", "FREQUENCIES": "0.5,5", "RATIO": "0.02",
-    "FILE": "other.csv", "UNIT": "um", "LOW:HIGH": "0:120", "FREQUENCY": "2 kHz",
-    "SEED": "3", "NAMES": "a,b", "KIND": "motion", "TEXT": "7",
-    "DATE": "2031-05-17",
-}  # fmt: skip
 
 
 def printed(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
@@ -47,58 +38,6 @@ def test_an_option_has_one_meaning() -> None:
             for name in p.opts if p.param_type_name == "option" else ():
                 found.setdefault(name, set()).add((p.metavar, bool(p.is_flag)))
     assert {name for name, kinds in found.items() if len(kinds) > 1} == set(ONE_MEANING)
-
-
-def test_no_former_name_is_one_of_today_in_the_same_command() -> None:
-    for name, command in commands().items():
-        now = {word for p in command.params for word in (*p.opts, *p.secondary_opts)}
-        former = FORMER_OPTIONS.get(name.rpartition(" ")[2], {})
-        assert not now & set(former), name
-        assert set(former.values()) <= now, name
-
-
-@pytest.mark.parametrize(
-    ("command", "former"),
-    [(command, old) for command, names in FORMER_OPTIONS.items() for old in names],
-)
-def test_a_former_name_is_understood_and_not_listed(command: str, former: str) -> None:
-    found = next(c for name, c in commands().items() if name.rpartition(" ")[2] == command)
-    present = FORMER_OPTIONS[command][former]
-    option = next(p for p in found.params if present in (*p.opts, *p.secondary_opts))
-    value = [] if option.is_flag else [VALUES[option.metavar]]
-
-    def made(*words: str) -> Any:
-        # names of the help are kept by the library for all who ask later
-        names = ["-h", "--help"]
-        return found.make_context(
-            command, list(words), resilient_parsing=True, help_option_names=names
-        )
-
-    def parsed(*words: str) -> Any:
-        with made(*words) as context:
-            return context.params[option.name]
-
-    assert parsed(former, *value) == parsed(present, *value)
-    if value:
-        assert parsed(f"{former}={value[0]}") == parsed(present, *value)
-        if isinstance(parsed(present, *value), str):  # what is called like a former name is a value
-            assert (
-                parsed(present, former) == parsed(f"{present}={former}") != parsed(former, *value)
-            )
-        assert parsed(former, *value) != parsed()
-    assert former not in made().get_help().replace(",", " ").split()
-
-
-def test_results_by_either_name_are_the_same(capsys: pytest.CaptureFixture[str]) -> None:
-    notch = ("hinges", "--profile", "v", "--depth", "2 mm", "--radius", "0.1 mm", "--json")
-    assert printed(capsys, *notch, "--angle", "40 deg") == printed(
-        capsys, *notch, "--half-angle", "40 deg"
-    )
-    drive = ("excite", "--voltage", "0:100", "--duration", "20 s", "--json")
-    old = printed(capsys, *drive, "--rates", "0.5,5", "--no-resonance")
-    new = printed(capsys, *drive, "--rates", "0.5,5", "--no-multisine")
-    assert old == new
-    assert new != printed(capsys, *drive, "--rates", "0.5,2", "--no-multisine")
 
 
 def test_behind_a_double_dash_no_name_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,25 +10,25 @@ from flexstage.cli import main
 EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 #: A call of every command with an output that would compute long if it began.
 WRITING = [
-    ["study", "parallelogram", "--out"],
+    ["study", "parallelogram", "--folder"],
     ["show", "parallelogram", "--out"],
     ["new", "parallelogram", "--out"],
     ["new", "parallelogram", "--folder"],
-    ["analyse", "parallelogram", "--out"],
+    ["analyse", "parallelogram", "--folder"],
     ["equations", "parallelogram", "--out"],
-    ["export", "parallelogram", "--to", "step", "--out"],
+    ["export", "parallelogram", "--to", "step", "--folder"],
     ["excite", "vgtu-piezo", "--out"],
     ["identify", "r.csv", "--input", "0", "--output", "1", "--out"],
     ["identify", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["predict", "m.yaml", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["compensate", "m.yaml", "--reference", "r.csv", "--out"],
-    ["characterise", "--stage", "parallelogram", "--virtual", "1", "--out"],
+    ["characterise", "--stage", "parallelogram", "--virtual-seed", "1", "--folder"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--out"],
     ["frf", "r.csv", "--input", "0", "--output", "1", "--figure"],
     ["uncertainty", "b.yaml", "--figure"],
     ["centre", "r.csv", "--error", "1", "--angle", "0", "--figure"],
     ["part", "p.step", "--figure"],
-    ["run", "vgtu-piezo", "--instrument", "twin://", "--out"],
+    ["run", "vgtu-piezo", "--instrument", "twin://", "--folder"],
     ["runs", "recover", "r.raw", "--out"],
 ]
 
@@ -122,7 +122,7 @@ def test_a_study_says_why_there_is_no_hysteresis(
             [
                 "study",
                 str(without_range),
-                "--models",
+                "--model",
                 "lumped",
                 "--parts",
                 "identification,traditional",

@@ -1,4 +1,4 @@
-"""`flexstage predict`, and `identify --test`, which does the same."""
+"""`flexstage predict`, and `identify --test-record`, which does the same."""
 
 import json
 
@@ -40,7 +40,7 @@ def files(tmp_path_factory):
 def test_a_model_on_other_records(capsys, files):
     words = (files / "own.dat", *OPTIONS, "--model", "preisach", "--known", "delay=0 s")
     out = files / "stack.yaml"
-    tested = ("--test", files / "next.dat")
+    tested = ("--test-record", files / "next.dat")
     status, text, err = run(capsys, "identify", *words, "--out", out, *tested, "--json")
     assert (status, err) == (0, "")
     identified = json.loads(text)

@@ -190,7 +190,7 @@ def test_options_that_do_not_go_together(capsys, tmp_path, columns):
         (("--output", "y,u", "--curve", "time"), "--curve columns"),
         (("--output", "y", "--curve", "y"), "must be three columns"),
         (("--output", "y", "--curve", "time"), "does not number curves"),
-        (("--output", "y", "--curve", "files", "--test", file), "leave --test-record out"),
+        (("--output", "y", "--curve", "files", "--test-record", file), "leave --test-record out"),
         (("--branches", "y,time"), "y in no unit, time in s"),
     ):
         assert said in refused(capsys, file, "--input", "u", *words)

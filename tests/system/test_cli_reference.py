@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from flexstage.cli import app
-from flexstage.cli.command import FORMER_OPTIONS, command_line_page
+from flexstage.cli.command import command_line_page
 from tests.system.test_cli_json import commands
 
 
@@ -25,9 +25,6 @@ def test_every_command_and_option_is_there() -> None:
                 assert parameter.help.split()[0].replace("|", "\\|") in row
                 plain = isinstance(parameter.default, int | str) and not parameter.is_flag
                 assert not (plain and parameter.default) or f": {parameter.default}" in row
-    for names in FORMER_OPTIONS.values():
-        for former, present in names.items():
-            assert f"| `{former}` | `{present}` |" in page
 
 
 def test_every_row_has_the_columns_of_its_table() -> None:
@@ -38,7 +35,7 @@ def test_every_row_has_the_columns_of_its_table() -> None:
         bars = line.replace("\\|", "").count("|")
         if set(line) == {"|", "-"}:
             width = bars
-        elif "| meaning |" not in line and "| former |" not in line:
+        elif "| meaning |" not in line:
             assert bars == width, line
 
 

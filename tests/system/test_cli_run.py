@@ -60,7 +60,7 @@ def run(capsys, *words):
 @pytest.mark.usefixtures("undrawn")
 def test_a_plan_on_the_twin_gives_the_published_figures(capsys, plan, tmp_path):
     out = tmp_path / "run"
-    status, said, err = run(capsys, plan, "--instrument", TWIN, "--out", out, "--json",
+    status, said, err = run(capsys, plan, "--instrument", TWIN, "--folder", out, "--json",
                             "--operator", "A. N.", "--note", "a test")  # fmt: skip
     assert (status, err) == (0, "")
     result = json.loads(said)
@@ -79,7 +79,7 @@ def test_a_plan_on_the_twin_gives_the_published_figures(capsys, plan, tmp_path):
 
 @pytest.mark.slow
 def test_tables_say_what_was_found_and_that_it_is_simulated(capsys, plan, tmp_path):
-    status, said, err = run(capsys, plan, "--instrument", TWIN, "--out", tmp_path / "run")
+    status, said, err = run(capsys, plan, "--instrument", TWIN, "--folder", tmp_path / "run")
     assert (status, err) == (0, "")
     assert "vgtu-piezo, virtual" in said
     assert "hysteresis loop width" in said
@@ -114,7 +114,7 @@ def test_a_dry_run_needs_no_instrument_and_writes_nothing(capsys, plan, tmp_path
     assert (status, err) == (0, "")
     assert "a small one, vgtu-piezo" in said
     assert "120 V" in said
-    status, said, _ = run(capsys, plan, "--dry-run", "--json", "--steps", "motion")
+    status, said, _ = run(capsys, plan, "--dry-run", "--json", "--only", "motion")
     tried = json.loads(said)
     assert [s["name"] for s in tried["steps"]] == ["loops", "motion"]
     # a cycle before three of them, at 2 Hz
@@ -139,8 +139,8 @@ def test_a_dry_run_of_what_cannot_be_done_fails(capsys, plan):
         (("PLAN",), "no instrument is named"),
         (("PLAN", "--instrument", "gsc://x"), "gcs://HOST:PORT"),
         (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --folder"),
-        (("PLAN", "--instrument", TWIN, "--steps", "motions"), "no step 'motions'"),
-        (("PLAN", "--instrument", TWIN, "--steps", ","), "'--only': must name one at least"),
+        (("PLAN", "--instrument", TWIN, "--only", "motions"), "no step 'motions'"),
+        (("PLAN", "--instrument", TWIN, "--only", ","), "'--only': must name one at least"),
         (("PLAN", "--instrument", TWIN, "--stage", "vgtu"), "no built-in design"),
     ],
 )
@@ -158,7 +158,7 @@ def test_an_instrument_that_is_not_there_is_status_1(capsys, plan, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"gcs://127.0.0.1:{taken.getsockname()[1]}"
-        status, out, err = run(capsys, plan, "--instrument", address, "--out", tmp_path / "run")
+        status, out, err = run(capsys, plan, "--instrument", address, "--folder", tmp_path / "run")
     assert (status, out) == (1, "")
     assert "127.0.0.1" in err
     assert not (tmp_path / "run").exists()
@@ -167,7 +167,7 @@ def test_an_instrument_that_is_not_there_is_status_1(capsys, plan, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_a_run_is_not_written_over(capsys, plan, tmp_path):
     out = tmp_path / "run"
-    words = (plan, "--instrument", TWIN, "--out", out, "--steps", "motion", "--catalogue", "none")
+    words = (plan, "--instrument", TWIN, "--folder", out, "--only", "motion", "--catalogue", "none")
     assert run(capsys, *words)[0] == 0
     before = (out / "records" / "motion.h5").read_bytes()
     status, _, err = run(capsys, *words)
@@ -181,7 +181,7 @@ def test_a_run_is_not_written_over(capsys, plan, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_the_folder_of_a_run_is_named_by_time_and_stage(capsys, plan, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run(capsys, plan, "--instrument", TWIN, "--steps", "motion")[0] == 0
+    assert run(capsys, plan, "--instrument", TWIN, "--only", "motion")[0] == 0
     (made,) = (tmp_path / "runs").iterdir()
     assert made.name.endswith("Z-vgtu-piezo-small")
     state = read_state(made)
@@ -203,7 +203,7 @@ def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp
     out = tmp_path / "run"
     # in step with real time, so that the second record takes ten seconds
     address = f"{TWIN}&fast=0"
-    words = ["run", str(plan), "--instrument", address, "--out", str(out)]
+    words = ["run", str(plan), "--instrument", address, "--folder", str(out)]
     started = subprocess.Popen(
         [sys.executable, "-m", "flexstage", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ),
@@ -227,7 +227,9 @@ def test_an_interrupted_run_says_how_it_is_taken_up_and_can_be(capsys, plan, tmp
         "rest": "complete", "held": "complete", "loops": "complete", "motion": "interrupted",
     }  # fmt: skip
     held = (out / "records" / "held.h5").read_bytes()
-    status, said, err = run(capsys, plan, "--instrument", TWIN, "--out", out, "--resume", "--json")
+    status, said, err = run(
+        capsys, plan, "--instrument", TWIN, "--folder", out, "--resume", "--json"
+    )
     assert (status, err) == (0, "")
     assert (out / "records" / "held.h5").read_bytes() == held
     partial = read_record(out / "records" / "motion.partial-1.h5")
@@ -253,7 +255,7 @@ def test_a_real_instrument_moves_only_when_it_was_allowed(capsys, plan, tmp_path
     module = importlib.import_module("flexstage.instruments.connect")
     monkeypatch.setattr(module, "connect", lambda *_: made)
     out = tmp_path / "run"
-    words = (plan, "--instrument", "gcs://host", "--out", out, "--steps", "motion")
+    words = (plan, "--instrument", "gcs://host", "--folder", out, "--only", "motion")
     status, _, err = run(capsys, *words)
     assert status == 2
     assert "give --yes" in err

@@ -43,7 +43,8 @@ def done(tmp_path_factory):
 
 
 def run(capsys, folder, *words):
-    words = ["run", str(folder / "modes.yaml"), "--instrument", TWIN, "--out", str(folder / "run"),
+    out = str(folder / "run")
+    words = ["run", str(folder / "modes.yaml"), "--instrument", TWIN, "--folder", out,
              "--catalogue", "none", *words]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
@@ -104,8 +105,8 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
     identity = Identity(vendor="v", model="m", simulated=True)
     begun = RunState(stage="vgtu-mechanical", instrument=identity, steps={})
     write_state(place, begun)
-    words = ["run", str(done / "modes.yaml"), "--instrument", TWIN, "--steps", "blow",
-             "--out", str(place), "--catalogue", "none", "--resume"]  # fmt: skip
+    words = ["run", str(done / "modes.yaml"), "--instrument", TWIN, "--only", "blow",
+             "--folder", str(place), "--catalogue", "none", "--resume"]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
     said = capsys.readouterr().err
@@ -118,7 +119,8 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
 def test_an_address_that_no_catalogue_has_is_refused_before_anything_moves(
     capsys, done, tmp_path, address
 ):
-    words = ["run", str(done / "modes.yaml"), "--instrument", TWIN, "--out", str(tmp_path / "run"),
+    out = str(tmp_path / "run")
+    words = ["run", str(done / "modes.yaml"), "--instrument", TWIN, "--folder", out,
              "--catalogue", address]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
@@ -130,7 +132,7 @@ def test_an_address_that_no_catalogue_has_is_refused_before_anything_moves(
 
 def test_a_simulated_card_says_so_beside_the_results(capsys, tmp_path):
     words = ["run", "centring", "--instrument", "ni://Dev1?simulated=1", "--catalogue", "none",
-             "--out", str(tmp_path / "run"), "--json"]  # fmt: skip
+             "--folder", str(tmp_path / "run"), "--json"]  # fmt: skip
     with pytest.raises(SystemExit) as ended:
         main(words)
     said = capsys.readouterr()

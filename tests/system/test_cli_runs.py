@@ -61,8 +61,8 @@ def test_a_folder_is_added_listed_and_shown(capsys, catalogue, folder):
     assert first["duration"] == pytest.approx(40 / RATE)
     for words, steps in (
         (("--stage", "vgtu-piezo"), ["stroke"]),
-        (("--serial", "B-2"), ["noise"]),
-        (("--kind", "hold"), ["noise"]),
+        (("--serial-number", "B-2"), ["noise"]),
+        (("--test", "hold"), ["noise"]),
         (("--since", "2 d"), ["stroke"]),
         (("--since", "2021-03-04"), ["stroke", "noise"]),
         (("--since", "2021-03-04T07:06:07+02:00"), ["stroke", "noise"]),
@@ -192,7 +192,7 @@ def test_calibrations_are_listed(capsys, catalogue):
             )
     values = [c["value"] for c in result(capsys, "calibrations")["calibrations"]]
     assert values == [1.2503e-5, 1.25e-5]
-    held = result(capsys, "calibrations", "--at", "2031-05-20", "--serial", "A-1")
+    held = result(capsys, "calibrations", "--valid-at", "2031-05-20", "--serial-number", "A-1")
     assert [c["value"] for c in held["calibrations"]] == [1.25e-5]
     assert result(capsys, "calibrations", "--what", "offset")["calibrations"] == []
     status, out, _ = run(capsys, "calibrations", "--stage", "vgtu-piezo")

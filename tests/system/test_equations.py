@@ -26,7 +26,7 @@ def test_text_of_a_guide(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_latex_goes_to_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "stage.tex"
-    status, _, _ = run(capsys, "vgtu-piezo", "--format", "latex", "--out", str(path), "--axis", "y")
+    status, _, _ = run(capsys, "vgtu-piezo", "--to", "latex", "--out", str(path), "--axis", "y")
     assert status == 0
     text = path.read_text(encoding="utf-8")
     assert text.startswith(r"\documentclass")
@@ -49,7 +49,7 @@ def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("parallelogram", "--format", "pdf"), "'--to': must be text, latex or svg, got 'pdf'"),
+        (("parallelogram", "--to", "pdf"), "'--to': must be text, latex or svg, got 'pdf'"),
         (("parallelogram", "--axis", "z"), "the axis 'z', which does not exist"),
         (("vgtu-piezo", "--reduce", "symmetry"), "reduce it by condensation"),
         (("no-such-stage",), "no-such-stage"),
@@ -69,7 +69,7 @@ def test_the_structural_diagram_is_drawn(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     file = tmp_path / "x.svg"
-    words = ("parallelogram", "--format", "svg", "--axis", "x")
+    words = ("parallelogram", "--to", "svg", "--axis", "x")
     status, out, _ = run(capsys, *words, "--out", str(file))
     assert status == 0
     assert str(file) in out.replace("\n", "")

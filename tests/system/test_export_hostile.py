@@ -109,7 +109,7 @@ def test_axes_that_fall_together_have_a_diagram_each(tmp_path: Path) -> None:
 
 def test_the_longest_names_are_written(tmp_path: Path) -> None:
     longest = "𝐀" * 80
-    words = ["--to", "diagram,step,drawing,vtu,uff,csv,dxf", "--out", str(tmp_path / "out")]
+    words = ["--to", "diagram,step,drawing,vtu,uff,csv,dxf", "--folder", str(tmp_path / "out")]
     names = {"drives": (longest,), "probes": (longest,), "axes": (longest,)}
     assert _run(tmp_path, *words, name=longest, hinge=longest, **names) == 0
 
@@ -182,7 +182,7 @@ def test_octave_runs_the_script_of_a_stage_called_sin(tmp_path: Path) -> None:
 def test_every_format_bears_every_letter(tmp_path: Path) -> None:
     out = tmp_path / "out"
     names = {"drives": (_HOSTILE,), "probes": (_HOSTILE,), "axes": (_HOSTILE,)}
-    words = ["--to", "all", "--source-only", "--out", str(out), "--kerf", "0.3 mm"]
+    words = ["--to", "all", "--source-only", "--folder", str(out), "--kerf", "0.3 mm"]
     words += ["--bandwidth", "2 kHz"]
     title = f"{_HOSTILE}\n#error\n=1+1"
     assert _run(tmp_path, *words, name=_HOSTILE, title=title, hinge=_HOSTILE, **names) == 0
@@ -211,13 +211,13 @@ def test_every_format_bears_every_letter(tmp_path: Path) -> None:
 @pytest.mark.parametrize("step", ["1e300 s", "1e-300 s"])
 def test_a_step_beyond_all_use_is_refused(step: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
-    assert _run(tmp_path, "--to", "c", "--step", step, "--out", str(out)) == 2
+    assert _run(tmp_path, "--to", "c", "--time-step", step, "--folder", str(out)) == 2
     assert "'--time-step': must be from 1e-12 to 1e+06 s" in capsys.readouterr().err
     assert not out.exists()
 
 
 def test_a_start_hole_is_as_wide_as_a_wide_cut(tmp_path: Path) -> None:
-    assert _run(tmp_path, "--to", "dxf", "--kerf", "1.4 mm", "--out", str(tmp_path)) == 0
+    assert _run(tmp_path, "--to", "dxf", "--kerf", "1.4 mm", "--folder", str(tmp_path)) == 0
     space = ezdxf.readfile(tmp_path / "plain.dxf").modelspace()  # type: ignore[attr-defined]
     holes = [e for e in space if e.dxf.layer == "START_HOLES" and e.dxftype() == "CIRCLE"]
     assert {round(e.dxf.radius, 9) for e in holes} == {0.7}
@@ -234,7 +234,7 @@ def test_a_start_hole_is_as_wide_as_a_wide_cut(tmp_path: Path) -> None:
 )
 def test_what_a_stage_lacks_is_said(to: str, drop, said: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out"
-    assert _run(tmp_path, "--to", to, "--out", str(out), drop=drop) == 2
+    assert _run(tmp_path, "--to", to, "--folder", str(out), drop=drop) == 2
     assert said in capsys.readouterr().err
     assert not out.exists()
 
@@ -249,7 +249,7 @@ def test_stacks_without_a_range_can_be_taken_as_linear(tmp_path: Path) -> None:
 def test_of_several_formats_all_are_written_or_none(tmp_path: Path, capsys) -> None:
     out = tmp_path / "a" / "b"
     (out / "csv" / "plain-values.csv").mkdir(parents=True)
-    assert _run(tmp_path, "--to", "step,csv", "--out", str(out)) == 1
+    assert _run(tmp_path, "--to", "step,csv", "--folder", str(out)) == 1
     assert "is a directory" in capsys.readouterr().err
     assert [p.name for p in out.rglob("*")] == ["csv", "plain-values.csv"]
 
@@ -264,7 +264,7 @@ def test_an_fmu_without_a_library_is_said_to_be_one(tmp_path: Path, capsys, monk
     monkeypatch.setattr("flexstage.export.fmu.fmu_file.compiler", lambda: None)
     monkeypatch.setattr("flexstage.export.fmu.fmu_file.compiler", lambda: None)
     out = str(tmp_path / "out")
-    words = ["--to", "fmu", "--fmi", "2.0", "--out", out, "--json"]
+    words = ["--to", "fmu", "--fmi", "2.0", "--folder", out, "--json"]
     assert _run(tmp_path, *words) == 0
     assert any("No C compiler" in note for note in json.loads(capsys.readouterr().out)["notes"])
     assert _run(tmp_path, *words, "--source-only") == 0
@@ -272,7 +272,7 @@ def test_an_fmu_without_a_library_is_said_to_be_one(tmp_path: Path, capsys, monk
 
 
 def test_a_table_of_very_many_files_is_short(tmp_path: Path, capsys) -> None:
-    assert _run(tmp_path, "--to", "vtu", "--out", str(tmp_path / "out")) == 0
+    assert _run(tmp_path, "--to", "vtu", "--folder", str(tmp_path / "out")) == 0
     shown = capsys.readouterr().out
     assert "more beside these" in shown
     assert len(shown.splitlines()) < 30

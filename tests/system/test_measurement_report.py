@@ -333,7 +333,7 @@ def run(capsys, *words):
     return ended.value.code, said.out, said.err
 
 
-QUICK = ("parallelogram", "--models", "lumped", "--parts", "virtual,traditional")
+QUICK = ("parallelogram", "--model", "lumped", "--parts", "virtual,traditional")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -350,7 +350,7 @@ def test_measured_files_join_a_study(capsys, tmp_path):
     )
     out = tmp_path / "out"
     status, text, err = run(
-        capsys, *QUICK[:3], "--parts", "traditional", "--measured", plan, "--out", out, "--json"
+        capsys, *QUICK[:3], "--parts", "traditional", "--measured", plan, "--folder", out, "--json"
     )
     assert (status, err) == (0, "")
     rows = [r for r in json.loads(text)["characteristics"] if r["origin"] == "measured"]
@@ -369,7 +369,7 @@ def test_a_bad_description_leaves_no_study(capsys, tmp_path):
     plan = tmp_path / "bench.yaml"
     plan.write_text("campaign: 1\ntests: {}\n")
     for path, said in ((plan, "no test"), (tmp_path / "none.yaml", "none.yaml")):
-        status, text, err = run(capsys, *QUICK, "--measured", path, "--out", tmp_path / "out")
+        status, text, err = run(capsys, *QUICK, "--measured", path, "--folder", tmp_path / "out")
         assert (status, text) == (2, "")
         assert said in err
         assert err.count("\n") == 1

@@ -96,7 +96,7 @@ def test_a_run_that_is_killed_again_and_again_ends_with_all_it_acquired(
     }
     words = [
         sys.executable, "-m", "flexstage", "run", str(plan), "--instrument",
-        f"gcs://127.0.0.1:{port}", "--out", str(out), "--yes",
+        f"gcs://127.0.0.1:{port}", "--folder", str(out), "--yes",
     ]  # fmt: skip
     rng = np.random.default_rng(611)
     stream = out / "records" / "motion.stream"

@@ -36,7 +36,7 @@ print(json.dumps(said))
 """
 ASKED = {
     "superelement": ("analyse", "parallelogram", "--model", "superelement"),
-    "step": ("export", "parallelogram", "--to", "step", "--out", "exported"),
+    "step": ("export", "parallelogram", "--to", "step", "--folder", "exported"),
     "part": ("part", "part.step"),
 }
 

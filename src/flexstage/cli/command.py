@@ -1,6 +1,6 @@
-"""How commands show their help, former names of options, and the reference for the manual."""
+"""How commands show their help, and the reference for the manual."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import typer
@@ -8,47 +8,9 @@ from typer.core import TyperCommand, TyperGroup
 
 from flexstage.cli.options import request_texts
 
-#: Former names of options by command, and the present ones: these still work, and are not listed.
-FORMER_OPTIONS: Mapping[str, Mapping[str, str]] = {
-    "analyse": {"--out": "--folder"},
-    "study": {
-        "--out": "--folder",
-        "--models": "--model",
-    },
-    "hinges": {"--angle": "--half-angle", "--kind": "--profile"},
-    "equations": {"--format": "--to"},
-    **{name: {"--out": "--folder"} for name in ("optimise", "sensitivity", "sweep", "tolerance")},
-    "export": {"--out": "--folder", "--step": "--time-step", "--modes": "--keep-modes"},
-    "excite": {
-        "--hold": "--hold-time",
-        "--resonance": "--multisine",
-        "--no-resonance": "--no-multisine",
-    },
-    "identify": {
-        "--test": "--test-record",
-    },
-    "compensate": {
-        "--limits": "--voltage",
-        "--band": "--reference-bandwidth",
-    },
-    "characterise": {
-        "--out": "--folder",
-        "--models": "--model",
-        "--virtual": "--virtual-seed",
-    },
-    "frf": {"--modes": "--fit-modes"},
-    "run": {"--out": "--folder", "--steps": "--only"},
-    "twin": {"--rate": "--servo-rate"},
-    "runs": {"--kind": "--test", "--serial": "--serial-number"},
-    "calibrations": {"--serial": "--serial-number", "--at": "--valid-at"},
-}
-
 
 class CliCommand(TyperCommand):
-    """A command: a usage line as manuals have it, options in sections, former names understood."""
-
-    def make_parser(self, ctx: Any) -> Any:
-        return _with_former_names(super().make_parser(ctx), self.name)
+    """A command: a usage line as manuals have it, options in sections."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_help(super().get_params(ctx), self.callback)
@@ -76,9 +38,6 @@ class CliCommand(TyperCommand):
 class CliGroup(TyperGroup):
     """The program, or a command that has some of its own: they are listed in whole sentences."""
 
-    def make_parser(self, ctx: Any) -> Any:
-        return _with_former_names(super().make_parser(ctx), self.name)
-
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_help(super().get_params(ctx), self.callback)
 
@@ -100,13 +59,6 @@ def _with_help(parameters: list[Any], command: Any) -> list[Any]:
         if getattr(parameter, "help", None) is None and parameter.name in texts:
             vars(parameter)["help"] = texts[parameter.name]
     return parameters
-
-
-def _with_former_names(parser: Any, command: str | None) -> Any:
-    # the parser knows a value from an option: a word that is a value stays as it is
-    for former, name in FORMER_OPTIONS.get(command or "", {}).items():
-        parser._long_opt[former] = parser._long_opt[name]
-    return parser
 
 
 def arguments(parameters: list[Any]) -> list[Any]:
@@ -168,7 +120,7 @@ ten seconds, on standard error. `--quiet` (`-q`), which every command takes, pri
 
 
 def command_line_page(app: typer.Typer) -> str:
-    """Return the reference as Markdown: commands in the order of the help, and former options."""
+    """Return the reference as Markdown: commands in the order of the help."""
     root: Any = typer.main.get_command(app)
     parts = [_HEAD]
     sections: dict[str, list[Any]] = {}
@@ -180,7 +132,6 @@ def command_line_page(app: typer.Typer) -> str:
         parts.append(f"## {title}\n")
         for command in commands:
             parts += _command(command, context)
-    parts.append(_former(root))
     return "\n".join(parts)
 
 
@@ -209,21 +160,3 @@ def _command(command: Any, parent: Any) -> Iterator[str]:
 def _row(record: tuple[str, str]) -> str:
     name, meaning = (text.replace("|", "\\|").replace("\n", " ") for text in record)
     return f"| `{name}` | {meaning.replace('<', '&lt;').replace('*', chr(92) + '*')} |"
-
-
-def _former(root: Any) -> str:
-    lines = [
-        "## Former names of options\n",
-        "They still work, and are not listed by the help.\n",
-        "| command | former | today |",
-        "|---|---|---|",
-    ]
-    within = {
-        inner: f"{command.name} {inner}"
-        for command in root.commands.values()
-        for inner in getattr(command, "commands", {})
-    }
-    for name, names in FORMER_OPTIONS.items():
-        command = within.get(name, name)
-        lines += [f"| {command} | `{old}` | `{new}` |" for old, new in names.items()]
-    return "\n".join(lines) + "\n"
