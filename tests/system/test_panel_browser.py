@@ -303,8 +303,10 @@ def test_it_fits_a_phone_and_design_is_seen_without_scrolling(tmp_path: Path) ->
         for size in ((1440, 900), (1024, 768)):
             page.set_viewport_size({"width": size[0], "height": size[1]})
             page.wait_for_timeout(300)
-            fourth = page.locator(".live tbody tr").nth(3).bounding_box()
-            drawing = page.locator(".drawings svg").first.bounding_box()
+            parts = page.locator(".live tbody tr").nth(3), page.locator(".drawings svg").first
+            for part in parts:  # both are made anew where finer figures come
+                part.wait_for()
+            fourth, drawing = (part.bounding_box() for part in parts)
             assert max(fourth["y"] + fourth["height"], drawing["y"] + drawing["height"]) < size[1]
         for look in ("light", "dark"):
             page.emulate_media(color_scheme=look)
