@@ -158,6 +158,8 @@ def test_a_designed_record_is_that_of_the_identification_room():
     from flexstage.hysteresis import excitation
 
     found = made(Designed(axis="x", rates=(1.0, 8.0), hold_time=2.0, multisine=False))
+    # a plan moves a real stage at its resonance only where it says so
+    assert not Designed(axis="x").multisine
     own = excitation((-13.0, 107.0), sample_rate=1e3, rates=(1.0, 8.0), amplifier="slew=40 V/ms",
                      frequency=870.0, multisine=False, hold_time=2.0)  # fmt: skip
     assert np.array_equal(found.waveform.values["x"], own.voltage)

@@ -25,6 +25,7 @@ from flexstage.records import (
 )
 from flexstage.records.quality import difference_noise, quantisation_step
 from flexstage.records.record import column_number
+from flexstage.records.responses import responses_in_columns
 from flexstage.records.sampling import LARGEST_UNEVEN_STEP, require_uniform, time_jitter
 from flexstage.records.write import record_bytes
 from flexstage.units import si_unit
@@ -849,3 +850,12 @@ def test_a_word_behind_a_column_is_its_unit_or_no_such_column(tmp_path: Path) ->
     for wrong in ("position filtered", "voltage as sent"):
         with pytest.raises(RecordError, match=f"no column '{wrong}'"):
             record.channel(wrong)
+
+
+def test_a_complex_column_whose_name_ends_in_a_unit_is_taken_whole(tmp_path: Path) -> None:
+    rows = "\n".join(f"{f},{1 / f},{-f}" for f in (10.0, 20.0, 30.0))
+    (tmp_path / "h.csv").write_text(f"frequency,sensor A real,sensor A imaginary\n{rows}\n")
+    table = read_record(tmp_path / "h.csv", over="point")
+    parts = responses_in_columns(table, ["frequency", "sensor A"])
+    assert [c.name for c in parts.channels] == ["sensor A real", "sensor A imaginary"]
+    assert parts.channels[0].values == pytest.approx([0.1, 0.05, 1 / 30])
