@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
-from flexstage.designs import design
 from flexstage.lumped import StageArrays, lumped_characteristics, lumped_system, stage_arrays
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.system import analyse, analyse_axis, modes
 
 __all__ = ["batch"]

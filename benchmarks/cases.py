@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from benchmarks import peers
 from benchmarks.ladder import ladder
 from benchmarks.timing import Timed, limited, warm
-from flexstage.designs import design
 from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, symbolic_model
+from flexstage.stage.designs import design
 from flexstage.system import analyse, analyse_axis, modes
 
 __all__ = ["Row", "analysis", "equations", "growth"]

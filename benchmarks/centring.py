@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.centring import HeadReadings, eccentricity, fit_harmonics, fit_many
 
 __all__ = ["centring", "fit", "heads", "turns"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.lumped import Mechanism
 
 __all__ = ["ExudynModel"]

@@ -18,7 +18,7 @@ import scipy.signal
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed, in_turns
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.spectra.estimate import ResponseEstimate, estimate_response

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks import hysteresis_peers as peers
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis import (
     BoucWen,
     Dahl,

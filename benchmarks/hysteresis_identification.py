@@ -18,8 +18,8 @@ from scipy.optimize import differential_evolution, least_squares, lsq_linear, nn
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import BoucWen, Preisach
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.lag import Lag

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.stage_modes import StageModes
 

@@ -17,14 +17,14 @@ from scipy.signal import StateSpace, lsim
 
 from benchmarks.cases import Row
 from benchmarks.hysteresis import Route, rows
-from flexstage.arrays import Array
-from flexstage.designs import design
+from flexstage.base.arrays import Array
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem, modes
 from flexstage.virtual.stack import virtual_stack
 

@@ -21,8 +21,8 @@ __all__ = ["many_stages"]
 
 @lru_cache(maxsize=1)
 def _known() -> tuple[Any, Any]:
-    from flexstage.designs import design
     from flexstage.fem import superelement_model
+    from flexstage.stage.designs import design
 
     stage = design("vgtu-piezo")
     return stage, superelement_model(stage, space=True)

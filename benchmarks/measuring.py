@@ -18,8 +18,7 @@ import numpy as np
 
 from benchmarks.cases import Row
 from benchmarks.timing import in_turns
-from flexstage.arrays import Array, Complex
-from flexstage.designs import design
+from flexstage.base.arrays import Array, Complex
 from flexstage.experiments.campaign.plan import Test
 from flexstage.experiments.campaign.results import Characterisation, evaluate
 from flexstage.experiments.virtual_campaign import VirtualCampaign, virtual_campaign
@@ -28,6 +27,7 @@ from flexstage.measure.modal.stabilisation import stable_poles
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.measure.uncertainty.monte_carlo import monte_carlo
 from flexstage.measure.uncertainty.propagate import Influence, propagate
+from flexstage.stage.designs import design
 from flexstage.virtual.as_built import as_built
 
 __all__ = ["budget", "campaigns", "characterise", "modal"]

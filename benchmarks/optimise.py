@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.designs import StageTemplate
-from flexstage.explore import (
+from flexstage.base.arrays import Array
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore import (
     Family,
     Goal,
     Problem,

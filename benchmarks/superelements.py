@@ -17,13 +17,13 @@ import numpy as np
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.cache import Cache
-from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
-from flexstage.designs.vgtu import PIEZO
 from flexstage.fem.superelement import superelement_model
 from flexstage.fem.whole_stage import plane_model, solid_model
+from flexstage.files.cache import Cache
 from flexstage.hinges import RightCircular
 from flexstage.stage import Axis, Body, Circle, ExtraMass, Force, Hinge, Loop, Probe, Stage
+from flexstage.stage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.stage.designs.vgtu import PIEZO
 from flexstage.system import analyse
 
 __all__ = ["superelements"]

@@ -13,13 +13,13 @@ from typing import Any
 
 from benchmarks.cases import Row
 from benchmarks.timing import Timed
-from flexstage.designs import design
-from flexstage.explore.deviations import KINDS, draw
-from flexstage.explore.family import known_figures
-from flexstage.explore.figures import Figure, usual_figures
-from flexstage.explore.tolerance import tolerance as draw_lot
-from flexstage.explore.workers import open_workers
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
+from flexstage.studies.explore.deviations import KINDS, draw
+from flexstage.studies.explore.family import known_figures
+from flexstage.studies.explore.figures import Figure, usual_figures
+from flexstage.studies.explore.tolerance import tolerance as draw_lot
+from flexstage.studies.explore.workers import open_workers
 from flexstage.system import analyse_axis, modes
 from flexstage.system.characteristics import axis_characteristics
 from flexstage.virtual.imperfections import Scatter

@@ -16,11 +16,11 @@ from numba import njit
 from benchmarks.cases import Row
 from benchmarks.hysteresis import Route, rows
 from benchmarks.hysteresis_plant import CREEP, STACKS, _Equations
-from flexstage.arrays import Array
-from flexstage.designs import design
+from flexstage.base.arrays import Array
 from flexstage.fem.superelement import superelement_model
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.instruments.pi.simulated.controller import VirtualController
+from flexstage.stage.designs import design
 from flexstage.system import modes
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage

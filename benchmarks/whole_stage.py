@@ -28,9 +28,9 @@ from benchmarks.finite_elements import (
     have_scikit_fem,
     shown,
 )
-from flexstage.arrays import Array
-from flexstage.designs import design
+from flexstage.base.arrays import Array
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem, analyse
 
 __all__ = ["plane", "space"]

@@ -101,12 +101,11 @@ html_theme_options = {
 
 # The rooms from low to high. What does not exist yet has no page.
 SUBPACKAGES = [
-    "errors", "units", "quantities", "estimate", "sensor", "material", "characteristic",
-    "provenance",
-    "records", "hinges", "stage", "designs", "system", "lumped",
-    "fem", "hysteresis",
-    "measure", "centring", "virtual", "instruments",
-    "control", "experiments", "explore", "export", "studies", "report", "interactive", "web",
+    "base.errors", "base.provenance", "quantities.units", "quantities.quantity",
+    "quantities.estimate", "quantities.sensor", "quantities.material", "quantities.characteristic",
+    "records", "hinges", "stage", "stage.designs", "system", "lumped", "fem", "hysteresis",
+    "measure", "centring", "virtual", "instruments", "control", "experiments",
+    "studies", "studies.explore", "export", "report", "report.notebook", "web",
 ]  # fmt: skip
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexstage.designs import DESIGNS, design
 from flexstage.report.figures.style import (
     CYCLE,
     FIXED,
@@ -26,6 +25,7 @@ from flexstage.report.figures.style import (
     encode,
     new_figure,
 )  # fmt: skip
+from flexstage.stage.designs import DESIGNS, design
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -286,11 +286,11 @@ def piezo_stage() -> "Figure":
 
 def moving_necks() -> "Figure":
     """The necks of the piezo stage that its frequencies and stresses hang on."""
-    from flexstage.designs import StageTemplate
-    from flexstage.explore import known_figures, sensitivities
-    from flexstage.explore.figures import usual_figures
-    from flexstage.explore.sensitivity import hinge_variables
     from flexstage.report.figures.sensitivity import draw_moving_necks
+    from flexstage.stage.designs import StageTemplate
+    from flexstage.studies.explore import known_figures, sensitivities
+    from flexstage.studies.explore.figures import usual_figures
+    from flexstage.studies.explore.sensitivity import hinge_variables
 
     template = StageTemplate.of("vgtu-piezo")
     stage = template.stage()
@@ -341,8 +341,8 @@ def card_sweep() -> "Figure":
     """Stress of the piezo stage in colours over two dimensions of a lever, frequency in lines."""
     import matplotlib as mpl
 
-    from flexstage.designs import StageTemplate
-    from flexstage.explore import Family, Figure, SweepPlan, sweep, variables_of
+    from flexstage.stage.designs import StageTemplate
+    from flexstage.studies.explore import Family, Figure, SweepPlan, sweep, variables_of
 
     figure, axes = card()
     template = StageTemplate.of("vgtu-piezo")

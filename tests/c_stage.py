@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelState

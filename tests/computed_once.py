@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from flexstage.provenance import content_hash
+from flexstage.base.provenance import content_hash
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.control import (
     Learning,
     LearningSettings,
@@ -30,10 +30,10 @@ from flexstage.control import (
 from flexstage.control.feedforward import conditioning_waveform
 from flexstage.control.tracking_run import RunTracking, evaluate_run
 from flexstage.control.two_degree_of_freedom import ControlRun
-from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, excitation, identify
 from flexstage.instruments.protocol import Waveform
 from flexstage.records import Channel, Record
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import StageSamples, VirtualStage
 

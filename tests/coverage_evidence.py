@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.hysteresis import identify
 from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.prediction import Prediction, predict

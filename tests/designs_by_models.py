@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from flexstage.designs import DESIGNS, design
 from flexstage.fem import plane_model, superelement_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage
+from flexstage.stage.designs import DESIGNS, design
 from flexstage.system import MechanicalSystem, analyse
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "designs.md"

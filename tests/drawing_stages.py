@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from flexstage.designs import DESIGNS, design
 from flexstage.hinges import AsDrawn, Profile, RightCircular
 from flexstage.hinges.conic import Elliptical, Hyperbolic, Parabolic, PowerFunction
 from flexstage.hinges.straight import CornerFilleted, Leaf, VFillet
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 from flexstage.stage.curve import Curve, distance
+from flexstage.stage.designs import DESIGNS, design
 
 Pair = tuple[float, float]
 

@@ -15,11 +15,11 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
-from flexstage.designs import design
 from flexstage.export.fmu import fmu_file
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.hysteresis import CreepSpectrum, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from tests.c_compiler import EXACT
 
 __all__ = [

@@ -3,7 +3,7 @@
 import math
 
 from flexstage.hinges import CornerFilleted, RightCircular
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from flexstage.stage import (
     Axis,
     Body,

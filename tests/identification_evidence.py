@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis import LogCreep, Sensor, excitation
 from flexstage.records import read_record
 from flexstage.virtual import virtual_stack

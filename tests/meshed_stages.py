@@ -2,8 +2,8 @@
 
 import functools
 
-from flexstage.designs import design
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
+from flexstage.stage.designs import design
 from flexstage.system import Analysis, analyse
 
 STAGE = design("parallelogram")

@@ -3,8 +3,8 @@
 import os
 import time
 
-from flexstage import progress
-from flexstage.errors import ModelError
+from flexstage.base import progress
+from flexstage.base.errors import ModelError
 
 
 def counted(steps: int, pause: float = 0.0) -> int:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from flexstage.hinges import RightCircular
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Axis, Body, Circle, Hinge, Loop, PiezoStack, Probe, Stage
 
 #: Distance of the crank's line and of the platform's edge from the middle, length of the crank, and

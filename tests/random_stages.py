@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.designs.pieces import Leg
-from flexstage.designs.registry import TOPOLOGIES
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.format import field_types, optional_part
 from flexstage.files.ranges import Size
 from flexstage.hinges import Profile, RightCircular
 from flexstage.hinges.conic import Elliptical, Parabolic, PowerFunction
-from flexstage.material import CATALOGUE
+from flexstage.quantities.material import CATALOGUE
+from flexstage.quantities.units import Length
 from flexstage.stage import Stage, check
-from flexstage.units import Length
+from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.designs.registry import TOPOLOGIES
 
 # mechanisms of two to four necks
 _SMALL = ("parallelogram", "double-parallelogram", "cartwheel", "trapezoidal-pivot")

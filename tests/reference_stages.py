@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexstage.hinges import RightCircular
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Probe, Screw, Stage
 
 REFERENCE = Path(__file__).parent / "reference"

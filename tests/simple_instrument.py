@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Capability, Identity, Signal, Waveform
 from flexstage.records import Channel, Record

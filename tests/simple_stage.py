@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.laboratory import Blow

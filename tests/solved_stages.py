@@ -5,8 +5,8 @@ The first process that asks for one computes it, as a study does; the others rea
 
 from filelock import FileLock
 
-from flexstage.cache import Memory, open_cache
-from flexstage.designs import design
+from flexstage.files.cache import Memory, open_cache
+from flexstage.stage.designs import design
 from flexstage.studies.models import ModelRun, run_model
 from flexstage.studies.requests import ModelOptions
 

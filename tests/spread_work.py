@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 
 
 def solutions(payload: dict[str, Any], start: int, stop: int) -> dict[str, np.ndarray]:

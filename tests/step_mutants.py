@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 
 _REFERENCE = re.compile(r"(?<=[(,])#\d+")
 _NUMBER = re.compile(r"(?<=[(,])-?\d+\.\d*(?:E[+-]?\d+)?")

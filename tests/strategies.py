@@ -9,12 +9,12 @@ import string
 
 from hypothesis import strategies as st
 
-from flexstage.characteristic import ORIGINS, Characteristic
 from flexstage.hinges import AsDrawn, Profile, RightCircular
 from flexstage.hinges.conic import Elliptical, Hyperbolic, Parabolic, PowerFunction
 from flexstage.hinges.straight import CornerFilleted, Leaf, VFillet
-from flexstage.material import CATALOGUE, Material
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.characteristic import ORIGINS, Characteristic
+from flexstage.quantities.material import CATALOGUE, Material
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import (
     Axis,
     Body,

@@ -5,10 +5,10 @@ Tests change nothing in them.
 
 import functools
 
-from flexstage.designs import design
 from flexstage.report import report_html
 from flexstage.report.page import sections_html
 from flexstage.report.study import study_section
+from flexstage.stage.designs import design
 from flexstage.studies import Study, run_study
 
 

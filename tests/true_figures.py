@@ -20,8 +20,8 @@ def true_figures(
 ) -> dict[tuple[str, str], float]:
     """Return the figures of a virtual stage, by quantity and axis.
 
-    They are in the units of `flexstage.quantities.QUANTITIES`, computed from what the stage
-    does and from no record; the laboratory gives those that are of the sensor: noise, and the
+    They are in the units of `flexstage.quantities.quantity.QUANTITIES`, computed from what the
+    stage does and from no record; the laboratory gives those that are of the sensor: noise, and the
     resolution of a drive without steps.
     """
     lab = laboratory or Laboratory()

@@ -7,8 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Complex
-from flexstage.designs import design
+from flexstage.base.arrays import Array, Complex
 from flexstage.hysteresis import (
     Amplifier,
     Duhem,
@@ -18,6 +17,7 @@ from flexstage.hysteresis import (
 )
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits
 from flexstage.system import MechanicalSystem, ModalDamping
 from flexstage.system.servo import ServoSettings

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexstage.lumped import StageTangents, parameter_tangents
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
 
 # What is nothing by symmetry is rounding of the motion that it is a part of.

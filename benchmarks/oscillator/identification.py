@@ -15,7 +15,7 @@ from benchmarks.oscillator.oscillator import (
 )
 from benchmarks.oscillator.start import EquationError
 from benchmarks.oscillator.steps import advance_each
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.model import Array, samples
 
 #: Series within the search: 1e-11 of the motion, 1e5 times less than the differences that the

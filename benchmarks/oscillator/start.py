@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from benchmarks.oscillator.oscillator import BoucWenOscillator
-from flexstage.errors import ConvergenceError
+from flexstage.base.errors import ConvergenceError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 

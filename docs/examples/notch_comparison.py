@@ -24,7 +24,7 @@ from flexstage.hinges import (
     compliance,
     largest_rotation,
 )
-from flexstage.material import material
+from flexstage.quantities.material import material
 
 NECK, HALF_LENGTH, WIDTH = 0.4e-3, 2.0e-3, 10e-3
 

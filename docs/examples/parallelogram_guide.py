@@ -17,9 +17,9 @@ import math
 
 import numpy as np
 
-from flexstage.designs import design
 from flexstage.lumped import hinge_springs, lumped_system, stroke_path
 from flexstage.stage import mass_properties
+from flexstage.stage.designs import design
 from flexstage.system import modes, probe_stiffness
 
 

@@ -16,8 +16,8 @@ and the stacks together, so its frequencies in place are far above those without
 
 import numpy as np
 
-from flexstage.designs import design
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import (
     drive_stiffness,
     modes,

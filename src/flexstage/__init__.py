@@ -10,33 +10,30 @@ the reference manual lists. All of it is imported when it is first used.
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
-from flexstage.version import __version__
+from flexstage.base.lazy import import_on_use
+from flexstage.base.version import __version__
 
 if TYPE_CHECKING:
     from flexstage import centring as centring
     from flexstage import control as control
-    from flexstage import designs as designs
     from flexstage import experiments as experiments
-    from flexstage import explore as explore
     from flexstage import export as export
     from flexstage import fem as fem
     from flexstage import hinges as hinges
     from flexstage import hysteresis as hysteresis
     from flexstage import instruments as instruments
     from flexstage import lumped as lumped
-    from flexstage import material as material
     from flexstage import measure as measure
+    from flexstage import quantities as quantities
     from flexstage import records as records
     from flexstage import report as report
     from flexstage import stage as stage
     from flexstage import studies as studies
     from flexstage import system as system
-    from flexstage import units as units
     from flexstage import virtual as virtual
     from flexstage.hysteresis.identification.identify import identify
-    from flexstage.interactive import *  # noqa: F403
     from flexstage.records.read import read_record
+    from flexstage.report.notebook import *  # noqa: F403
 
 __all__ = [
     "__version__",

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges import (
     AsDrawn,
     CornerFilleted,

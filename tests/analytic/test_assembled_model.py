@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.build_model import assembled_model, dynamic_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
@@ -17,6 +16,7 @@ from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
+from flexstage.stage.designs import design
 from flexstage.system import (
     MechanicalSystem,
     ModalDamping,

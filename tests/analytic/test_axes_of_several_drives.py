@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import FlexstageError, ModelError, StageError
+from flexstage.base.errors import FlexstageError, ModelError, StageError
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.export import stage_diagram
 from flexstage.export.drawing.sheet import drawing_svg
@@ -16,6 +15,7 @@ from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, s
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.drawn_stage import draw_bench
 from flexstage.stage import Axis, Probe, Stage, check, stage_from_text, stage_to_text
+from flexstage.stage.designs import design
 from flexstage.stage.limits import stage_limits
 from flexstage.system import static_displacements
 from flexstage.virtual import virtual_stage

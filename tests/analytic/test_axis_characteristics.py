@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.interactive.show import headline
+from flexstage.base.provenance import content_hash
 from flexstage.lumped import lumped_system
-from flexstage.material import material
-from flexstage.provenance import content_hash
+from flexstage.quantities.material import material
 from flexstage.report.findings import verdict
+from flexstage.report.notebook.show import headline
 from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
+from flexstage.stage.designs import design
 from flexstage.studies import run_study
 from flexstage.system import (
     MechanicalSystem,

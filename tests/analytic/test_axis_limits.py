@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.instruments.protocol import Waveform
+from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits, stage_limits
 
 

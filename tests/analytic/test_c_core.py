@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,
@@ -29,6 +28,7 @@ from flexstage.hysteresis import (
     dynamic_model,
 )
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import frequency_response
 from tests.c_stage import CStage, stepped, wandering
 

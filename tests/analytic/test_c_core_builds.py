@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.source.render import render_source
 from flexstage.hysteresis import BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from tests.c_compiler import (
     EXACT,
     OPTIMISED,

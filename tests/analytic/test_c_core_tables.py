@@ -8,7 +8,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.export.source.render import render_source
 from flexstage.export.source.variables import c_variables
 from flexstage.hysteresis import (
@@ -24,6 +23,7 @@ from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.hysteresis.model import Array
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from tests.c_compiler import load_library
 from tests.c_stage import CStage, stepped, wandering
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import MODELS, BoucWen, Dahl
 from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel

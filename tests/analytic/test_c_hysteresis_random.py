@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import (
     AsymmetricBoucWen,
     BoucWen,

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.experiments.campaign.plan import (
     KINDS,
     Campaign,
@@ -17,9 +16,10 @@ from flexstage.experiments.campaign.plan import (
     Test,
 )
 from flexstage.experiments.campaign.results import characterise, evaluate
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Channel, Record
 from flexstage.records.read_options import ReadOptions
-from flexstage.sensor import SensorSpecification
 from tests.measuring_files import function_58
 
 STROKE, LOOP, BEND, WANDER = 63.7e-6, 3.1e-6, 4.3e-8, 6.1e-10

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring import ARCSEC, exact_error, first_order_error
 from flexstage.centring.from_records import head_of
 from flexstage.centring.geometry import exact_run_out, in_turning_frame
 from flexstage.centring.requests import CentreRequest
-from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record, read_record
 
 R = 47e-3

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import ScaleReadings, against_reference
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ARCSEC
@@ -24,8 +25,7 @@ from flexstage.centring.procedure import (
     centre_reading,
     table_reading,
 )
-from flexstage.designs import design
-from flexstage.errors import ModelError, RecordError
+from flexstage.stage.designs import design
 from flexstage.virtual.positioner import TableMounting, VirtualPositioner
 from flexstage.virtual.table import ScaleErrors, VirtualBench, VirtualTable, scale_errors
 from tests.tiers import limits, sizes

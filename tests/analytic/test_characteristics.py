@@ -2,10 +2,10 @@
 
 import pytest
 
-from flexstage.characteristic import Characteristic, Characteristics
-from flexstage.errors import ModelError
-from flexstage.quantities import QUANTITIES, Quantity
-from flexstage.units.columns import si_unit
+from flexstage.base.errors import ModelError
+from flexstage.quantities.characteristic import Characteristic, Characteristics
+from flexstage.quantities.quantity import QUANTITIES, Quantity
+from flexstage.quantities.units.columns import si_unit
 
 
 def row(axis: str, origin: str, value: float) -> Characteristic:

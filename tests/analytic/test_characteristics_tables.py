@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from flexstage.characteristic import ORIGINS, Characteristic
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.tables import table_files
 from flexstage.lumped import lumped_system
-from flexstage.quantities import QUANTITIES, beside, display
+from flexstage.quantities.characteristic import ORIGINS, Characteristic
+from flexstage.quantities.quantity import QUANTITIES, beside, display
+from flexstage.quantities.table import Cell, table
+from flexstage.stage.designs import design
 from flexstage.studies import compare
 from flexstage.system import analyse
-from flexstage.table import Cell, table
 
 STAGE = design("vgtu-piezo")
 NASTY = '=SUM(A1:A9), "quoted" & 50 % of $x_1$ {~^\\#}\nsecond line, µ'

@@ -5,14 +5,14 @@ import math
 
 import pytest
 
-from flexstage.characteristic import Characteristic
-from flexstage.designs import design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.hinges.straight import CornerFilleted
-from flexstage.material import material
+from flexstage.quantities.characteristic import Characteristic
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Manufacture, Probe, Screw, Stage
 from flexstage.stage.checks import check, free_motion
+from flexstage.stage.designs import design
 from flexstage.stage.transform import PlaneMotion, moved
 from tests.reference_stages import NAMES, reference_stage
 

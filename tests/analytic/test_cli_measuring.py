@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import Record, read_record
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions

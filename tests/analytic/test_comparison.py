@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from flexstage.characteristic import Characteristic
-from flexstage.comparison import difference_percent
-from flexstage.quantities import display, number, prefixed
+from flexstage.quantities.characteristic import Characteristic
+from flexstage.quantities.comparison import difference_percent
+from flexstage.quantities.quantity import display, number, prefixed
+from flexstage.quantities.table import Table
 from flexstage.report.figures.body_motion import exaggeration
 from flexstage.studies import compare
-from flexstage.table import Table
 
 
 def row(quantity: str, axis: str, origin: str, value: float, unit: str) -> Characteristic:

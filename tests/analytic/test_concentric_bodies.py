@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from netgen.occ import Box, OCCGeometry
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.fem import MeshSettings, mesh, plane_model, solid_model
 from flexstage.fem.geometry import stage_faces
 from flexstage.stage import Stage, mass_properties, stage_from_text
+from flexstage.stage.designs import design
 from flexstage.system import analyse
 from tests.parallel_stage import EVEN, three_legs
 

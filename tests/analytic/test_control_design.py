@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from flexstage.base.errors import ModelError
 from flexstage.control import Requirements, loop_margins, tune
 from flexstage.control.design import _left_of_steps, tune_plant
 from flexstage.control.loop_plant import LoopPlant, local_gains, loop_plant
-from flexstage.errors import ModelError
 from flexstage.hysteresis import (
     DriveModel,
     Lag,

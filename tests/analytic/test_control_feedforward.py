@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control import (
     Way,
     carry_out,
@@ -16,7 +17,6 @@ from flexstage.control import (
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.tracking_run import evaluate_run
 from flexstage.control.trajectory import delayed
-from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import (
     DriveModel,
     Duhem,

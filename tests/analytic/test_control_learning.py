@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control import LearningSettings, learn, sine
 from flexstage.control.learning_axis import mean_error
-from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 from flexstage.hysteresis.limited_inverse import steady_output
 from flexstage.instruments.protocol import Waveform

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control import raster, sine, trajectory_of, triangle
-from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.records import Channel, Record
 from flexstage.stage.limits import AxisLimits
 

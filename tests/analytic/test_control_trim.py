@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.control import compensate, sine, trimmed_model
 from flexstage.control.trajectory import delayed
-from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Lag, PrandtlIshlinskii, StageModes, ValidityRange
 
 RATE = 10e3

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.axis_diagram import axis_chain
 from flexstage.export.diagram.graph import DiagramBuilder, identifier
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import AxisPort, DrivePort, ProbePort
 

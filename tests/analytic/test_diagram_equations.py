@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import lsim
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
@@ -16,6 +15,7 @@ from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor, dynamic_
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
 from flexstage.stage import Force
+from flexstage.stage.designs import design
 from flexstage.system import (
     MechanicalSystem,
     ModalDamping,

@@ -10,8 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.graph import Diagram
 from flexstage.export.diagram.page import PageLayout, Segment, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
@@ -21,6 +20,7 @@ from flexstage.export.svg import text_width
 from flexstage.hysteresis import DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import drive
+from flexstage.stage.designs import design
 from flexstage.stage.drive import VoiceCoil
 from flexstage.system import RayleighDamping
 

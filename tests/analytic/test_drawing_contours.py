@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.hinges import RightCircular
 from flexstage.hinges.profile import CurvedProfile
@@ -16,6 +15,7 @@ from flexstage.hinges.registry import PROFILES
 from flexstage.stage import Circle, Loop, Stage, check, mass_properties
 from flexstage.stage.contour import body_contour
 from flexstage.stage.curve import Curve, crossings, distance, point_distance
+from flexstage.stage.designs import design
 from tests.drawing_stages import NOTCHES, PLATES, guide, least_distance, quick
 
 STAGES = {**PLATES, **{n: guide(p) for n, p in NOTCHES.items()}}

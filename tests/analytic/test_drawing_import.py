@@ -2,11 +2,11 @@
 
 import pytest
 
-from flexstage.designs import DESIGNS, design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.step import step_files
 from flexstage.stage import check
+from flexstage.stage.designs import DESIGNS, design
 from flexstage.stage.drawing.drawn_stage import read_drawing
 from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.studies.models import run_model

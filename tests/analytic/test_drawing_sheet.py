@@ -11,14 +11,14 @@ import pytest
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
-from flexstage.designs import design
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.notch_details import notch_kinds, ratio
 from flexstage.export.drawing.sheet import drawing_svg
 from flexstage.export.svg import text_width, wrapped
 from flexstage.hinges import RightCircular
-from flexstage.quantities import round_below
+from flexstage.quantities.quantity import round_below
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from tests.drawing_stages import NOTCHES, PLATES, guide, quick
 
 SVG = "{http://www.w3.org/2000/svg}"

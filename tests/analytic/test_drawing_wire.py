@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.wire import WirePath, cuts, offset_contours
 from flexstage.hinges import AsDrawn, Elliptical, RightCircular
 from flexstage.hinges.straight import Leaf
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Loop, Stage
 from flexstage.stage.curve import Curve, point_distance
 from tests.drawing_stages import NOTCHES, PLATES, guide, least_distance, quick

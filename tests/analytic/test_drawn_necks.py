@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.errors import StageError
-from flexstage.material import material
+from flexstage.base.errors import StageError
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, check
 from flexstage.stage.drawing.drawn_stage import read_drawing
 from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem import superelement_model
 from flexstage.stage import Loop, Stage
+from flexstage.stage.designs import design
 from flexstage.system import static_displacements
 
 

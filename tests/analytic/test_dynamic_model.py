@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import (
     BoucWen,
     DriveModel,
@@ -21,6 +20,7 @@ from flexstage.hysteresis.stack_models import usual_hysteresis
 from flexstage.lumped import lumped_system
 from flexstage.stage import PiezoStack
 from flexstage.stage.assumptions import LOOP_WIDTH
+from flexstage.stage.designs import design
 from flexstage.system import frequency_response
 
 _STAGE = design("vgtu-piezo")

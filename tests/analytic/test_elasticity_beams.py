@@ -9,6 +9,7 @@ from netgen.occ import Box, OCCGeometry, Rectangle, gp_Pnt
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.large_displacement import follow_drive, follow_load
 from flexstage.elasticity.loaded import (
@@ -21,8 +22,7 @@ from flexstage.elasticity.loaded import (
     von_mises_of,
 )
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 E, NU, RHO, ALPHA = 68.3e9, 0.33, 2710.0, 23.1e-6
 G = E / (2 * (1 + NU))

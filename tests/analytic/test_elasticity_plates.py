@@ -9,7 +9,7 @@ from netgen.occ import OCCGeometry, Vec
 
 from flexstage.elasticity import Continuum, face, von_mises
 from flexstage.elasticity.shapes import METRE
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 E, NU = 68.3e9, 0.33
 G = E / (2 * (1 + NU))

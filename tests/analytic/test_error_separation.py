@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import (
     ScaleReadings,
     against_reference,
@@ -15,7 +16,6 @@ from flexstage.centring.calibration import (
 )
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.geometry import ARCSEC, exact_error
-from flexstage.errors import ModelError, RecordError
 from flexstage.records import read_record, write_record
 from flexstage.virtual.table import ScaleErrors, VirtualTable, scale_errors
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.errors import ModelError
+from flexstage.quantities.estimate import Component, Estimate
 
 NOISE = Component(name="noise", uncertainty=3.0, degrees_of_freedom=7.0)
 GAIN = Component(name="gain", uncertainty=4.0, kind="B")

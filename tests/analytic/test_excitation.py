@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar, nnls
 from scipy.signal import lfilter
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.request import request_fields
 from flexstage.hysteresis.excitations.design import Excitation, excitation
 from flexstage.hysteresis.excitations.excitation import Movement, memory_coverage, multisine

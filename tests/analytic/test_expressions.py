@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from flexstage.errors import UnitError
+from flexstage.base.errors import UnitError
 from flexstage.files.expression import amount_of, evaluate, parse
 
 NAMES = {

@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage import Circle, Stage
+from flexstage.stage.designs import design
 from flexstage.stage.drawing.drawn_stage import DrawnStage, read_drawing
 from flexstage.stage.drawing.requests import ContourOptions, DrawingOptions
 from tests import foreign_drawings as foreign

@@ -9,8 +9,8 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.spectra.averaging import (
     WINDOWS,

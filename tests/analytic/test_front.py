@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore import (
+from flexstage.base.errors import ModelError
+from flexstage.report.optimise import optimum_notes, optimum_tables
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore import (
     Family,
     Front,
     Goal,
@@ -22,10 +23,9 @@ from flexstage.explore import (
     variables_of,
     workers,
 )
-from flexstage.explore.family import evaluate
-from flexstage.explore.optimise.front import non_dominated
-from flexstage.explore.optimise.optimum import TOLERANCE
-from flexstage.report.optimise import optimum_notes, optimum_tables
+from flexstage.studies.explore.family import evaluate
+from flexstage.studies.explore.optimise.front import non_dominated
+from flexstage.studies.explore.optimise.optimum import TOLERANCE
 
 OPTIONS = SearchOptions(model="lumped", evaluations=500, seed=3)
 

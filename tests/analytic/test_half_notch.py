@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem import half_notch, plane_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.substructure import cut_free
@@ -21,6 +20,7 @@ from flexstage.hinges import (
     RightCircular,
 )
 from flexstage.hinges.finite_element import _on_a_circle, _on_a_line, surface_stress
+from flexstage.stage.designs import design
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring import (
     ARCSEC,
     HeadReadings,
@@ -19,7 +20,6 @@ from flexstage.centring import (
 from flexstage.centring.geometry import exact_run_out
 from flexstage.centring.harmonic_fit import direction_estimate, length_estimate, scale_harmonic
 from flexstage.centring.turns import find_turns, unwrap_error
-from flexstage.errors import ModelError, RecordError
 from tests.tiers import limits, sizes
 
 R = 51e-3

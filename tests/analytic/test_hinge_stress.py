@@ -17,7 +17,7 @@ from flexstage.hinges import (
 )
 from flexstage.hinges.hinge_figures import hinge_figures
 from flexstage.hinges.stress import _SMALL, _neuber
-from flexstage.material import material
+from flexstage.quantities.material import material
 
 B = 8.3e-3
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis import (
     MODELS,
     AsymmetricBoucWen,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.explore.sweep import best_cut, reasons
+from flexstage.studies.explore.sweep import best_cut, reasons
 
 POINTS = np.random.default_rng(5).uniform((2.0, -7.0), (3.0, -1.0), (400, 2))
 

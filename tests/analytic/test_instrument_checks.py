@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexstage.errors import LimitError
+from flexstage.base.errors import LimitError
 from flexstage.instruments.limits import check_position, check_voltage, check_waveform
 from flexstage.instruments.protocol import Waveform
 from flexstage.stage.limits import AxisLimits

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flexstage.errors import ModelError, NotConnectedError
+from flexstage.base.errors import ModelError, NotConnectedError
 from flexstage.files.names import user_folder
 from flexstage.instruments.lock import holder, stage_lock
 

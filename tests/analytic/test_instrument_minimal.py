@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_voltage
 from flexstage.instruments.protocol import Capability, Identity, Instrument, MotionAxis
 from flexstage.instruments.ramp import lead_to, to_safe, wait_for_rest

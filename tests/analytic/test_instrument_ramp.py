@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.ramp import lead_to, to_safe
 from flexstage.stage.limits import AxisLimits
 from tests.simple_instrument import GAINS, PIEZO, SCREW, SimpleInstrument

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import LimitError, NotConnectedError
+from flexstage.base.errors import LimitError, NotConnectedError
 from flexstage.instruments.protocol import (
     Instrument,
     MotionAxis,

@@ -7,8 +7,8 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError
 from flexstage.elasticity import face
-from flexstage.errors import ModelError
 from flexstage.fem.fronts import FrontalFactor
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MeshSettings, face_mesh

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from flexstage.explore.optimise.local_search import MARGIN, Iterate, find_wall, local_search
-from flexstage.explore.optimise.optimum import balance
-from flexstage.explore.optimise.problem import Correction
-from flexstage.explore.optimise.quadratic import bounded_step, smallest_quadratic
+from flexstage.studies.explore.optimise.local_search import MARGIN, Iterate, find_wall, local_search
+from flexstage.studies.explore.optimise.optimum import balance
+from flexstage.studies.explore.optimise.problem import Correction
+from flexstage.studies.explore.optimise.quadratic import bounded_step, smallest_quadratic
 
 Function = Callable[[np.ndarray], float]
 INF = np.inf

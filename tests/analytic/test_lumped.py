@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.hinges import CornerFilleted, RightCircular, compliance
 from flexstage.hinges.hinge_spring import WIDE_NECK
 from flexstage.lumped import hinge_springs, lumped_system, parameter_tangents, stage_arrays
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import (
     Axis,
     Body,

@@ -8,9 +8,8 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from flexstage.designs import design
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.loaded import buckling
-from flexstage.errors import ModelError
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import _drive_row, _rig, bar_buckling_load, two_notch_bars
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
@@ -18,6 +17,7 @@ from flexstage.hinges.profile import Profile
 from flexstage.lumped import hinge_springs, lumped_system, mechanism, nonlinear
 from flexstage.lumped.large_displacement import lumped_buckling
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
+from flexstage.stage.designs import design
 from flexstage.system import analyse_axis
 from tests.hinged_bars import MATERIAL
 

@@ -6,7 +6,6 @@ import xml.dom.minidom
 import pytest
 import sympy as sp
 
-from flexstage.designs import design
 from flexstage.lumped import (
     condense,
     equation_sheet,
@@ -16,6 +15,7 @@ from flexstage.lumped import (
 )
 from flexstage.lumped.latex import Formula, SheetSection, latex_document, plain_text, sheet_data
 from flexstage.lumped.symbols import upright
+from flexstage.stage.designs import design
 from tests.mechanisms import damped_parallelogram
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.lumped import (
     Mechanism,
     equilibrium,
@@ -16,6 +15,7 @@ from flexstage.lumped import (
     nonlinear,
     stroke_path,
 )
+from flexstage.stage.designs import design
 from flexstage.system import static_displacements
 from tests.mechanisms import LEG, chain, parallelogram
 from tests.tiers import sizes

@@ -9,8 +9,7 @@ import pytest
 import sympy as sp
 from scipy.linalg import eigh
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.lumped import (
     Mechanism,
     RigidBody,
@@ -27,6 +26,7 @@ from flexstage.lumped.reduction import ReducedModel, find_mirror
 from flexstage.lumped.requests import DampingKind
 from flexstage.lumped.symbolic import SymbolicModel
 from flexstage.lumped.symbols import generic_body, generic_hinge
+from flexstage.stage.designs import design
 from flexstage.system import frequency_response, modes
 from flexstage.system.mechanical import RayleighDamping
 from tests.mechanisms import chain, damped_parallelogram, parallelogram, response

@@ -11,7 +11,7 @@ from shapely.ops import unary_union
 
 from flexstage.hinges import RightCircular
 from flexstage.hinges.registry import PROFILES
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, ExtraMass, Hinge, Loop, Stage
 from flexstage.stage.contour import half_notch
 from flexstage.stage.mass import mass_properties, outer_size

@@ -2,8 +2,8 @@
 
 import pytest
 
-from flexstage.errors import StageError
-from flexstage.material import CATALOGUE, Material, material
+from flexstage.base.errors import StageError
+from flexstage.quantities.material import CATALOGUE, Material, material
 
 
 def test_every_entry_says_where_it_comes_from_and_is_a_solid() -> None:

@@ -9,12 +9,12 @@ import pytest
 from scipy.io import loadmat
 from scipy.linalg import eigh
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.control_object import control_system, linear_part, rest_shape
 from flexstage.export.matlab.files import damping_matrix, matlab_files, matlab_name, sampled_form
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import LossFactor, RayleighDamping, frequency_response, modes, time_response
 
 _STAGES = {name: design(name) for name in ("vgtu-piezo", "vgtu-mechanical")}

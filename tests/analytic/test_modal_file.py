@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.export.modal_file import (
     direction_code,
     frf_file,
@@ -23,6 +22,7 @@ from flexstage.export.modal_file import (
 from flexstage.lumped import lumped_system
 from flexstage.records.universal_file import read_universal
 from flexstage.stage import Stage, mass_properties
+from flexstage.stage.designs import design
 from flexstage.system import RayleighDamping, frequency_response, modes
 
 pyuff = pytest.importorskip("pyuff")

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.result import modal_assurance, shape_from_residues
 from flexstage.measure.modal.ring_down import ring_down
@@ -21,6 +20,7 @@ from flexstage.measure.modal.variable_projection import (
     remaining,
 )
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.quantities.estimate import Estimate
 from flexstage.records import Channel, Record
 from flexstage.report.figures.modal_fit import draw_modal_fit, draw_stabilisation
 from flexstage.report.figures.style import encode

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from flexstage import progress
-from flexstage.designs import design
-from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.base import progress
+from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
 from flexstage.measure.modal.assessment import on_flank
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.prepare import line_scatter, local_poles
 from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.quantities.estimate import Estimate
+from flexstage.stage.designs import design
 from flexstage.system import ModalDamping, modes
 from tests.tiers import sizes
 

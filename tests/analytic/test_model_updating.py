@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ConvergenceError, HingeError, ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.errors import ConvergenceError, HingeError, ModelError
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,
@@ -28,7 +26,9 @@ from flexstage.measure.updating import (
     update_stage,
     with_neck_thickness,
 )
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import check
+from flexstage.stage.designs import design
 from flexstage.system import ModalDamping, analyse
 from tests.tiers import limits, sizes
 

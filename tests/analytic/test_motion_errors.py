@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
-from flexstage.designs.pieces import Leg
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.fem.stroke import FiniteStroke
 from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
+from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.stage.designs.pieces import Leg
 from flexstage.studies.motion_errors import GuidedAxis, Mounting, axis_errors, plane_rates
 from flexstage.system import static_displacements
 from flexstage.virtual.imperfections import Scatter, displaced_system

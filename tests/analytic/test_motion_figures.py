@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import cycles_by_range, motion_cycles, spread_estimate
@@ -21,6 +20,7 @@ from flexstage.measure.motion.motion_curve import (
     zone_contacts,
 )
 from flexstage.measure.motion.reach import stroke, workspace
+from flexstage.quantities.estimate import Estimate
 from flexstage.report.figures.motion_error import draw_motion_error, draw_workspace
 from flexstage.report.figures.style import encode
 from tests.tiers import limits, sizes

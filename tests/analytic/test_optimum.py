@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore import (
+from flexstage.base.errors import ModelError
+from flexstage.stage import check, stage_from_text
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore import (
     Family,
     Goal,
     Optimum,
@@ -21,20 +22,19 @@ from flexstage.explore import (
     requirement_of,
     variables_of,
 )
-from flexstage.explore.family import Evaluated
-from flexstage.explore.optimise import ladder
-from flexstage.explore.optimise.local_search import LocalOptimum, local_search
-from flexstage.explore.optimise.optimum import held_by
-from flexstage.explore.optimise.problem import StageProgram
-from flexstage.explore.optimise.usual import (
+from flexstage.studies.explore.family import Evaluated
+from flexstage.studies.explore.optimise import ladder
+from flexstage.studies.explore.optimise.local_search import LocalOptimum, local_search
+from flexstage.studies.explore.optimise.optimum import held_by
+from flexstage.studies.explore.optimise.problem import StageProgram
+from flexstage.studies.explore.optimise.usual import (
     held_dimensions,
     published_targets,
     usual_requirements,
     usual_variables,
 )
-from flexstage.explore.prepare import problem_of
-from flexstage.explore.requests import OptimiseRequest
-from flexstage.stage import check, stage_from_text
+from flexstage.studies.explore.prepare import problem_of
+from flexstage.studies.explore.requests import OptimiseRequest
 
 RANGES = (
     "leg.notch.neck_thickness=0.3..0.9 mm",
@@ -117,7 +117,7 @@ def test_nearest_of_many_that_match() -> None:
     found = find_optimum(wanted, LUMPED)
     assert found.met
     assert found.free == 3
-    from flexstage.explore import jacobian
+    from flexstage.studies.explore import jacobian
 
     at = (found.point + found.start) / 2.0
     slope = jacobian(wanted.family, at, wanted.figures)[1][0] * wanted.width
@@ -177,7 +177,7 @@ def test_ladder_ends_where_the_finer_model_keeps_the_limits() -> None:
 
 
 def test_best_is_a_sound_stage_and_its_file_loses_nothing(sound: Optimum) -> None:
-    from flexstage.designs.registry import build
+    from flexstage.stage.designs.registry import build
 
     again = stage_from_text(sound.text, build, source="best.yaml")
     assert again == sound.stage

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage import Circle, Loop
 
 

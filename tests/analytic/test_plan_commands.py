@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform, Strike
 from flexstage.experiments.excitations import (

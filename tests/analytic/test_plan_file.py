@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from flexstage.errors import PlanError, RecordError
+from flexstage.base.errors import PlanError, RecordError
 from flexstage.experiments import dry_run, find_plan, plan_stage, read_plan, ready_plans
 from flexstage.experiments.excitations import EXCITATIONS, EqualCycles, Multisine
 from flexstage.experiments.plan import plan_from_text

@@ -2,10 +2,10 @@
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
 from flexstage.experiments import dry_run
 from flexstage.experiments.plan import plan_from_text
+from flexstage.stage.designs import design
 
 HEAD = """\
 plan: 1

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexstage.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
+from flexstage.base.errors import ControllerError, FlexstageError, NotConnectedError, PlanError
 from flexstage.experiments import Plan, run_plan, runner
 from flexstage.experiments.plan import plan_from_text
 from flexstage.experiments.state import clear_leftovers, read_state, write_state

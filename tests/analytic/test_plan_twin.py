@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
 from flexstage.experiments import VerifiedStep, find_plan, read_plan, run_plan
 from flexstage.experiments.plan import plan_from_text
 from flexstage.experiments.verbs.centre import CentredStep
 from flexstage.instruments.connect import connect
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import modes
 from tests.result_schema import require_valid
 

@@ -7,9 +7,8 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from flexstage.designs import design
+from flexstage.base.errors import StageError
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import StageError
 from flexstage.fem import (
     MeshSettings,
     StageModel,
@@ -21,6 +20,7 @@ from flexstage.fem.geometry import patches, stage_faces
 from flexstage.fem.stage_system import body_motion, body_path, drive_vector, probe_vector
 from flexstage.lumped import lumped_system
 from flexstage.stage import Circle, ExtraMass, Probe, Stage
+from flexstage.stage.designs import design
 from flexstage.system import analyse, load_readings, modes, static_displacements, static_forces
 
 STAGE = design("parallelogram")

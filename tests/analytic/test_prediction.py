@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.hysteresis import DriveModel, LogCreep, Preisach, ValidityRange, predict
 from flexstage.records import Channel, Record
 

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from flexstage import progress
-from flexstage.progress import ProgressLines, in_lines
+from flexstage.base import progress
+from flexstage.base.progress import ProgressLines, in_lines
 
 
 def lines_of(phases: dict[float, tuple[str, float]], until: float) -> list[tuple[float, str]]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import pytest
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.files.ranges import INNER_SHARE, NOT_NEGATIVE, POSITIVE, Range, require_ranges
 
 

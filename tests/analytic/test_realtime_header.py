@@ -14,12 +14,12 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.realtime.comment import command_span, operations, rounding_bound
 from flexstage.export.realtime.files import amalgamated, realtime_files
 from flexstage.hysteresis import DynamicModel, LogCreep, PrandtlIshlinskii, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from tests.c_compiler import OPTIMISED, compile_program, compiler, load_library, write_files
 
 _STAGES = {name: design(name) for name in ("vgtu-piezo", "vgtu-mechanical")}

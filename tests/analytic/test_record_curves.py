@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.files.request import request_fields, request_of
 from flexstage.records import Channel, Record, read_record
 from flexstage.records.drives import from_branches, read_drive

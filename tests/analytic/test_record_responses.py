@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Record, read_record, responses_in_columns
 

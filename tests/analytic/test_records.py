@@ -13,7 +13,8 @@ import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from scipy.io import savemat
 
-from flexstage.errors import RecordError, UnitError
+from flexstage.base.errors import RecordError, UnitError
+from flexstage.quantities.units import si_unit
 from flexstage.records import (
     Channel,
     Record,
@@ -28,7 +29,6 @@ from flexstage.records.record import column_number
 from flexstage.records.responses import responses_in_columns
 from flexstage.records.sampling import LARGEST_UNEVEN_STEP, require_uniform, time_jitter
 from flexstage.records.write import record_bytes
-from flexstage.units import si_unit
 
 U = np.array([0.3, 1.7, 2.9, 0.4, -1.1])
 Y = np.array([11.5, -3.25, 7.0, 8.125, 2.75])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import Record, read_record
 
 GRAVITY = 9.80665

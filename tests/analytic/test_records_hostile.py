@@ -16,7 +16,7 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import read_record
 from flexstage.records.datasets import most_unpacked
 

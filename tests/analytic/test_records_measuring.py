@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import pyuff
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import FORMATS, Channel, Record, read_record, write_record
 from flexstage.records.cmm import decimal_sign, printed_number
 from flexstage.records.columns import measured_unit

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import Record, read_record
 from tests.measuring_files import function_58, gcs_array, report, units_164
 

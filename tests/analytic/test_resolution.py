@@ -5,9 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.special import ndtri
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.noise.hold import (
     allan_deviation,
     allan_freedom,
@@ -22,6 +21,7 @@ from flexstage.measure.noise.staircase import (
     staircase,
 )
 from flexstage.measure.spectra.averaging import spectral_density
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.report.figures.noise import draw_hold, draw_staircase
 from flexstage.report.figures.style import encode
 

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.hinges import RightCircular
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 from flexstage.stage.hinge_attachment import hinge_root, root_widths
 from tests.reference_stages import NAMES, reference_stage

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate
-from flexstage.designs.registry import build
-from flexstage.designs.template import spelled_out_text
-from flexstage.errors import StageError
-from flexstage.explore import (
+from flexstage.base.errors import StageError
+from flexstage.base.progress import listen
+from flexstage.quantities.units import parse
+from flexstage.stage import stage_from_text
+from flexstage.stage.designs import StageTemplate
+from flexstage.stage.designs.registry import build
+from flexstage.stage.designs.template import spelled_out_text
+from flexstage.studies.explore import (
     Family,
     Goal,
     Optimum,
@@ -22,13 +25,10 @@ from flexstage.explore import (
     requirement_of,
     variables_of,
 )
-from flexstage.explore.optimise.local_search import LocalOptimum
-from flexstage.explore.optimise.problem import StageProgram
-from flexstage.explore.optimise.rounding import drawn, drawn_point, on_drawing
-from flexstage.explore.variables import Variable
-from flexstage.progress import listen
-from flexstage.stage import stage_from_text
-from flexstage.units import parse
+from flexstage.studies.explore.optimise.local_search import LocalOptimum
+from flexstage.studies.explore.optimise.problem import StageProgram
+from flexstage.studies.explore.optimise.rounding import drawn, drawn_point, on_drawing
+from flexstage.studies.explore.variables import Variable
 
 LUMPED = SearchOptions(model="lumped", evaluations=600, starts=1)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
-from flexstage.explore.sampling import (
+from flexstage.base.errors import ModelError
+from flexstage.studies.explore.sampling import (
     grid_counts,
     grid_points,
     latin_hypercube_points,

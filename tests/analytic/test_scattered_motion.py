@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
-from flexstage.designs.pieces import Leg
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system, mechanism, stroke_path
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
+from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.stage.designs.pieces import Leg
 from flexstage.stage.drive import VoiceCoil
 from flexstage.system import probe_stiffness, static_displacements
 from flexstage.virtual.imperfections import Scatter, displaced_system, displacements, manufactured

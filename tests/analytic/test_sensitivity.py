@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.designs import DESIGNS, find_stage
-from flexstage.designs.template import StageTemplate
-from flexstage.errors import ModelError, StageError
-from flexstage.explore.family import STAGE_FIGURES, Family, jacobian, known_figures
-from flexstage.explore.figures import Figure, figures_of
-from flexstage.explore.sensitivity import (
+from flexstage.base.errors import ModelError, StageError
+from flexstage.lumped import lumped_system
+from flexstage.stage.designs import DESIGNS, find_stage
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.studies.explore.family import STAGE_FIGURES, Family, jacobian, known_figures
+from flexstage.studies.explore.figures import Figure, figures_of
+from flexstage.studies.explore.sensitivity import (
     Sensitivities,
     hinge_variables,
     sensitivities,
     variables_by,
 )
-from flexstage.lumped import lumped_system
 from flexstage.system import analyse
 
 

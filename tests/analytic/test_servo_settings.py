@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.system.servo import Notch, ServoSettings
 
 RATE = 9.7e3

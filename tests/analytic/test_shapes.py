@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.report.figures.shapes import BodyShape, Placer, body_shapes, extent
 from flexstage.stage import Circle, Stage, mass_properties
+from flexstage.stage.designs import design
 
 NAMES = ["vgtu-piezo", "vgtu-mechanical", "parallelogram"]
 

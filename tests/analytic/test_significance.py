@@ -5,9 +5,9 @@ import math
 import pytest
 from scipy import stats
 
-from flexstage.characteristic import Characteristic
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.experiments.campaign.results import difference
+from flexstage.quantities.characteristic import Characteristic
 
 
 def row(value: float, **more: object) -> Characteristic:

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.simulink.chains import hysteresis_function
@@ -33,6 +32,7 @@ from flexstage.hysteresis import (
     dynamic_model,
 )
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 
 LOOP = BoucWen(gain=0.593e-6, hysteresis_gain=0.441e-6, beta=0.05, gamma=0.03)
 STRING = re.compile(r"'(?:[^'\n]|'')*'")

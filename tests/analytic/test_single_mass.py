@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.system import (
     LossFactor,
     MechanicalSystem,

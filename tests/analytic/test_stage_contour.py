@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from flexstage.designs import DESIGNS, design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,
@@ -13,9 +12,10 @@ from flexstage.hinges import (
     Profile,
     RightCircular,
 )
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage, mass_properties
 from flexstage.stage.contour import body_contour, half_notch, inner_notch
+from flexstage.stage.designs import DESIGNS, design
 
 
 def _area(shape: Loop | Circle) -> float:

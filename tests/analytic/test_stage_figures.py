@@ -6,14 +6,14 @@ import math
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import StageError
-from flexstage.explore.family import STAGE_FIGURES, stage_figures
+from flexstage.base.errors import StageError
 from flexstage.lumped import lumped_system
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Body, Circle, Loop, Stage, check
+from flexstage.stage.designs import design
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
 from flexstage.stage.transform import PlaneMotion, moved
+from flexstage.studies.explore.family import STAGE_FIGURES, stage_figures
 from flexstage.system import analyse
 from tests.analytic.test_checks import body, box, loop, slotted, stage_of
 from tests.reference_stages import NAMES, reference_stage

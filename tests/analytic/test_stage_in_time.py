@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.arrays import Array
-from flexstage.designs import design
+from flexstage.base.arrays import Array
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import (
     LossFactor,
     MechanicalSystem,

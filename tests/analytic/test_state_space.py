@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexstage.designs import design
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import (
     LossFactor,
     MechanicalSystem,

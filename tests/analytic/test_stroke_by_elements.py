@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
+from flexstage.base.errors import ModelError
 from flexstage.elasticity import buckling
-from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, follow_stroke, plane_model
 from flexstage.fem.geometry import patches
 from flexstage.fem.stage_system import drive_vector
 from flexstage.fem.stroke import FiniteStroke, bar_buckling_load, two_notch_bars, with_stroke
 from flexstage.lumped import hinge_springs, stroke_path
+from flexstage.stage.designs import design
 from flexstage.studies.models import run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.system import analyse

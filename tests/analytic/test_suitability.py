@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import Dahl
 from flexstage.hysteresis.drive_model import DriveModel, ValidityRange, in_unit_of_model, unsuited
 

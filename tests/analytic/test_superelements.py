@@ -11,10 +11,9 @@ import scipy.linalg
 import scipy.sparse
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, Mesh, MeshPoint, Pnt
 
-from flexstage.designs import design
+from flexstage.base.errors import ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem import mesh as plane_meshes
 from flexstage.fem.condensation import Condensed, Constrained, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
@@ -34,6 +33,7 @@ from flexstage.fem.substructure import Placed, Substructure, cut_free
 from flexstage.fem.superelement import SuperelementModel, superelement_model
 from flexstage.fem.whole_stage import plane_model
 from flexstage.stage import Body, Circle, Loop, Screw
+from flexstage.stage.designs import design
 from flexstage.system import (
     analyse_axis,
     modes,

@@ -9,19 +9,7 @@ import pytest
 from scipy.special import bdtr, ndtr
 from scipy.stats import quantile_test
 
-from flexstage.characteristic import Characteristics
-from flexstage.designs import design
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
-from flexstage.designs.pieces import Leg
-from flexstage.errors import ModelError
-from flexstage.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
-from flexstage.explore.family import known_figures
-from flexstage.explore.figures import Figure, Requirement, requirements_of
-from flexstage.explore.made_stages import TOLERANCE, lot_figures, notch_table, process_of
-from flexstage.explore.spread import shares_of, spread_of, yield_of
-from flexstage.explore.tolerance import lot_of, tolerance
-from flexstage.explore.tolerance_choice import _Search, choose_tolerances, scaled
-from flexstage.explore.workers import Workers
+from flexstage.base.errors import ModelError
 from flexstage.fem import superelement_model
 from flexstage.fem.superelement import BODIES
 from flexstage.hinges import (
@@ -38,6 +26,18 @@ from flexstage.hinges import (
     stress_rows,
 )
 from flexstage.hinges.registry import with_neck_radius, with_neck_thickness
+from flexstage.quantities.characteristic import Characteristics
+from flexstage.stage.designs import design
+from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.stage.designs.pieces import Leg
+from flexstage.studies.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
+from flexstage.studies.explore.family import known_figures
+from flexstage.studies.explore.figures import Figure, Requirement, requirements_of
+from flexstage.studies.explore.made_stages import TOLERANCE, lot_figures, notch_table, process_of
+from flexstage.studies.explore.spread import shares_of, spread_of, yield_of
+from flexstage.studies.explore.tolerance import lot_of, tolerance
+from flexstage.studies.explore.tolerance_choice import _Search, choose_tolerances, scaled
+from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
 from flexstage.system import analyse
 from flexstage.virtual.imperfections import Scatter
@@ -497,7 +497,7 @@ def test_another_model_says_what_necks_do(monkeypatch):
         ]
         return replace(analysis, characteristics=Characteristics(raised))
 
-    monkeypatch.setattr(sys.modules["flexstage.explore.tolerance"], "analyse_model", higher)
+    monkeypatch.setattr(sys.modules["flexstage.studies.explore.tolerance"], "analyse_model", higher)
     given = {"figures": [FREQUENCY, STRESS], "samples": 300}
     plain = tolerance(stage, only, model="lumped", **given)
     mended = tolerance(stage, only, model="superelement", follow_necks=True, **given)

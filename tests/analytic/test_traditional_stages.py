@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.designs.two_guides import SideBySideXYParameters, side_by_side_xy
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.quantities.section import Section
 from flexstage.report.page import sections_html
 from flexstage.report.traditional import claim_table, drift_table, error_table, other_table
-from flexstage.section import Section
 from flexstage.stage.checks import check
+from flexstage.stage.designs import design
+from flexstage.stage.designs.two_guides import SideBySideXYParameters, side_by_side_xy
 from flexstage.stage.drive import StackActuator, VoiceCoil
 from flexstage.studies.traditional import compare_traditional, drift_verdict, verdict
 from flexstage.studies.traditional_stages import (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import flexstage.cli
+from flexstage.base.errors import RecordError
 from flexstage.centring import ARCSEC, exact_error, fit_harmonics, response_to_moves
-from flexstage.errors import RecordError
 from tests.dipole import CENTRE, STOOD, THETA, dipole_at
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import Ramp
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError

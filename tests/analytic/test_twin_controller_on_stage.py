@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from flexstage.designs import design
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.protocol import Signal
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage
 

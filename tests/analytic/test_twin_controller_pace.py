@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from numpy.testing import assert_allclose
 
-from flexstage.errors import ControllerError, ModelError
+from flexstage.base.errors import ControllerError, ModelError
 from flexstage.instruments.pi.simulated.clock import Clock, FastTime, Pace, Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.controller_core import duration

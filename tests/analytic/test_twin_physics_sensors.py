@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.sensors import Disturbances, SensorBench, SimulatedSensor, kinds_of
 from tests.twin_parts import small_stage

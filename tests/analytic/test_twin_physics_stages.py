@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from flexstage.arrays import Array
-from flexstage.characteristic import Characteristics
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
+from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Screw
+from flexstage.stage.designs import design
 from flexstage.system import modes
 from flexstage.system.characteristics import axis_mode
 from flexstage.system.servo import ServoSettings

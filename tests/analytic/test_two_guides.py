@@ -6,8 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs.pieces import Leg
-from flexstage.designs.two_guides import (
+from flexstage.base.errors import StageError
+from flexstage.hinges import RightCircular
+from flexstage.lumped import lumped_system
+from flexstage.stage import Loop, Stage, mass_properties
+from flexstage.stage.checks import check
+from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.designs.two_guides import (
     SideBySideXYParameters,
     SingleAxisParameters,
     StackedXYParameters,
@@ -16,11 +21,6 @@ from flexstage.designs.two_guides import (
     side_by_side_xy,
     stacked_xy,
 )
-from flexstage.errors import StageError
-from flexstage.hinges import RightCircular
-from flexstage.lumped import lumped_system
-from flexstage.stage import Loop, Stage, mass_properties
-from flexstage.stage.checks import check
 from flexstage.stage.drive import ScrewActuator
 from flexstage.system import drive_stiffness, modes, static_displacements
 

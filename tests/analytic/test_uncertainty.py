@@ -10,8 +10,7 @@ from GTC import multiple_ureal, set_correlation, ureal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexstage.errors import ConvergenceError, ModelError, RecordError, UnitError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.errors import ConvergenceError, ModelError, RecordError, UnitError
 from flexstage.measure.uncertainty.budget_file import (
     FUNCTIONS,
     budget_from_text,
@@ -34,7 +33,8 @@ from flexstage.measure.uncertainty.propagate import (
     propagate,
 )
 from flexstage.measure.uncertainty.sensor import ROLES, measured
-from flexstage.sensor import SensorSpecification
+from flexstage.quantities.estimate import Component, Estimate
+from flexstage.quantities.sensor import SensorSpecification
 
 SHAPES = {
     "uniform": 1 / math.sqrt(3),

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.hysteresis import Dahl, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag

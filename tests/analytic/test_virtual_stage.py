@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.experiments.virtual_campaign import virtual_campaign
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import frequency_response, modes
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.imperfections import (

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexstage.designs.source import find_stage
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.experiments import plan_stage, read_campaign, read_plan
 from flexstage.experiments.state import read_state
 from flexstage.hysteresis.model_file import read_model_file
 from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.measure import read_budget
+from flexstage.stage.designs.source import find_stage
 from tests.golden.broken_cases import (
     budget,
     campaign,

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-from flexstage.designs import design
 from flexstage.stage import PiezoStack, Screw, Stage
+from flexstage.stage.designs import design
 from tests.reference_stages import REFERENCE
 
 #: Key in the file: quantity, and SI units per printed unit.

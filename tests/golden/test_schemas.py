@@ -6,7 +6,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.experiments import ready_plans
 from flexstage.files.nodes import Node, Scalar, parse_yaml, plain
 from tests.golden.broken_files import READ, broken, frozen, kinds

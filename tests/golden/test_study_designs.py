@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from flexstage.designs import design
 from flexstage.hinges import RightCircular
 from flexstage.stage import Circle, Loop, Stage
+from flexstage.stage.designs import design
 from flexstage.stage.mass import mass_properties
 from tests.reference_stages import reference_json
 

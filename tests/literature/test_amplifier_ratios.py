@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
-from flexstage.designs.pieces import round_leaf
 from flexstage.fem import superelement_model
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.lumped import hinge_springs, lumped_system
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from flexstage.stage import Stage, check
+from flexstage.stage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
+from flexstage.stage.designs.pieces import round_leaf
 from flexstage.stage.drive import StackActuator
 from flexstage.system import MechanicalSystem, analyse_axis, probe_stiffness
 

@@ -25,7 +25,7 @@ from flexstage.fem.interface import interface_modes, interface_motion, interface
 from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_analysis import Bodies
 from flexstage.fem.part_mesh import PartMesh
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from tests.shared_data import DATA, needs
 
 FOLDER = DATA / "ansys-flexures"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem.geometry import stage_faces
+from flexstage.stage.designs import design
 from tests.peers import calculix
 from tests.peers import reference_piece as piece
 from tests.peers.gmsh_grid import plane_grid

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges import (
     CLOSED_FORMS,
     PROFILES,

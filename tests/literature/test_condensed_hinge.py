@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 from netgen.occ import Glue, OCCGeometry
 
-from flexstage.designs import design
+from flexstage.base.errors import HingeError
 from flexstage.elasticity import Continuum, face, parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import HingeError
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular, compliance, concentration
 from flexstage.hinges import finite_element as fe
 from flexstage.hinges.finite_element import (
@@ -28,7 +27,8 @@ from flexstage.hinges.finite_element import (
 )
 from flexstage.hinges.hinge_spring import plane_moduli
 from flexstage.lumped import lumped_system
-from flexstage.material import Material
+from flexstage.quantities.material import Material
+from flexstage.stage.designs import design
 from flexstage.system import modes
 
 _SPEC = importlib.util.spec_from_file_location(

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hinges import RightCircular
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage

@@ -250,7 +250,7 @@ def test_the_same_stage_gives_the_same_bytes() -> None:
 @pytest.mark.slow
 def test_the_same_stage_gives_the_same_bytes_in_another_process() -> None:
     code = (
-        "import sys; from flexstage.designs import design; "
+        "import sys; from flexstage.stage.designs import design; "
         "from flexstage.export import dxf_files; "
         "f, = dxf_files(design('parallelogram'), kerf=0.31e-3).values(); "
         "sys.stdout.buffer.write(f)"

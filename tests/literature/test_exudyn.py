@@ -7,8 +7,8 @@ stiffness, and derives, assembles and linearises the equations by itself.
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.lumped import equilibrium, lumped_system, mechanism, nonlinear
+from flexstage.stage.designs import design
 from flexstage.system import modes
 from tests.mechanisms import chain, parallelogram
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem import plane_model
+from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem, analyse
 from tests.solved_stages import solved
 

@@ -13,9 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.arrays import Array
-from flexstage.designs.gantry import GantryParameters, gantry
-from flexstage.designs.parallelogram import (
+from flexstage.base.arrays import Array
+from flexstage.base.errors import StageError
+from flexstage.elasticity.large_displacement import follow_drive
+from flexstage.fem import MeshSettings, plane_model
+from flexstage.fem.geometry import patches
+from flexstage.fem.stage_system import body_motion, body_path, drive_vector
+from flexstage.hinges import CornerFilleted, Leaf, RightCircular
+from flexstage.lumped import equilibrium, hinge_springs, lumped_system, mechanism, nonlinear
+from flexstage.stage import Force, Hinge, Stage, check
+from flexstage.stage.designs.gantry import GantryParameters, gantry
+from flexstage.stage.designs.parallelogram import (
     DoubleParallelogramParameters,
     LinkedParallelogramParameters,
     ParallelogramParameters,
@@ -24,22 +32,14 @@ from flexstage.designs.parallelogram import (
     linked_parallelogram,
     parallelogram,
 )
-from flexstage.designs.pieces import Leg
-from flexstage.designs.pivots import (
+from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.designs.pivots import (
     CartwheelParameters,
     PivotParameters,
     TrapezoidalPivotParameters,
     cartwheel,
     trapezoidal_pivot,
 )
-from flexstage.elasticity.large_displacement import follow_drive
-from flexstage.errors import StageError
-from flexstage.fem import MeshSettings, plane_model
-from flexstage.fem.geometry import patches
-from flexstage.fem.stage_system import body_motion, body_path, drive_vector
-from flexstage.hinges import CornerFilleted, Leaf, RightCircular
-from flexstage.lumped import equilibrium, hinge_springs, lumped_system, mechanism, nonlinear
-from flexstage.stage import Force, Hinge, Stage, check
 from flexstage.stage.drive import VoiceCoil
 from flexstage.system import analyse, modes, static_displacements, static_forces
 

@@ -8,7 +8,7 @@ import pytest
 from flexstage.measure.uncertainty.budget_file import cos, sin
 from flexstage.measure.uncertainty.monte_carlo import monte_carlo, validate
 from flexstage.measure.uncertainty.propagate import Influence, propagate
-from flexstage.units import parse
+from flexstage.quantities.units import parse
 
 
 def normal(name, value, u, **more):

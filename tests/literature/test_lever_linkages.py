@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
-from flexstage.designs.scott_russell import ScottRussellParameters, scott_russell
 from flexstage.fem import superelement_model
 from flexstage.hinges import RightCircular
 from flexstage.lumped import hinge_springs, lumped_system, mechanism, stroke_path
 from flexstage.stage import Stage
+from flexstage.stage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
+from flexstage.stage.designs.scott_russell import ScottRussellParameters, scott_russell
 from flexstage.system import AxisAnalysis, MechanicalSystem, analyse_axis
 
 LEVERS = {

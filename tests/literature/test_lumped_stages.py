@@ -2,8 +2,8 @@
 
 import pytest
 
-from flexstage.designs import design
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import analyse_axis, modes
 
 # Rigid bodies with hinges condensed from finite elements, computed before this code by other

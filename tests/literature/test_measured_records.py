@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records import read_record
 from flexstage.records.quality import difference_noise, quantisation_step
 from tests.shared_data import DATA, needs

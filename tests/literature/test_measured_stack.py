@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.result import Identification
 from flexstage.hysteresis.inversion import feedforward

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
 from flexstage.stage import Stage, mass_properties
+from flexstage.stage.designs import design
 from flexstage.studies.traditional import TraditionalComparison, compare_traditional
 from flexstage.studies.traditional_stages import traditional_axes
 from flexstage.system import analyse

@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from flexstage.designs.amplifiers import BridgeParameters, bridge
-from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
-from flexstage.designs.pieces import round_leaf
-from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr
 from flexstage.fem import MeshSettings, solid_model, superelement_model
 from flexstage.hinges import RightCircular
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.stage import Stage, check
+from flexstage.stage.designs.amplifiers import BridgeParameters, bridge
+from flexstage.stage.designs.bridge_xy import BridgeXYParameters, bridge_xy
+from flexstage.stage.designs.pieces import round_leaf
+from flexstage.stage.designs.three_rrr import ThreeRRRParameters, three_rrr
 from flexstage.system import (
     analyse_axis,
     coupled_axes,

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Annotation
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
 from flexstage.experiments.campaign.results import evaluate
 from flexstage.measure.motion.approaches import visits

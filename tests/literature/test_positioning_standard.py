@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.positioning import figures, positioning
 from tests.tiers import limits, sizes

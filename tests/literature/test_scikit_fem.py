@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.fem.geometry import stage_faces
 from flexstage.fem.whole_stage import plane_model
+from flexstage.stage.designs import design
 from flexstage.system import analyse_axis, modes
 from tests.peers import reference_piece as piece
 from tests.peers import scikit_fem

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flexstage.errors import ModelError
-from flexstage.explore import saltelli_points, sobol_indices
+from flexstage.base.errors import ModelError
+from flexstage.studies.explore import saltelli_points, sobol_indices
 from tests.tiers import limits, sizes
 
 A, B = 7.0, 0.1

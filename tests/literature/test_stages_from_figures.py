@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate
-from flexstage.explore import (
+from flexstage.stage import check
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore import (
     Family,
     Goal,
     Optimum,
@@ -23,8 +24,7 @@ from flexstage.explore import (
     requirement_of,
     variables_of,
 )
-from flexstage.explore.optimise.usual import published_targets, usual_requirements
-from flexstage.stage import check
+from flexstage.studies.explore.optimise.usual import published_targets, usual_requirements
 
 PIEZO = (
     *("x.lever_arm_input=6..16 mm", "x.lever_arm_output=10..26 mm", "x.leg_neck=0.3..1.2 mm"),

@@ -11,10 +11,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.step import step_files
 from flexstage.hinges import Elliptical, Leaf, Profile, RightCircular
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage, mass_properties
 from flexstage.stage.contour import body_contour
 from tests.drawing_stages import PLATES, quick

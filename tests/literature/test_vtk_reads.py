@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.vtu.fields import field_files
 from flexstage.fem import MeshSettings, StageModel, plane_model, solid_model
 from flexstage.hinges import Leaf
 from flexstage.lumped import lumped_system
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Hinge, Loop, Stage, mass_properties
+from flexstage.stage.designs import design
 from flexstage.system import Analysis, analyse
 
 vtk = pytest.importorskip("vtk", exc_type=ImportError)

@@ -83,7 +83,9 @@ def defined_things() -> Iterator[tuple[str, Any]]:
 
 
 def is_face(module: ModuleType) -> bool:
-    return hasattr(module, "__path__") and module.__name__.count(".") <= 1
+    return hasattr(module, "__path__") and (
+        hasattr(module, "__all__") or module.__name__.count(".") <= 1
+    )
 
 
 def methods(label: str, cls: type) -> Iterator[tuple[str, Any]]:

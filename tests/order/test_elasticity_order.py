@@ -12,7 +12,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from flexstage.elasticity import Continuum, face
 from flexstage.elasticity.shapes import METRE
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 E, NU, RHO = 68.3e9, 0.33, 2710.0
 G = E / (2 * (1 + NU))

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.material import Material
+from flexstage.base.arrays import Array
+from flexstage.quantities.material import Material
 from tests.peers.grids import Grid
 
 Index = NDArray[np.intp]

@@ -16,11 +16,11 @@ from netgen import occ
 from netgen.meshing import IdentificationType
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity import Continuum, face, von_mises
 from flexstage.elasticity.loaded import von_mises_of
 from flexstage.elasticity.shapes import METRE
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from tests.peers import calculix
 from tests.peers.grids import Grid, join, patch, sweep
 from tests.peers.shape_functions import edge_shares, face_shares

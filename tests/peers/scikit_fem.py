@@ -15,9 +15,9 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity.loaded import von_mises_of
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from tests.peers.grids import Grid, Index
 
 # SciPy's types are guessed, and some guesses are wrong

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity.loaded import von_mises_of
 from flexstage.fem.geometry import MOUNTING, body_region, notch_region, patch_edge, surface_edge
 from flexstage.stage import Axis, Probe, Stage

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import build
-from flexstage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
-from flexstage.designs.bridge_xy import BridgeXYParameters, bridge_xy
-from flexstage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
-from flexstage.designs.pieces import Leg, round_leaf
-from flexstage.designs.scott_russell import ScottRussellParameters, scott_russell
-from flexstage.designs.three_rrr import ThreeRRRParameters, three_rrr
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.hinges import CornerFilleted, Elliptical, Leaf, Profile, RightCircular
 from flexstage.stage import Force, Stage, check
+from flexstage.stage.designs import build
+from flexstage.stage.designs.amplifiers import BridgeParameters, RhombusParameters, bridge, rhombus
+from flexstage.stage.designs.bridge_xy import BridgeXYParameters, bridge_xy
+from flexstage.stage.designs.lever_chain import Lever, LeverChainParameters, lever_chain
+from flexstage.stage.designs.pieces import Leg, round_leaf
+from flexstage.stage.designs.scott_russell import ScottRussellParameters, scott_russell
+from flexstage.stage.designs.three_rrr import ThreeRRRParameters, three_rrr
 
 BUILDERS: dict[type, Any] = {
     BridgeParameters: bridge,

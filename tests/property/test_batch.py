@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from flexstage.designs import DESIGNS, design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.lumped import (
     StageArrays,
     assemble_batch,
@@ -18,6 +17,7 @@ from flexstage.lumped import (
     system_tangents,
 )
 from flexstage.stage import Drive, Probe, Stage
+from flexstage.stage.designs import DESIGNS, design
 from flexstage.stage.drive import AnyActuator, ScrewActuator, VoiceCoil, placed
 from flexstage.stage.model import Axis
 from flexstage.system import (

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import FlexstageError, StageError, UnitError
+from flexstage.base.errors import FlexstageError, StageError, UnitError
 from flexstage.experiments.campaign.plan import (
     EXCITATIONS,
     KINDS,
@@ -17,8 +17,8 @@ from flexstage.experiments.campaign.plan import (
     campaign_text,
     read_campaign,
 )
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records.read_options import ReadOptions, TextLayout
-from flexstage.sensor import SensorSpecification
 from tests.strategies import names, texts
 
 #: Awkward numbers on purpose: many digits, tiny, and what reads as an integer.

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis import BoucWen
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from flexstage.designs import DESIGNS, design
-from flexstage.designs.template import StageTemplate
-from flexstage.errors import FlexstageError, ModelError
-from flexstage.explore.family import Family, jacobian
-from flexstage.explore.figures import Figure
-from flexstage.explore.variables import every_variable
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.lumped import (
     assemble_batch,
     lumped_system,
@@ -22,6 +17,11 @@ from flexstage.lumped import (
     system_tangents,
 )
 from flexstage.stage import Stage
+from flexstage.stage.designs import DESIGNS, design
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.studies.explore.family import Family, jacobian
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.variables import every_variable
 from flexstage.system import analyse, characteristic_derivatives, modes
 from flexstage.system.characteristics import MODES_SEARCHED, axis_states, every_characteristic
 from tests.varied_stages import rounding, tangents_of_necks, varied

@@ -14,19 +14,19 @@ import shapely
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import DESIGNS, design
-from flexstage.designs.nested_xy import NestedXYParameters, nested_xy
-from flexstage.designs.nested_xy_axis import AxisParameters
-from flexstage.designs.parallelogram import ParallelogramParameters, parallelogram
-from flexstage.designs.pieces import Leg
-from flexstage.designs.registry import TOPOLOGIES
-from flexstage.designs.vgtu import MECHANICAL, PIEZO
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.files.format import field_types
 from flexstage.files.ranges import Size
 from flexstage.hinges import CornerFilleted, RightCircular
 from flexstage.records import Record
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Stage, check
+from flexstage.stage.designs import DESIGNS, design
+from flexstage.stage.designs.nested_xy import NestedXYParameters, nested_xy
+from flexstage.stage.designs.nested_xy_axis import AxisParameters
+from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
+from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.designs.registry import TOPOLOGIES
+from flexstage.stage.designs.vgtu import MECHANICAL, PIEZO
 from flexstage.studies import run_study
 from flexstage.studies.results import results_json
 from tests.computed_once import computed_once

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.drawing.contours import plate_contours
 from flexstage.export.drawing.wire import offset_contours
 from flexstage.stage import Circle

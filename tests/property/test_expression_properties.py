@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexstage.designs import find_stage, parameters_of
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.expression import amount_of, evaluate, parse
+from flexstage.quantities.units import parse as quantity
+from flexstage.stage.designs import find_stage, parameters_of
 from flexstage.stage.file import stage_from_text
-from flexstage.units import parse as quantity
 
 NAMES = {"R": amount_of("1.5 mm"), "t": amount_of("0.3 mm"), "n": amount_of("3")}
 SIGNS = [

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges import (
     CornerFilleted,
     Elliptical,

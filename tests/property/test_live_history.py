@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.web.live.chart import packed, spectrum
 from flexstage.web.live.history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from flexstage.hinges import CornerFilleted, Profile, RightCircular
 from flexstage.lumped import lumped_system, mechanism, nonlinear, stroke_path, symbolic_model
-from flexstage.material import material
+from flexstage.quantities.material import material
 from flexstage.stage import Body, Hinge, Loop, PiezoStack, Probe, Screw, Stage
 from flexstage.stage.transform import PlaneMotion, moved
 from flexstage.system import modes, static_displacements

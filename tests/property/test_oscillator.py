@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from benchmarks.oscillator.identification import identify_oscillator
 from benchmarks.oscillator.oscillator import BoucWenOscillator, input_pieces
 from benchmarks.oscillator.start import EquationError, force_of_motion
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.errors import ConvergenceError, ModelError
 
 RATE = 730.0
 MODEL = BoucWenOscillator(

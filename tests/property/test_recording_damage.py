@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.instruments.recording.archive import examine, recover
 from tests.recordings import RATE, assert_true, written
 

@@ -11,16 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.centring.requests import CentreRequest
 from flexstage.cli.options import from_docstring
-from flexstage.errors import FlexstageError, ModelError, RecordError
 from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
-from flexstage.explore.requests import (
-    OptimiseRequest,
-    SensitivityRequest,
-    SweepRequest,
-    ToleranceRequest,
-)
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.ranges import POSITIVE, PositiveFrequency, Range, Written
@@ -45,9 +39,15 @@ from flexstage.hysteresis.requests import (
 from flexstage.instruments.requests import RunsRequest, TwinRequest
 from flexstage.lumped.requests import EquationsRequest
 from flexstage.measure.requests import FrfRequest, UncertaintyRequest
+from flexstage.quantities.units import DIMENSIONS, Length
 from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
+from flexstage.studies.explore.requests import (
+    OptimiseRequest,
+    SensitivityRequest,
+    SweepRequest,
+    ToleranceRequest,
+)
 from flexstage.studies.requests import AnalyseRequest, StudyRequest
-from flexstage.units import DIMENSIONS, Length
 
 #: One of each request, with values that are not the usual ones.
 EXAMPLES: tuple[Request, ...] = (

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
 
 SPHERES = np.array(

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, example, given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
+from flexstage.base.provenance import content_hash
 from flexstage.files.yaml_text import yaml_text
-from flexstage.provenance import content_hash
 from flexstage.stage import Stage
 from flexstage.stage.file import STAGE_FILE, read_stage, stage_from_text, stage_to_text, write_stage
 from tests.reference_stages import NAMES, reference_stage

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.designs import DESIGNS, find_stage
-from flexstage.designs.template import StageTemplate, design_text, spelled_out_text
-from flexstage.errors import FlexstageError, StageError
-from flexstage.explore.family import Family
-from flexstage.explore.variables import every_variable, variables_of
+from flexstage.base.errors import FlexstageError, StageError
+from flexstage.stage.designs import DESIGNS, find_stage
+from flexstage.stage.designs.template import StageTemplate, design_text, spelled_out_text
+from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.variables import every_variable, variables_of
 
 # A design that a file varies, with some of its dimensions only.
 _VARIED = "flexstage: 1\ndesign: {name: parallelogram, leg_spacing: 38 mm}\n"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.system import (
     MechanicalSystem,
     ModalDamping,

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import design
 from flexstage.hinges import CornerFilleted
 from flexstage.lumped import lumped_system
 from flexstage.stage import Circle, Loop, Stage
 from flexstage.stage.contour import half_notch
+from flexstage.stage.designs import design
 from flexstage.stage.transform import PlaneMotion, moved
 from flexstage.system import modes, static_displacements
 from tests.strategies import angles, loops, points, stages

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.designs import design
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.piezo_stage import PiezoStage
 from flexstage.virtual.screw_stage import ScrewStage

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.errors import UnitError
-from flexstage.units import DIMENSIONS, parse, readable, readable_unit, to_text
-from flexstage.units.columns import si_unit
-from flexstage.units.text import shortened
+from flexstage.base.errors import UnitError
+from flexstage.quantities.units import DIMENSIONS, parse, readable, readable_unit, to_text
+from flexstage.quantities.units.columns import si_unit
+from flexstage.quantities.units.text import shortened
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e15, max_value=1e15)
 

@@ -6,9 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError, RecordError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import (
+    ControllerError,
+    LimitError,
+    ModelError,
+    NotConnectedError,
+    RecordError,
+)
 from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import record_blow, record_now, run_moves, run_waveform
 from tests.simple_instrument import GAINS, SCREW, SimpleInstrument

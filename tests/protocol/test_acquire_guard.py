@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.errors import ControllerError, NotConnectedError
+from flexstage.base.errors import ControllerError, NotConnectedError
 from flexstage.instruments.guard import Guard, guarded
 from tests.simple_instrument import SimpleInstrument
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from flexstage.errors import LimitError
+from flexstage.base.errors import LimitError
 from flexstage.instruments.connect import connect
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.protocol import Instrument, Signal, Waveform

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import pytest
 import sqlalchemy as sa
 
-from flexstage.errors import NotConnectedError, RecordError
+from flexstage.base.errors import NotConnectedError, RecordError
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.database import (
     METADATA,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from flexstage.designs import design
 from flexstage.hysteresis import BoucWen, LogCreep, Sensor, dynamic_model
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from tests.fmu_parts import STEPPED, Run, Stepper, fmu_folder, model, needs_compiler
 from tests.tiers import sizes
 

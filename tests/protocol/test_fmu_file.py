@@ -15,7 +15,7 @@ from fmpy.build import build_platform_binary
 from fmpy.util import fmu_info
 from fmpy.validation import validate_fmu
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.fmu import fmu_file
 from flexstage.export.fmu.description import base_units
 from flexstage.export.fmu.fmu_file import fmu_files

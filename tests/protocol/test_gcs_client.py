@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.pi.replies import (
     SENTENCES,

@@ -5,10 +5,10 @@ from contextlib import closing
 
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError, NotConnectedError, StageError
+from flexstage.base.errors import ModelError, NotConnectedError, StageError
 from flexstage.instruments.connect import connect, whole_number
 from flexstage.instruments.pi.controller import PiController
+from flexstage.stage.designs import design
 from tests.gcs_script import ScriptedController, served
 
 STAGE = design("vgtu-piezo")

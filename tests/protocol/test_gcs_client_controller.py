@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.replies import VOLTS, WireUnit, axis_unit
@@ -19,6 +18,7 @@ from flexstage.instruments.protocol import (
     WaveGenerator,
 )
 from flexstage.instruments.transport import InProcess
+from flexstage.stage.designs import design
 from flexstage.system.servo import Notch, ServoSettings
 from tests.gcs_script import COMMANDS, InMemory, ScriptedController
 

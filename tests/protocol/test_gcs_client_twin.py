@@ -9,8 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ControllerError, LimitError
+from flexstage.base.errors import ControllerError, LimitError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.address import Loopback
@@ -22,6 +21,7 @@ from flexstage.instruments.pi.simulated.server import GcsServer
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.transport import InProcess, TcpLink
+from flexstage.stage.designs import design
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.stage import VirtualStage

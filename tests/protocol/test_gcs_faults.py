@@ -7,13 +7,13 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
+from flexstage.base.errors import ControllerError, FlexstageError, LimitError, NotConnectedError
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.transport import InProcess, NoAnswerError, TcpLink
+from flexstage.stage.designs import design
 from tests.gcs_script import CutError, InMemory, ScriptedController, served
 
 STAGE = design("vgtu-piezo")

@@ -216,8 +216,8 @@ def test_random_bytes_cut_anywhere():
 @pytest.mark.parametrize("name", ["vgtu-piezo", "vgtu-mechanical"])
 def test_random_lines_to_the_simulated_stage(name):
     """Nothing breaks down, and no command leaves the limits, with the real simulation below."""
-    from flexstage.designs import design
     from flexstage.instruments.pi.simulated.controller import VirtualController
+    from flexstage.stage.designs import design
     from flexstage.virtual.build import virtual_stage
 
     device = VirtualController(virtual_stage(design(name), model="lumped", seed=2))

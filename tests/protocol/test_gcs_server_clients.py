@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from flexstage.errors import NotConnectedError
+from flexstage.base.errors import NotConnectedError
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.pi.simulated.clock import FastTime
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
@@ -213,7 +213,7 @@ def test_time_that_is_asked_for_passes_in_pieces_and_others_are_heard(two):
 
 
 def test_a_simulation_that_breaks_down_is_a_hardware_error():
-    from flexstage.errors import ControllerError
+    from flexstage.base.errors import ControllerError
 
     class Broken(FastTime):
         def before_command(self, poll=False):

@@ -122,7 +122,7 @@ def test_binary_junk_and_half_lines(connect):
 GONE = """
 import signal, socket, time
 signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-from flexstage.errors import NotConnectedError
+from flexstage.base.errors import NotConnectedError
 from flexstage.instruments.transport import TcpLink
 from flexstage.instruments.pi.simulated.server import GcsServer
 from tests.gcs_device import controller

@@ -10,7 +10,7 @@ pytest.importorskip("nidaqmx")
 from nidaqmx.constants import AcquisitionType, Edge, ProductCategory, TerminalConfiguration
 from nidaqmx.error_codes import DAQmxErrors
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.ni import address, daqmx
 from flexstage.instruments.ni.acquisition import NiAcquisition

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexstage.arrays import Array
-from flexstage.designs import design
-from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.guard import guarded
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.address import open_address
@@ -27,6 +26,7 @@ from flexstage.instruments.protocol import (
 from flexstage.instruments.protocol import WaveGenerator as Generator
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.record_run import record_now, run_waveform
+from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits
 
 #: Volts at each input for a volt at each output; both drives reach the third sensor.

@@ -13,8 +13,8 @@ import httpx
 import pytest
 
 from flexstage import web
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.errors import ModelError
 from flexstage.files.request import request_of
 from flexstage.web.gate import LOG, SESSION, Gate
 from flexstage.web.options import Certificate, PanelOptions

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.errors import NotConnectedError
+from flexstage.base.errors import NotConnectedError
 from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import record_now, run_waveform
 from flexstage.instruments.recording.archive import recover

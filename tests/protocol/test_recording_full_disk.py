@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.instruments.recording.archive import examine, recover
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import read_record

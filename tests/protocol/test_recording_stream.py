@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.instruments.recording import archive
 from flexstage.instruments.recording.archive import archived, examine, file_summary, recover
 from flexstage.instruments.recording.metadata import RunMetadata, read_metadata

@@ -6,13 +6,13 @@ import time
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ControllerError, LimitError
+from flexstage.base.errors import ControllerError, LimitError
 from flexstage.instruments import FlyScan, MotionStatus, ScanAxis, Signal, Waveform
 from flexstage.instruments.pi.connection import TransferLimits
 from flexstage.instruments.pi.controller import PiController
 from flexstage.instruments.pi.simulated.address import Loopback
 from flexstage.instruments.transport import InProcess
+from flexstage.stage.designs import design
 from tests.gcs_device import controller
 
 

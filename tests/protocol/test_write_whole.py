@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.files import write
 from flexstage.files.write import draft_of, write_files, write_whole
 

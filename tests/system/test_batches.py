@@ -9,12 +9,12 @@ import sys
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError, RecordError, StageError, WorkerError
-from flexstage.explore import Job, batch_size, open_workers
-from flexstage.explore import workers as workers_module
-from flexstage.explore.batches import KeptBatches
-from flexstage.progress import listen
+from flexstage.base.errors import ModelError, RecordError, StageError, WorkerError
+from flexstage.base.progress import listen
+from flexstage.stage.designs import design
+from flexstage.studies.explore import Job, batch_size, open_workers
+from flexstage.studies.explore import workers as workers_module
+from flexstage.studies.explore.batches import KeptBatches
 from tests import spread_work
 
 JOB = functools.partial(
@@ -137,7 +137,7 @@ def test_a_stage_is_recognised_by_another_process(tmp_path):
     program = (
         "from pathlib import Path\n"
         "from tests.system.test_batches import stage_job\n"
-        "from flexstage.explore.batches import KeptBatches\n"
+        "from flexstage.studies.explore.batches import KeptBatches\n"
         f"KeptBatches(Path({str(tmp_path)!r}), stage_job())\n"
     )
     subprocess.run(

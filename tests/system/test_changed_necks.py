@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.fem import superelement_model
 from flexstage.fem.condensed_bodies import changed_necks, neck_family
 from flexstage.fem.half_notch import neck_response
@@ -18,6 +17,7 @@ from flexstage.fem.superelement import BODIES, SuperelementModel
 from flexstage.hinges import CornerFilleted, Profile, RightCircular
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.system import analyse, modes
 from tests.hinged_bars import hinged_bars
 

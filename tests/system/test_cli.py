@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import flexstage
-from flexstage.characteristic import ORIGINS
+from flexstage.base.errors import ConvergenceError
 from flexstage.cli import main
-from flexstage.errors import ConvergenceError
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.characteristic import ORIGINS
+from flexstage.quantities.quantity import QUANTITIES
 
 #: For a study without its experiments on the simulated stage, nor traditional stages beside it.
 BRIEFLY = ("--parts", "none")

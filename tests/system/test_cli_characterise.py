@@ -8,7 +8,7 @@ import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from flexstage.cli import main
-from flexstage.designs import design
+from flexstage.stage.designs import design
 from flexstage.stage.file import stage_to_text
 from tests.measuring_files import report
 from tests.result_schema import require_valid

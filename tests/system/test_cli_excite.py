@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import design
 from flexstage.lumped import lumped_system
 from flexstage.records import read_record
 from flexstage.stage import PiezoStack
+from flexstage.stage.designs import design
 from flexstage.system import modes
 
 

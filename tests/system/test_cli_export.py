@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from flexstage.characteristic import Characteristics
 from flexstage.cli import main
-from flexstage.designs import design
 from flexstage.export.request import FORMATS
 from flexstage.hysteresis import BoucWen, DriveModel, ModelFile, model_text
+from flexstage.quantities.characteristic import Characteristics
+from flexstage.stage.designs import design
 from flexstage.stage.file import write_stage
 
 #: What each format must at least hold: a suffix, and bytes that such a file begins with or holds.

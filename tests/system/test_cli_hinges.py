@@ -6,7 +6,7 @@ import pytest
 
 from flexstage.cli import main
 from flexstage.hinges import RightCircular, compliance
-from flexstage.material import material
+from flexstage.quantities.material import material
 
 
 def run(capsys, *words):

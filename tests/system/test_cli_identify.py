@@ -11,8 +11,8 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.errors import ModelError
 from flexstage.hysteresis.model_file import read_model_text
 from flexstage.virtual.stack import virtual_stack
 from tests.computed_once import computed_once

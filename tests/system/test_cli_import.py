@@ -6,10 +6,10 @@ from pathlib import Path
 import ezdxf
 import pytest
 
+from flexstage.base.errors import StageError
 from flexstage.cli import main
-from flexstage.designs import design, find_stage
-from flexstage.errors import StageError
 from flexstage.export.drawing.dxf import dxf_files
+from flexstage.stage.designs import design, find_stage
 from flexstage.stage.drawing.requests import DrawingOptions
 from tests.drawn_stages import figures
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from flexstage.base.errors import StageError, UnitError
 from flexstage.cli import main
-from flexstage.designs import DESIGNS, StageParameter, design, find_stage, parameters_of
-from flexstage.designs.parameters import Group, entries_of
-from flexstage.designs.registry import PARAMETER_SETS
-from flexstage.designs.template import design_text, spelled_out_text
-from flexstage.errors import StageError, UnitError
+from flexstage.quantities.units import DIMENSIONS, parse
 from flexstage.stage import stage_from_text, stage_to_text
-from flexstage.units import DIMENSIONS, parse
+from flexstage.stage.designs import DESIGNS, StageParameter, design, find_stage, parameters_of
+from flexstage.stage.designs.parameters import Group, entries_of
+from flexstage.stage.designs.registry import PARAMETER_SETS
+from flexstage.stage.designs.template import design_text, spelled_out_text
 from tests.system.test_stage_file import EXAMPLE
 
 
@@ -156,7 +156,7 @@ def test_designs_are_drawn(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     two = {name: DESIGNS[name] for name in ("parallelogram", "double-parallelogram")}
-    monkeypatch.setattr("flexstage.designs.registry.DESIGNS", two)
+    monkeypatch.setattr("flexstage.stage.designs.registry.DESIGNS", two)
     found = json.loads(said(capsys, "new", "--folder", "drawn", "--json"))["files"]
     names = ["parallelogram.png", "double-parallelogram.png", "designs.png"]
     assert [Path(file).name for file in found] == names

@@ -9,7 +9,7 @@ import pytest
 from netgen.occ import Box, Compound
 
 from flexstage.cli import main
-from flexstage.material import material
+from flexstage.quantities.material import material
 
 LENGTH, WIDTH, HEIGHT = 30.0, 4.0, 3.0  # [mm]
 

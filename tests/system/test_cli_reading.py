@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
+from flexstage.base.errors import RecordError
 from flexstage.cli import main
-from flexstage.errors import RecordError
 from flexstage.records.drives import read_drive, train_range
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.designs.template import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore.family import Family, known_figures
-from flexstage.explore.figures import figures_of, usual_figures
-from flexstage.explore.sensitivity import hinge_variables, sensitivities, variables_by
+from flexstage.quantities.section import Picture
 from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
 from flexstage.report.page import drawn, typeset
 from flexstage.report.sensitivity import sensitivity_table
-from flexstage.section import Picture
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.studies.explore.family import Family, known_figures
+from flexstage.studies.explore.figures import figures_of, usual_figures
+from flexstage.studies.explore.sensitivity import hinge_variables, sensitivities, variables_by
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: object, status: int = 0) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import design
-from flexstage.explore import Job
 from flexstage.stage import stage_to_text
+from flexstage.stage.designs import design
+from flexstage.studies.explore import Job
 
 NECK = ("--over", "leg.notch.neck_thickness=0.31..0.52 mm/4")
 SPACING = ("--over", "leg_spacing=6..46 mm/5")

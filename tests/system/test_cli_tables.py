@@ -14,16 +14,16 @@ import typer
 from rich.cells import cell_len
 from rich.console import Console
 
-from flexstage.characteristic import Characteristic, shown_units
 from flexstage.cli import app, main, tables
 from flexstage.cli.output import console, print_shown, print_text
-from flexstage.comparison import compare
-from flexstage.quantities import beside, display
+from flexstage.quantities.characteristic import Characteristic, shown_units
+from flexstage.quantities.comparison import compare
+from flexstage.quantities.quantity import beside, display
+from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.report.page import table_html
 from flexstage.report.run import runs_table
 from flexstage.report.tables import characteristics_table
 from flexstage.studies.results import characteristic_row
-from flexstage.table import Cell, Column, Table, table
 
 EXAMPLE = Path(__file__).parents[1] / "spelled_out_parallelogram.yaml"
 

@@ -14,16 +14,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from flexstage.base.progress import listen
 from flexstage.cli import main
-from flexstage.designs import design
-from flexstage.explore import open_workers
-from flexstage.explore.family import known_figures
-from flexstage.explore.figures import Figure, Requirement, usual_figures
-from flexstage.explore.prepare import scatter_of
-from flexstage.explore.tolerance import tolerance
-from flexstage.progress import listen
 from flexstage.report.figures.distributions import draw_spreads
 from flexstage.stage import stage_to_text
+from flexstage.stage.designs import design
+from flexstage.studies.explore import open_workers
+from flexstage.studies.explore.family import known_figures
+from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
+from flexstage.studies.explore.prepare import scatter_of
+from flexstage.studies.explore.tolerance import tolerance
 from flexstage.virtual.imperfections import Scatter
 
 FREQUENCY = Figure(quantity="natural_frequency_hz", axis="x")
@@ -121,7 +121,7 @@ def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys,
 
 
 def test_the_share_that_is_done_is_that_of_the_batches(monkeypatch):
-    monkeypatch.setattr(sys.modules["flexstage.explore.tolerance"], "BATCH", 100)
+    monkeypatch.setattr(sys.modules["flexstage.studies.explore.tolerance"], "BATCH", 100)
     heard = []
     with listen(lambda what, done: heard.append((what, done))):
         tolerance(design("parallelogram"), figures=[FREQUENCY], samples=800, model="lumped")
@@ -265,8 +265,8 @@ def test_the_page_says_what_the_description_is_and_no_other_claim_of_it(capsys, 
 
 @pytest.mark.slow
 def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
-    monkeypatch.setattr("flexstage.explore.workers._TRIED", 0.0)
-    monkeypatch.setattr("flexstage.explore.workers._WORTH_SHARING", 0.0)
+    monkeypatch.setattr("flexstage.studies.explore.workers._TRIED", 0.0)
+    monkeypatch.setattr("flexstage.studies.explore.workers._WORTH_SHARING", 0.0)
     stage = design("vgtu-piezo")
     figures = usual_figures(known_figures(stage))
     lots = []

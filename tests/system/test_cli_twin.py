@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import design
 from flexstage.records import read_record
+from flexstage.stage.designs import design
 from flexstage.virtual import virtual_stage
 
 TIMEOUT = 120.0

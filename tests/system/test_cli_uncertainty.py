@@ -7,8 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from flexstage.base.errors import FlexstageError
 from flexstage.cli.uncertainty import uncertainty
-from flexstage.errors import FlexstageError
 from flexstage.measure.uncertainty.budget_file import budget_from_text
 from flexstage.measure.uncertainty.monte_carlo import validate
 from flexstage.measure.uncertainty.propagate import propagate

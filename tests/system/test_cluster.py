@@ -18,10 +18,10 @@ import dask.config
 import psutil
 import pytest
 
-from flexstage.errors import WorkerError
-from flexstage.explore import Job, open_workers
-from flexstage.explore import cluster as cluster_module
-from flexstage.progress import listen
+from flexstage.base.errors import WorkerError
+from flexstage.base.progress import listen
+from flexstage.studies.explore import Job, open_workers
+from flexstage.studies.explore import cluster as cluster_module
 from tests import spread_work
 from tests.meta.test_docs_snippets import ROOT, blocks
 from tests.printed_commands import commands

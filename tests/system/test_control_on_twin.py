@@ -14,12 +14,12 @@ from flexstage.control import (
     sine,
     tune,
 )
-from flexstage.designs import design
 from flexstage.hysteresis import DriveModel, PrandtlIshlinskii, ValidityRange, excitation, identify
 from flexstage.instruments.connect import connect
 from flexstage.instruments.protocol import Signal, Waveform
 from flexstage.instruments.record_run import run_waveform
 from flexstage.records import Channel, Record
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from tests import control_evidence
 from tests.tiers import sizes

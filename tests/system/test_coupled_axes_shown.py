@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import design
 from flexstage.lumped import lumped_system
 from flexstage.report.study import study_section
 from flexstage.stage import stage_to_text
+from flexstage.stage.designs import design
 from flexstage.studies import run_study
 from flexstage.system import analyse, coupled_axes
 from tests.parallel_stage import three_legs

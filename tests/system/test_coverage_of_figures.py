@@ -5,8 +5,8 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.experiments.virtual_campaign import virtual_campaign
+from flexstage.stage.designs import design
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import HammerBench, Laboratory
 from tests.tiers import limits, sizes

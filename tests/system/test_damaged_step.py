@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from flexstage.designs import design
+from flexstage.base.errors import StageError
 from flexstage.elasticity.own_process import BrokenDownError, in_own_process
-from flexstage.errors import StageError
 from flexstage.export import step_files
 from flexstage.fem.part import read_step
+from flexstage.stage.designs import design
 from flexstage.stage.drawing.drawn_stage import read_drawing
 
 ROOT = Path(__file__).resolve().parents[2]

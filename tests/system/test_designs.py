@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from flexstage.designs import DESIGNS, build, design
-from flexstage.designs.registry import PARAMETER_SETS, TOPOLOGIES
-from flexstage.errors import FlexstageError, StageError, UnitError
+from flexstage.base.errors import FlexstageError, StageError, UnitError
 from flexstage.stage import Force, PiezoStack, Screw, check
+from flexstage.stage.designs import DESIGNS, build, design
+from flexstage.stage.designs.registry import PARAMETER_SETS, TOPOLOGIES
 
 BASED_ON_PIEZO: dict[str, object] = {"based_on": "vgtu-piezo"}
 
@@ -163,7 +163,7 @@ def test_a_base_goes_with_a_family_only() -> None:
 
 
 def test_designs_are_light() -> None:
-    code = "import sys, flexstage.designs; print(*{n.split('.')[0] for n in sys.modules})"
+    code = "import sys, flexstage.stage.designs; print(*{n.split('.')[0] for n in sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert "flexstage" in loaded

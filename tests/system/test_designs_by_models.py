@@ -2,8 +2,8 @@
 
 import pytest
 
-from flexstage.designs import DESIGNS, design
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import DESIGNS, design
 from tests.designs_by_models import computed, printed, row, said
 
 TABLE = printed()

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from flexstage.designs.template import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore.family import Family, evaluate, jacobian, known_figures
-from flexstage.explore.figures import Figure
-from flexstage.explore.variables import variables_of
+from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.studies.explore.family import Family, evaluate, jacobian, known_figures
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.models import analyse_model
 
 

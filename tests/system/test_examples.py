@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from docs.examples import notch_comparison, parallelogram_guide, piezo_stage
-from flexstage.designs import design
+from flexstage.stage.designs import design
 from flexstage.virtual import as_built
 from tests.notebooks import code_cells, run_cell
 

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from flexstage.designs.template import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore.family import known_figures
-from flexstage.explore.figures import Figure, Requirement, figure_of, requirement_of
-from flexstage.explore.variables import every_variable, variables_of
+from flexstage.base.errors import ModelError
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.studies.explore.family import known_figures
+from flexstage.studies.explore.figures import Figure, Requirement, figure_of, requirement_of
+from flexstage.studies.explore.variables import every_variable, variables_of
 
 _KNOWN = [
     ("output_displacement", "x"),

@@ -16,8 +16,8 @@ import pytest
 import yaml
 from fmpy.validation import validate_fmu
 
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.errors import ModelError
 from flexstage.export.diagram.svg import diagram_files
 from flexstage.export.fmu.fmu_file import fmu_files
 from flexstage.export.fmu.layout import plain_names

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from flexstage.designs import design
 from flexstage.export.matlab.files import matlab_files
 from flexstage.hysteresis import Amplifier, BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
+from flexstage.stage.designs import design
 from flexstage.system import time_response
 from tests.octave_program import OCTAVE, run_octave
 

@@ -9,20 +9,20 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
-from flexstage.designs import design
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem import MeshSettings, Refinement, StageModel
 from flexstage.fem.accuracy import RefinementStep
 from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
-from flexstage.quantities import number
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Picture, Pictures
 from flexstage.report import report_html
 from flexstage.report.figures.fields import changes, draw_convergence, draw_fe_modes, out_of_plane
 from flexstage.report.figures.hinges import draw_neck_stress, worst_necks
 from flexstage.report.figures.style import encode
 from flexstage.report.study import study_section
-from flexstage.section import Picture, Pictures
+from flexstage.stage.designs import design
 from flexstage.studies import ModelRun, Study
 from flexstage.system import Analysis
 from flexstage.system.stress_map import StressMap

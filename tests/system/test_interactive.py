@@ -15,14 +15,14 @@ from scipy import signal
 
 import flexstage as fs
 from flexstage import report
+from flexstage.base.errors import HingeError, ModelError, StageError
+from flexstage.base.short_repr import short_repr
 from flexstage.centring import exact_error
-from flexstage.errors import HingeError, ModelError, StageError
 from flexstage.experiments import Campaign, Columns, Test
 from flexstage.experiments.campaign.plan import campaign_text
-from flexstage.interactive.hinge_result import HingeResult
-from flexstage.interactive.stage_analysis import StageAnalysis, StageStudy
 from flexstage.records import Channel, Record
-from flexstage.short_repr import short_repr
+from flexstage.report.notebook.hinge_result import HingeResult
+from flexstage.report.notebook.stage_analysis import StageAnalysis, StageStudy
 from flexstage.stage import write_stage
 
 LONGEST = 600  # characters of a text on a few lines
@@ -52,7 +52,7 @@ def test_the_names_are_listed() -> None:
     assert wanted == set(dir(fs)) == set(fs.__all__)
     assert not any(isinstance(getattr(fs, name), ModuleType) for name in dir(fs))
     # the subpackages are there for all that, and their own names are listed
-    assert "sweep" in dir(fs.explore)
+    assert "run_study" in dir(fs.studies)
     with pytest.raises(AttributeError, match="has no attribute 'analyze'"):
         fs.analyze  # type: ignore[attr-defined]  # noqa: B018
 

@@ -9,7 +9,7 @@ import httpx
 import numpy as np
 import pytest
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.web.live.chart import PATH, SharedHistories
 from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
 from tests.panel import HERE, simulated

@@ -9,20 +9,20 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from flexstage.characteristic import Characteristics
 from flexstage.cli import main
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.output import console
-from flexstage.designs import design
 from flexstage.experiments.campaign.results import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
-from flexstage.quantities import display
+from flexstage.quantities.characteristic import Characteristics
+from flexstage.quantities.quantity import display
+from flexstage.quantities.table import Table
 from flexstage.report import report_html
 from flexstage.report.measurement import measurement_text
 from flexstage.report.study_sections import bench_section
+from flexstage.stage.designs import design
 from flexstage.studies import compare_measurement, results_json, run_study
 from flexstage.studies.measurement import compare_with_references
-from flexstage.table import Table
 from flexstage.virtual.as_built import as_built
 from flexstage.virtual.laboratory import Laboratory
 from tests.result_schema import require_valid
@@ -205,7 +205,7 @@ def test_words_of_files_cannot_break_the_page(result):
 
 
 def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
-    from flexstage.errors import ModelError
+    from flexstage.base.errors import ModelError
     from flexstage.studies import models
 
     def fail(stage, wanted):
@@ -415,7 +415,7 @@ def test_the_study_of_the_two_stages_has_its_table(capsys, tmp_path, name):
 def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
     from dataclasses import replace as changed
 
-    from flexstage.characteristic import Characteristic, Characteristics
+    from flexstage.quantities.characteristic import Characteristic, Characteristics
     from flexstage.studies.measurement import compare_with_references
 
     row = next(r for r in result.rows if r.figure.quantity == "parasitic_rotation")

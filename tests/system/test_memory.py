@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.cache import Cache, Memory
-from flexstage.cache import memory as memory_module
-from flexstage.cache.memory import NotPlainError, pack, source_hash, unpack
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.base.provenance import content_hash
 from flexstage.cli import main
-from flexstage.designs import design
+from flexstage.files.cache import Cache, Memory
+from flexstage.files.cache import memory as memory_module
+from flexstage.files.cache.memory import NotPlainError, pack, source_hash, unpack
 from flexstage.hinges import RightCircular
 from flexstage.hinges.profile import Vertex
-from flexstage.provenance import content_hash
+from flexstage.quantities.characteristic import Characteristic, Characteristics
+from flexstage.quantities.section import Definitions
 from flexstage.report.figures.fields import draw_fe_modes
 from flexstage.report.figures.style import svg_text
 from flexstage.report.study import report_html, study_section
-from flexstage.section import Definitions
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.studies import results_json, run_model, run_study
 from flexstage.studies import study as study_module
 from flexstage.studies.requests import ModelOptions
@@ -115,7 +115,12 @@ def test_what_is_no_data_of_the_package_is_refused(value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["os:_Environ", "flexstage.cache.memory:source_hash", "flexstage.cache.memory:Memory"]
+    "name",
+    [
+        "os:_Environ",
+        "flexstage.files.cache.memory:source_hash",
+        "flexstage.files.cache.memory:Memory",
+    ],
 )
 def test_only_classes_of_data_are_made(name: str) -> None:
     tree = json.dumps(["object", name, []]).encode()

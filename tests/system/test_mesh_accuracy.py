@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from flexstage import progress
-from flexstage.designs import design
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base import progress
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.fem import LADDERS, MeshSettings, plane_model, refine
 from flexstage.fem.accuracy import RefinementStep, estimate
+from flexstage.stage.designs import design
 from flexstage.system import analyse
 from tests.meshed_stages import plane
 

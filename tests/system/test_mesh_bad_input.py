@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
+from flexstage.base.errors import ModelError, StageError
 from flexstage.elasticity import resources
-from flexstage.errors import ModelError, StageError
 from flexstage.fem import MeshSettings, plane_model, solid_model, superelement_model
 from flexstage.fem.geometry import exactly
 from flexstage.hinges import Leaf
 from flexstage.stage import Body, Circle, Loop, Stage
+from flexstage.stage.designs import design
 
 STAGE = design("parallelogram")
 

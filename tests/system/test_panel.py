@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from nicegui import ui
 
-from flexstage.designs import StageTemplate
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.stage.designs import StageTemplate
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.design.state import DesignState
 from flexstage.web.figures import chart_figure

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.report.figures.surface import outer_faces, sharp_edges
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.models import MODELS, fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnectedError
+from flexstage.base.errors import FlexstageError, LimitError, ModelError, NotConnectedError
 from flexstage.experiments import run_plan
 from flexstage.experiments.plan import read_plan
 from flexstage.instruments.lock import stage_lock
@@ -25,6 +24,7 @@ from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import Channel, Record, read_record, write_record
+from flexstage.stage.designs import design
 from flexstage.web.bench import link
 from flexstage.web.bench.control import GONE, Control
 from flexstage.web.bench.link import BenchLink

@@ -12,8 +12,8 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from flexstage.designs import design
 from flexstage.export import dxf_files
+from flexstage.stage.designs import design
 from flexstage.web.views import VIEWS
 from tests.panel import Look, browser, looked_at, served
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.centring.trial_moves import OrderResponse, _best
 from flexstage.cli import main
-from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.web.centring.findings import figures, place, rows_of
 from flexstage.web.centring.stage_moves import move_to, place_of
 from flexstage.web.centring.state import CentringState
@@ -181,7 +181,7 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -> None:
-    from flexstage.designs import design
+    from flexstage.stage.designs import design
     from flexstage.web.bench.link import BenchLink
     from flexstage.web.jobs import Jobs
     from flexstage.web.stops import Stops
@@ -218,7 +218,7 @@ def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -
 @pytest.mark.slow
 def test_the_page_moves_a_connected_stage(tmp_path: Path) -> None:
     async def look(user: Any, panel: Any) -> None:
-        from flexstage.designs import design
+        from flexstage.stage.designs import design
         from flexstage.web.bench.link import BenchLink
 
         bench = panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate, find_stage
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.report.page import table_html
 from flexstage.stage import check
+from flexstage.stage.designs import StageTemplate, find_stage
 from flexstage.studies.models import analyse_model
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState, Variant
 from flexstage.web.design.work import (

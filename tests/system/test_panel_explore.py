@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from flexstage.base.errors import ModelError
+from flexstage.base.progress import listen
 from flexstage.cli import app
-from flexstage.designs import StageTemplate
-from flexstage.errors import ModelError
-from flexstage.explore.prepare import ready_sweep, swept
-from flexstage.explore.requests import (
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.prepare import ready_sweep, swept
+from flexstage.studies.explore.requests import (
     ExploreRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.progress import listen
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.downloads import same_command

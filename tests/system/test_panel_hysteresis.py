@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.cli import main
-from flexstage.errors import ModelError, RecordError
 from flexstage.hysteresis.inversion import reading_in_proportion
 from flexstage.hysteresis.requests import (
     AmplifierLimits,

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies import results_json, run_study
 from flexstage.studies.requests import StudyRequest
 from flexstage.web.design.state import DesignState, Variant

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from netgen import occ
 
+from flexstage.base.errors import FlexstageError, ModelError, StageError
 from flexstage.elasticity import Continuum, resources
 from flexstage.elasticity.requests import PartRequest
 from flexstage.elasticity.resources import memory_needed, require_memory
-from flexstage.errors import FlexstageError, ModelError, StageError
 from flexstage.fem.interface import interface_modes, interface_ratio, interface_stiffness
 from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_analysis import Bodies, analyse_part
 from flexstage.fem.part_mesh import PartMesh
-from flexstage.material import material
+from flexstage.quantities.material import material
 
 ALUMINIUM = material("Al 6061-T6")
 STEEL = material("Stainless steel 304")

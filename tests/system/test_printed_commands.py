@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
-from flexstage.cache import open_cache
+from flexstage.base.provenance import content_hash
 from flexstage.cli import main
-from flexstage.provenance import content_hash
+from flexstage.files.cache import open_cache
 from tests.meta.test_docs_snippets import PAGES, ROOT, Block, blocks, session
 from tests.printed_commands import Command, Shell, commands, differences
 from tests.undrawn import undrawn
@@ -148,8 +148,8 @@ def stage(name: str) -> Callable[[Path], None]:
     """A stage file, of a design."""
 
     def write(file: Path) -> None:
-        from flexstage.designs import design
         from flexstage.stage import write_stage
+        from flexstage.stage.designs import design
 
         write_stage(design(name), file)
 

@@ -12,13 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.files.write import write_files
 from flexstage.hinges import Leaf
-from flexstage.material import material
-from flexstage.quantities import display
+from flexstage.quantities.material import material
+from flexstage.quantities.quantity import display
 from flexstage.report import report_html
 from flexstage.report.figures.body_motion import draw_static_shape, draw_stroke, mode_motion
 from flexstage.report.figures.drawing import draw_stage
@@ -28,6 +27,7 @@ from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.figures.tracking import draw_drive_fit
 from flexstage.report.findings import verdict
 from flexstage.report.study import CHAPTERS, SECTIONS
+from flexstage.stage.designs import design
 from flexstage.stage.mass import mass_properties
 from flexstage.studies import Study, results_json, run_study
 from flexstage.system import Analysis, modes

@@ -192,9 +192,9 @@ def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -
 
 @pytest.mark.slow
 def test_lines_of_a_sweep_are_brushed_and_saved(browser: Browser, tmp_path: Path) -> None:
-    from flexstage.designs import StageTemplate
-    from flexstage.explore import Family, Figure, SweepPlan, sweep, variables_of
     from flexstage.report.sweep import sweep_html
+    from flexstage.stage.designs import StageTemplate
+    from flexstage.studies.explore import Family, Figure, SweepPlan, sweep, variables_of
 
     template = StageTemplate.of("parallelogram")
     necks = variables_of(template, ["leg.notch.neck_thickness=0.3..0.5 mm", "leg_spacing=20 %"])

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.quantities.section import Bullets, Definitions, Picture, Pictures, Section
+from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.records import Channel, Record
 from flexstage.report.figures.identification import draw_record
 from flexstage.report.figures.style import new_figure
 from flexstage.report.page import DRAWINGS, page_html, sections_html
-from flexstage.section import Bullets, Definitions, Picture, Pictures, Section
-from flexstage.table import Cell, Column, Table, table
 
 ODD = "<b>a & \"b\"</b> 'c' -5 {{ 7 * 7 }} $x^{"
 SHOWN = "&lt;b&gt;a &amp; &#34;b&#34;&lt;/b&gt; &#39;c&#39; −5 {{ 7 * 7 }} $x^{"

@@ -13,14 +13,13 @@ import pytest
 from netgen.occ import Box
 
 import flexstage as fs
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.elasticity.requests import PartRequest
-from flexstage.errors import ModelError
 from flexstage.experiments import dry_run, find_plan, read_plan
 from flexstage.experiments.campaign.requests import CharacteriseRequest, SensorUncertainty
 from flexstage.experiments.campaign.results import characterise_files
 from flexstage.experiments.excitations.cycles import excitation_of
-from flexstage.explore.requests import SensitivityRequest, SweepRequest
 from flexstage.fem.part_analysis import part_result
 from flexstage.files.request import Request, recorded, request_of
 from flexstage.files.result import Result
@@ -44,6 +43,7 @@ from flexstage.measure.uncertainty.evaluate import evaluate
 from flexstage.records.read import read_files
 from flexstage.report.figures.style import encode
 from flexstage.studies import compare_measurement, run_study
+from flexstage.studies.explore.requests import SensitivityRequest, SweepRequest
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, ModelOptions, StudyRequest
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
 
-from flexstage.designs import design
 from flexstage.export.control_object import linear_part
 from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
@@ -16,6 +15,7 @@ from flexstage.export.simulink.files import simulink_files
 from flexstage.hysteresis import Amplifier, BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.system import MechanicalSystem
 from tests.octave_program import OCTAVE
 from tests.simulink_recording import Recording, build, octave, rebuilt, write

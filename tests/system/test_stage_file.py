@@ -12,11 +12,11 @@ import jsonschema
 import pytest
 import yaml
 
+from flexstage.base.errors import FlexstageError
 from flexstage.cli import main
-from flexstage.designs import DESIGNS, build, design
-from flexstage.errors import FlexstageError
 from flexstage.stage import Stage
 from flexstage.stage.checks import check
+from flexstage.stage.designs import DESIGNS, build, design
 from flexstage.stage.file import (
     SCHEMA_PATH,
     read_stage,

@@ -9,11 +9,11 @@ import jsonschema
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate, design, find_stage
-from flexstage.errors import FlexstageError, PlanError, StageError, UnitError
+from flexstage.base.errors import FlexstageError, PlanError, StageError, UnitError
 from flexstage.experiments.plan import plan_from_text
 from flexstage.hinges import RightCircular
 from flexstage.stage import PlaneMotion, Stage, check, moved, read_stage, stage_from_text
+from flexstage.stage.designs import StageTemplate, design, find_stage
 from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.stage.file import SCHEMA_PATH

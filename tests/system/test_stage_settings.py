@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from flexstage.base.errors import StageError, UnitError
 from flexstage.cli import main
-from flexstage.designs import build, find_stage
-from flexstage.errors import StageError, UnitError
+from flexstage.stage.designs import build, find_stage
 from tests.system.test_cli_json import commands
 
 FILE = """\

@@ -9,14 +9,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.designs import design
-from flexstage.errors import ModelError
 from flexstage.fem.accuracy import fewer_modes
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.substructure import cut_free
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.studies.models import run_model
 from flexstage.studies.requests import ModelOptions
 from tests.estimates_held import COUNT, FREQUENCIES, all_compared, held

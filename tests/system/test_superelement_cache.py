@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexstage.cache import Cache, open_cache
-from flexstage.cache import cache as cache_module
 from flexstage.fem import condensed_bodies
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.superelement import SuperelementModel, superelement_model
+from flexstage.files.cache import Cache, open_cache
+from flexstage.files.cache import cache as cache_module
 from flexstage.files.names import user_folder
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars
@@ -113,7 +113,7 @@ def test_a_damaged_body_is_built_again(tmp_path: Path) -> None:
 def test_only_changed_bodies_are_built_and_copies_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexstage.designs import design
+    from flexstage.stage.designs import design
 
     calls = []
     monkeypatch.setattr(
@@ -322,7 +322,7 @@ def test_a_stage_is_analysed_without_a_cache(
 ) -> None:
     directory = tmp_path / "cache"
     # a tool of the tests, run in this process before, turns off all loggers that it finds
-    monkeypatch.setattr(logging.getLogger("flexstage.cache.cache"), "disabled", False)
+    monkeypatch.setattr(logging.getLogger("flexstage.files.cache.cache"), "disabled", False)
     if trouble == "full":
         monkeypatch.setattr(Cache, "_write", staticmethod(_full))
     else:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.designs import design
 from flexstage.fem import solid_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
+from flexstage.stage.designs import design
 from flexstage.studies import run_model
 from flexstage.system import modes
 from tests.hinged_bars import hinged_bars

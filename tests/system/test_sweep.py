@@ -10,9 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexstage.designs import StageTemplate, find_stage
-from flexstage.errors import ModelError
-from flexstage.explore import (
+from flexstage.base.errors import ModelError
+from flexstage.lumped import lumped_system
+from flexstage.report.figures.sweep import draw_indices, draw_sweep
+from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
+from flexstage.report.tables import LUMPED_NOTE
+from flexstage.stage.designs import StageTemplate, find_stage
+from flexstage.studies.explore import (
     Family,
     Figure,
     SweepPlan,
@@ -23,12 +27,8 @@ from flexstage.explore import (
     usual_plan,
     variables_of,
 )
-from flexstage.explore import workers as workers_module
-from flexstage.explore.results import sweep_csv, sweep_parquet
-from flexstage.lumped import lumped_system
-from flexstage.report.figures.sweep import draw_indices, draw_sweep
-from flexstage.report.sweep import sweep_html, sweep_notes, sweep_tables
-from flexstage.report.tables import LUMPED_NOTE
+from flexstage.studies.explore import workers as workers_module
+from flexstage.studies.explore.results import sweep_csv, sweep_parquet
 from flexstage.system import analyse
 
 FREQUENCY = Figure(quantity="natural_frequency_hz", axis="x")

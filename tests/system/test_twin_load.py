@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from flexstage.designs import design
 from flexstage.instruments.pi.simulated.clock import Pacemaker
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.interpreter import Interpreter
 from flexstage.instruments.pi.simulated.server import GcsServer
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]

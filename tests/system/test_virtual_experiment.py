@@ -5,12 +5,12 @@ import importlib
 import numpy as np
 import pytest
 
-from flexstage.designs import design
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.fem import superelement_model
 from flexstage.hysteresis import MODELS
 from flexstage.lumped import lumped_system
 from flexstage.report import report_html
+from flexstage.stage.designs import design
 from flexstage.studies import run_study
 from flexstage.studies.compensation import AxisExperiment, virtual_experiment
 from flexstage.virtual.stack import virtual_stack

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexstage.designs import design
 from flexstage.elasticity.shapes import METRE
 from flexstage.export import field_files
 from flexstage.fem import MeshSettings, StageModel
+from flexstage.stage.designs import design
 from flexstage.system import Analysis
 from tests import meshed_stages
 

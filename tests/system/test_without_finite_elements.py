@@ -26,7 +26,7 @@ for name, words in json.loads(sys.argv[1]).items():
             main(words)
         except SystemExit as end:
             said[name] = (int(end.code or 0), out.getvalue(), err.getvalue())
-from flexstage.designs import design
+from flexstage.stage.designs import design
 from flexstage.instruments.connect import connect
 with connect("twin://?seed=4&model=lumped", design("vgtu-piezo")) as instrument:
     x = instrument.axes["x"]

@@ -11,10 +11,10 @@ import numpy as np
 import psutil
 import pytest
 
-from flexstage.errors import StageError, WorkerError
-from flexstage.explore import Job, open_workers
-from flexstage.explore import workers as workers_module
-from flexstage.progress import listen
+from flexstage.base.errors import StageError, WorkerError
+from flexstage.base.progress import listen
+from flexstage.studies.explore import Job, open_workers
+from flexstage.studies.explore import workers as workers_module
 from tests import spread_work
 
 
@@ -160,7 +160,7 @@ def test_a_program_that_its_workers_would_run_again_is_a_sentence(tmp_path):
 
 PROGRAM = """
 from pathlib import Path
-from flexstage.explore import Job, open_workers, workers
+from flexstage.studies.explore import Job, open_workers, workers
 from tests import spread_work
 workers._TRIED = workers._WORTH_SHARING = 0.0
 if {guard}:

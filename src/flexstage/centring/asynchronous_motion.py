@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.geometry import require_radius
 from flexstage.centring.harmonics import fit_many
 from flexstage.centring.turns import find_turns
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.quantities.estimate import Estimate
 
 _TURN = 2.0 * math.pi
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array, Complex
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.turns import (
     TurnSpectrum,
@@ -15,7 +16,6 @@ from flexstage.centring.turns import (
     turn_spectrum,
     whole_orders,
 )
-from flexstage.errors import ModelError, RecordError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
+from flexstage.quantities.estimate import Estimate
 from flexstage.records import Channel, Record
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.geometry import (
     ScaleKind,
     beyond_first_order,
@@ -22,8 +23,7 @@ from flexstage.centring.harmonic_fit import (
 )
 from flexstage.centring.harmonics import fit_harmonics, fit_many
 from flexstage.centring.turns import find_turns
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Component, Estimate
+from flexstage.quantities.estimate import Component, Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

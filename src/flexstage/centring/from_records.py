@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.centring.setting import (
@@ -20,14 +21,13 @@ from flexstage.centring.setting import (
 )
 from flexstage.centring.trial_moves import trial
 from flexstage.centring.turns import unwrap_error
-from flexstage.errors import RecordError
 from flexstage.files.result import Result
+from flexstage.quantities.units import si_unit
 from flexstage.records import Channel, Record
 from flexstage.records.likely_columns import taken_turn
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
-from flexstage.units import si_unit
 
 
 def head_angles(given: Sequence[float], files: int, columns: int) -> list[float]:

@@ -24,8 +24,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
 
 ScaleKind = Literal["disc", "drum"]
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.centring.least_squares import (
     HarmonicProblem,
     NormalEquations,
@@ -17,8 +18,7 @@ from flexstage.centring.least_squares import (
     from_turns,
 )
 from flexstage.centring.turns import Turns
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.quantities.estimate import Estimate
 
 
 def length_estimate(

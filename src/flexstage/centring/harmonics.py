@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, described
 from flexstage.centring.least_squares import HarmonicProblem, NormalEquations, of_column, solved
 from flexstage.centring.turns import Turns, find_turns, places, whole_orders
-from flexstage.errors import RecordError
 from flexstage.records.quality import RMS_OVER_MEDIAN
 
 _TURN = 2.0 * math.pi

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 
 #: Samples that are worked on together: their tables stay in the processor's own memory.
 _CHUNK = 4096

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.quantities.estimate import Estimate
 
 
 @dataclass(kw_only=True)
@@ -340,7 +340,7 @@ def planned_move(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.centring.move import unknown_moves
     >>> from flexstage.virtual import VirtualPositioner
     >>> stage = VirtualPositioner(design("vgtu-mechanical"))

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.centring.calibration_table import CalibrationTable
 from flexstage.centring.eccentricity import Eccentricity
 from flexstage.centring.geometry import require_radius
@@ -22,8 +23,7 @@ from flexstage.centring.move import (
     planned_move,
     unknown_moves,
 )
-from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.quantities.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -232,7 +232,7 @@ def centre(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual import (
     ...     TableMounting, VirtualBench, VirtualPositioner, VirtualTable,
     ... )

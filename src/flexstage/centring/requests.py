@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.ranges import Range, Size, Written
 from flexstage.files.request import Request
+from flexstage.quantities.units import Angle, parse
 from flexstage.records.read_options import Column, ColumnList
-from flexstage.units import Angle, parse
 
 #: One pair of poles on the axis.
 MAGNET = "magnet"

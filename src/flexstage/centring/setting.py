@@ -11,10 +11,10 @@ from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentri
 from flexstage.centring.geometry import ARCSEC
 from flexstage.centring.harmonic_fit import Harmonic, HarmonicFit, scale_harmonic
 from flexstage.centring.harmonics import fit_harmonics
-from flexstage.estimate import Estimate
 from flexstage.files.plain import picked
-from flexstage.units import si_unit
-from flexstage.units.columns import TURN_WORDS
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.units import si_unit
+from flexstage.quantities.units.columns import TURN_WORDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

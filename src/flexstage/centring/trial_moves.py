@@ -8,12 +8,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.centring.harmonic_fit import Harmonic
 from flexstage.centring.requests import MAGNET
 from flexstage.centring.setting import Setting
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.quantities.estimate import Estimate
 
 Follows = Literal["in proportion", "as the square"]
 

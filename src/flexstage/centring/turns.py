@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import RecordError
 
 _TURN = 2.0 * math.pi
 

@@ -12,6 +12,8 @@ from typing import Annotated, cast
 
 import typer
 
+from flexstage.base.errors import NO_FINITE_ELEMENTS, FlexstageError
+from flexstage.base.version import __version__
 from flexstage.cli.analyse import analyse
 from flexstage.cli.centre import centre
 from flexstage.cli.characterise import characterise
@@ -41,8 +43,6 @@ from flexstage.cli.sweep import sweep
 from flexstage.cli.tolerance import tolerance
 from flexstage.cli.twin import twin
 from flexstage.cli.uncertainty import uncertainty
-from flexstage.errors import NO_FINITE_ELEMENTS, FlexstageError
-from flexstage.version import __version__
 
 __all__ = ["app", "main"]
 

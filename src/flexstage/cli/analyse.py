@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flexstage.base.errors import ModelError
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     FigureFile,
@@ -16,7 +17,6 @@ from flexstage.cli.output import (
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
-from flexstage.errors import ModelError
 from flexstage.studies.requests import AnalyseRequest
 from flexstage.system.requests import models_of
 
@@ -116,8 +116,8 @@ def _print(screen: "Console", run: "ModelRun") -> None:
 
 
 def _characteristics(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.comparison import compare
-    from flexstage.quantities import QUANTITIES
+    from flexstage.quantities.comparison import compare
+    from flexstage.quantities.quantity import QUANTITIES
     from flexstage.report.tables import characteristics_table
 
     title = f"{analysis.stage.name}: {analysis.system.model}"
@@ -127,7 +127,7 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.quantities import number, within_digits
+    from flexstage.quantities.quantity import number, within_digits
 
     heads, columns = ["mode"], []
     for name, found in analysis.modes.items():
@@ -174,7 +174,7 @@ def _coupling(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.quantities import number
+    from flexstage.quantities.quantity import number
     from flexstage.studies.results import analysis_results
 
     found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
@@ -200,7 +200,7 @@ def _loads(screen: "Console", analysis: "Analysis") -> None:
 
 
 def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
-    from flexstage.quantities import number
+    from flexstage.quantities.quantity import number
 
     if not bars:
         return
@@ -213,7 +213,7 @@ def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
 
 
 def _responses(screen: "Console", analysis: "Analysis") -> None:
-    from flexstage.quantities import number
+    from flexstage.quantities.quantity import number
 
     if not analysis.responses:
         return

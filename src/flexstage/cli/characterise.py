@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flexstage.base.errors import ModelError
 from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import OutputFolder, console, print_result, progress_bar
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
-from flexstage.errors import ModelError
 from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
 from flexstage.files.request import option_words
@@ -117,7 +117,7 @@ def _no_columns(source: str, request: CharacteriseRequest) -> None:
 
 def _beside(stage: str, folder: Path) -> str:
     """Return the stage that a description names: its files are named from its own folder."""
-    from flexstage.designs import DESIGNS
+    from flexstage.stage.designs import DESIGNS
 
     if not stage or stage.casefold() in DESIGNS:
         return stage
@@ -127,10 +127,10 @@ def _beside(stage: str, folder: Path) -> str:
 def _virtual(
     stage: str, taken: StageOptions, seed: int
 ) -> "tuple[Characterisation, dict[str, bytes]]":
-    from flexstage.designs import DESIGNS
     from flexstage.experiments.campaign.plan import campaign_text
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.records.write import record_bytes
+    from flexstage.stage.designs import DESIGNS
     from flexstage.virtual.as_built import as_built
 
     described = taken.stage(stage)

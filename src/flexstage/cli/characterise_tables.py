@@ -16,11 +16,11 @@ def print_measurement(
     screen: "Console", result: "MeasurementComparison", saved: list[Path]
 ) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
-    from flexstage.characteristic import shown_units
-    from flexstage.quantities import beside
+    from flexstage.quantities.characteristic import shown_units
+    from flexstage.quantities.quantity import beside
+    from flexstage.quantities.table import Column
     from flexstage.report.measurement import stroke_ranges
     from flexstage.report.tables import column_title
-    from flexstage.table import Column
 
     columns = list(result.references)
     groups = {c: "published" for c in columns if c.startswith("published")}

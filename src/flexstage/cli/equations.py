@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from flexstage.base.errors import StageError
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, write_file
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import StageError
 from flexstage.lumped.requests import EquationsRequest
 
 if TYPE_CHECKING:

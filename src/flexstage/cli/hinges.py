@@ -31,8 +31,8 @@ def hinges(
 
 def _print(result: dict[str, Any]) -> None:
     """Print the tables for people."""
-    from flexstage.quantities import number
-    from flexstage.table import Cell
+    from flexstage.quantities.quantity import number
+    from flexstage.quantities.table import Cell
 
     sizes = {
         name.replace("_", " "): f"{1e3 * value:g} mm"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from flexstage.base.errors import RecordError
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
@@ -20,7 +21,6 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.predict import print_predictions
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
-from flexstage.errors import RecordError
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise

@@ -21,8 +21,8 @@ from flexstage.cli.stage_options import designs_like
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flexstage.designs.parameters import ParameterSet
     from flexstage.stage import Stage
+    from flexstage.stage.designs.parameters import ParameterSet
 
 #: The picture with all of them on it.
 _SHEET = "designs"
@@ -55,8 +55,8 @@ def new(
     folder
         Draw DESIGN into this folder, or each design, and all of them on one sheet.
     """
-    from flexstage.designs.registry import DESIGNS, PARAMETER_SETS, known_design
-    from flexstage.designs.registry import design as built
+    from flexstage.stage.designs.registry import DESIGNS, PARAMETER_SETS, known_design
+    from flexstage.stage.designs.registry import design as built
 
     if design is None:
         refuse(
@@ -66,7 +66,7 @@ def new(
         files = [] if folder is None else _drawn(stages, folder)
         _list(PARAMETER_SETS, stages, files, json=json)
         return
-    from flexstage.designs.template import design_text, spelled_out_text
+    from flexstage.stage.designs.template import design_text, spelled_out_text
 
     name = known_design(design)
     path = stage_file(out, f"{name}.yaml", force=force)

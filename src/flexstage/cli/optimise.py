@@ -21,7 +21,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.explore.requests import USUAL_WORKERS, OptimiseRequest, WorkerRequest
+from flexstage.studies.explore.requests import USUAL_WORKERS, OptimiseRequest, WorkerRequest
 
 
 @from_docstring
@@ -48,8 +48,6 @@ def optimise(
     figure
         Draw the stage before and after, or the Pareto front. (.svg, .png or .pdf)
     """
-    from flexstage.explore.optimise.front import Front
-    from flexstage.explore.prepare import ready_optimise
     from flexstage.report.explored_files import front_files, optimum_files
     from flexstage.report.optimise import (
         front_notes,
@@ -57,6 +55,8 @@ def optimise(
         optimum_notes,
         optimum_tables,
     )
+    from flexstage.studies.explore.optimise.front import Front
+    from flexstage.studies.explore.prepare import ready_optimise
 
     run = ready_optimise(request, taken.template(stage))
     with progress_bar("optimise", quiet=quiet), sharing.open() as workers:

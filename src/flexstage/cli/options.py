@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.files.request import (
     Request,
     RequestField,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
-    from flexstage.table import Cell, Column, Table
+    from flexstage.quantities.table import Cell, Column, Table
 import errno
 from pathlib import Path
 
@@ -38,8 +38,8 @@ def print_table(
     headings: "Iterable[str | Column]",
     rows: "Iterable[Sequence[str | int | Cell]]",
 ) -> None:
-    """Print a table, as `flexstage.table.table` makes it of headings and cells."""
-    from flexstage.table import table
+    """Print a table, as `flexstage.quantities.table.table` makes it of headings and cells."""
+    from flexstage.quantities.table import table
 
     print_shown(screen, table(caption, headings, rows))
 
@@ -104,7 +104,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
         yield
         return
     if not sys.stderr.isatty():
-        from flexstage.progress import in_lines
+        from flexstage.base.progress import in_lines
 
         with in_lines(lambda line: typer.echo(line, err=True), command, _SILENT):
             yield
@@ -118,7 +118,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
         TimeRemainingColumn,
     )
 
-    from flexstage.progress import listen
+    from flexstage.base.progress import listen
 
     columns = (
         TextColumn("{task.description:<17}"),
@@ -159,7 +159,7 @@ def writable(path: Path) -> Path:
 
 def stage_file(out: Path | None, name: str, *, force: bool) -> Path:
     """Return where a stage file goes that people then edit, refusing to replace one unasked."""
-    from flexstage.errors import StageError
+    from flexstage.base.errors import StageError
 
     path = out if out is not None else writable(Path(name))
     if path.exists() and not force:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from flexstage.fem.part import Part
     from flexstage.fem.part_analysis import PartAnalysis
-    from flexstage.material import Material
+    from flexstage.quantities.material import Material
 
 _MOTIONS = ("x", "y", "z", "about x", "about y", "about z")
 _NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size, that counts as none
@@ -106,7 +106,7 @@ def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> No
 def _found(screen: "Console", found: "PartAnalysis") -> None:
     import numpy as np
 
-    from flexstage.quantities import number
+    from flexstage.quantities.quantity import number
 
     how = f"held at {', '.join(found.held)}" if found.held else "free"
     kinds = list(found.results)
@@ -146,7 +146,7 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
 
 
 def _ratio(screen: "Console", found: "PartAnalysis") -> None:
-    from flexstage.quantities import number
+    from flexstage.quantities.quantity import number
 
     rows = {kind: r.ratio for kind, r in found.results.items() if r.ratio is not None}
     if not rows:

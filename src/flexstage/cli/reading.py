@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 
 _FORMATS = {".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat"}
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flexstage.base.errors import FlexstageError, PlanError
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFolder,
@@ -18,7 +19,6 @@ from flexstage.cli.output import (
     write_file,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
-from flexstage.errors import FlexstageError, PlanError
 from flexstage.experiments.requests import BenchRequest, RunRequest
 
 if TYPE_CHECKING:

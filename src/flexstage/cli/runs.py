@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flexstage.base.errors import RecordError
 from flexstage.cli.command import CliCommand, CliGroup
 from flexstage.cli.options import JsonOption, from_docstring, option
 from flexstage.cli.output import (
@@ -18,7 +19,6 @@ from flexstage.cli.output import (
     print_shown,
     print_table,
 )
-from flexstage.errors import RecordError
 from flexstage.files.plain import picked
 from flexstage.files.request import option_words
 from flexstage.instruments.requests import CalibrationsRequest, RunsRequest
@@ -290,7 +290,7 @@ def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
 
 def _state_of(entry: "RunEntry") -> str:
     """Say whether the file of a run is what was entered."""
-    from flexstage.provenance import file_hash
+    from flexstage.base.provenance import file_hash
 
     path = Path(entry.folder) / entry.file
     try:

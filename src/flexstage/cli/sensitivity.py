@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 
+from flexstage.base.errors import ModelError
 from flexstage.cli.options import (
     JsonOption,
     QuietOption,
@@ -19,8 +20,7 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.errors import ModelError
-from flexstage.explore.requests import SensitivityRequest
+from flexstage.studies.explore.requests import SensitivityRequest
 
 
 @from_docstring
@@ -46,9 +46,9 @@ def sensitivity(
     figure
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
-    from flexstage.explore.prepare import ready_sensitivity
     from flexstage.report.explored_files import sensitivity_files
     from flexstage.report.figures.sensitivity import draw_moving_necks
+    from flexstage.studies.explore.prepare import ready_sensitivity
 
     template = taken.template(stage)
     run = ready_sensitivity(request, template)

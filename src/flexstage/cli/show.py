@@ -4,10 +4,10 @@ from pathlib import Path
 
 import typer
 
+from flexstage.base.errors import ModelError
 from flexstage.cli.options import JsonOption, from_docstring
 from flexstage.cli.output import OutputFile, print_json, writable, write_file
 from flexstage.cli.stage_options import AS_DRAWN, DrawnStageOptions, StageArgument
-from flexstage.errors import ModelError
 from flexstage.files.names import file_name
 
 

@@ -11,8 +11,8 @@ from flexstage.files.request import Request
 from flexstage.stage.drawing.requests import DrawingOptions
 
 if TYPE_CHECKING:
-    from flexstage.designs import StageTemplate
     from flexstage.stage import Stage
+    from flexstage.stage.designs import StageTemplate
 
 
 def designs_like(incomplete: str) -> list[str]:
@@ -25,7 +25,7 @@ def designs_like(incomplete: str) -> list[str]:
     >>> designs_like("vgtu-p")
     ['vgtu-piezo']
     """
-    from flexstage.designs import DESIGNS
+    from flexstage.stage.designs import DESIGNS
 
     return [name for name in sorted(DESIGNS) if incomplete and name.startswith(incomplete)]
 
@@ -60,7 +60,7 @@ class ParameterOptions(Request):
 
     def template(self, source: str) -> "StageTemplate":
         """Return the stage that STAGE names, with what is set, as one to vary."""
-        from flexstage.designs import StageTemplate
+        from flexstage.stage.designs import StageTemplate
 
         return StageTemplate.of(source, self.settings())
 
@@ -86,7 +86,7 @@ class StageOptions(ParameterOptions):
 
     def stage(self, source: str) -> "Stage":
         """Return the stage that STAGE names, with what the options say of it."""
-        from flexstage.designs import find_stage
+        from flexstage.stage.designs import find_stage
 
         return find_stage(source, set=self.settings())
 
@@ -104,7 +104,7 @@ class DrawnStageOptions(StageOptions):
 
     def stage(self, source: str) -> "Stage":
         """Return the stage that STAGE names, with what the options say of it."""
-        from flexstage.designs import find_stage
+        from flexstage.stage.designs import find_stage
 
         drawing = None if self.drawing == DrawingOptions() else self.drawing
         return find_stage(source, set=self.settings(), drawing=drawing)

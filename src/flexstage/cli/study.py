@@ -42,9 +42,9 @@ def study(
         --cache/--no-cache: Read what was computed before of the same description, with the same
         options and the same flexstage, and keep what is computed.
     """
-    from flexstage.cache import Memory, open_cache
+    from flexstage.files.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
-    from flexstage.quantities import QUANTITIES
+    from flexstage.quantities.quantity import QUANTITIES
     from flexstage.report.study import study_files
     from flexstage.report.tables import characteristics_table, differences_table
     from flexstage.studies import run_study

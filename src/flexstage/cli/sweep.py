@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flexstage.base.errors import ModelError
 from flexstage.cli.options import (
     JsonOption,
     QuietOption,
@@ -19,11 +20,10 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import NOTHING_SET, ParameterOptions, TemplateArgument
-from flexstage.errors import ModelError
-from flexstage.explore.requests import USUAL_WORKERS, SweepRequest, WorkerRequest
+from flexstage.studies.explore.requests import USUAL_WORKERS, SweepRequest, WorkerRequest
 
 if TYPE_CHECKING:
-    from flexstage.explore import Sweep
+    from flexstage.studies.explore import Sweep
 
 
 @from_docstring
@@ -47,8 +47,8 @@ def sweep(
     figure
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """
-    from flexstage.explore.batches import finished_batches
-    from flexstage.explore.prepare import ready_sweep
+    from flexstage.studies.explore.batches import finished_batches
+    from flexstage.studies.explore.prepare import ready_sweep
 
     run = ready_sweep(request, taken.template(stage))
     with finished_batches(folder) as keep:

@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.table import Table as Grid
 from rich.text import Text
 
-from flexstage.table import Cell, Column, Table
+from flexstage.quantities.table import Cell, Column, Table
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType

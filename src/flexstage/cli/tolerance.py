@@ -21,10 +21,10 @@ from flexstage.cli.output import (
     write_picture,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.explore.requests import USUAL_WORKERS, ToleranceRequest, WorkerRequest
+from flexstage.studies.explore.requests import USUAL_WORKERS, ToleranceRequest, WorkerRequest
 
 if TYPE_CHECKING:
-    from flexstage.explore.tolerance import ToleranceStudy
+    from flexstage.studies.explore.tolerance import ToleranceStudy
 
 
 @from_docstring
@@ -51,9 +51,9 @@ def tolerance(
     every_sample
         Write the figures of every sample as well, samples.csv.
     """
-    from flexstage.explore.batches import finished_batches
-    from flexstage.explore.prepare import ready_tolerance
     from flexstage.report.explored_files import tolerance_files
+    from flexstage.studies.explore.batches import finished_batches
+    from flexstage.studies.explore.prepare import ready_tolerance
 
     refuse(every_sample and folder is None, "--every-sample writes a file: give a --folder for it")
     run = ready_tolerance(request, taken.stage(stage))

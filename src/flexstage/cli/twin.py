@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from flexstage.base.errors import NotConnectedError
 from flexstage.cli.options import AxisOption, JsonOption, QuietOption, from_docstring, refuse
 from flexstage.cli.output import (
     OutputFile,
@@ -21,7 +22,6 @@ from flexstage.cli.output import (
 )
 from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
-from flexstage.errors import NotConnectedError
 from flexstage.instruments.requests import TwinRequest
 from flexstage.web.options import is_loopback
 

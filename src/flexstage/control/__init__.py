@@ -8,7 +8,7 @@ an identified drive, `tune` finds settings of the position control with stated m
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.control.design import Requirements, ServoDesign, tune

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from flexstage.base.errors import ModelError
 from flexstage.control.loop_plant import (
     LoopPlant,
     Margins,
@@ -15,7 +16,6 @@ from flexstage.control.loop_plant import (
     loop_margins,
     loop_plant,
 )
-from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import Notch, ServoSettings
 

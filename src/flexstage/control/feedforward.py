@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.control.tracking_run import whole_periods
 from flexstage.control.trajectory import Trajectory, smooth_step
-from flexstage.errors import LimitError, ModelError, RecordError
 from flexstage.hysteresis import DriveModel, Feedforward, Lag, feedforward
 from flexstage.hysteresis.limited_inverse import command_limits
 from flexstage.instruments.protocol import Waveform

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis import DriveModel, StageModes
 from flexstage.system.servo import ServoSettings
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.control.trajectory import Trajectory
-from flexstage.errors import RecordError
 from flexstage.hysteresis import Tracking, tracking
 from flexstage.records import Record
 

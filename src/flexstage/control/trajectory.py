@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import LimitError, ModelError, RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import LimitError, ModelError, RecordError
 from flexstage.instruments.protocol import Waveform
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits

@@ -5,14 +5,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.control.trajectory import (
     Trajectory,
     checked_ends,
     period_samples,
     smooth_step,
 )
-from flexstage.errors import ModelError
 
 #: How far a turn leads beyond the linear part, over speed and duration.
 BEYOND = 5.0 / 16.0

@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from flexstage.choose import has_no
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
 from flexstage.control.feedforward import Compensation, compensate
 from flexstage.control.trajectory import Trajectory, delayed
-from flexstage.errors import ModelError
 from flexstage.hysteresis import DriveModel
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.records import Record

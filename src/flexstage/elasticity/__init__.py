@@ -6,7 +6,7 @@ them the words of an engineer, SI units, and loads and readings as plain arrays.
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.elasticity.continuum import AttachedMass, Continuum

@@ -10,12 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 
-from flexstage import progress
-from flexstage.arrays import Array
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 _COMPONENTS = "xyz"
 

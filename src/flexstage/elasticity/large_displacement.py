@@ -7,11 +7,11 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity.continuum import Continuum, inverse_of
 from flexstage.elasticity.loaded import green_strain, volume_unit
 from flexstage.elasticity.resources import parallel
-from flexstage.errors import ConvergenceError, ModelError
 
 # Last correction over the displacement, in the norm of the energy, whose square is about the error
 # that is left; and factorisations before a step is halved.
@@ -234,7 +234,7 @@ def follow_drive(
     >>> import ngsolve as ng
     >>> from netgen.occ import OCCGeometry, Rectangle
     >>> from flexstage.elasticity import Continuum
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> leaf = Rectangle(40, 0.5).Face()
     >>> for edge in leaf.edges:
     ...     edge.name = {0.0: "clamp", 40.0: "tip"}.get(round(edge.center.x, 6), "side")

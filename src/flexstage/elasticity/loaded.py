@@ -8,11 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity.continuum import Continuum
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
 
 
 def volume_unit(continuum: Continuum) -> float:
@@ -225,7 +225,7 @@ def buckling(
     >>> import ngsolve as ng
     >>> from netgen.occ import OCCGeometry, Rectangle
     >>> from flexstage.elasticity import Continuum
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> column = Rectangle(60, 1).Face()
     >>> for edge in column.edges:
     ...     edge.name = {0.0: "foot", 60.0: "top"}.get(round(edge.center.x, 6), "side")

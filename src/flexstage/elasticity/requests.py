@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.errors import FlexstageError, StageError
+from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.ranges import POSITIVE, Range, Whole, Written
 from flexstage.files.request import Request
-from flexstage.units import Length, parse
+from flexstage.quantities.units import Length, parse
 
 #: What a part is made of where nothing is said.
 DEFAULT_MATERIAL = "Al 7075-T6"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 
 _WATCHED = 0.1  # shortest time over which the use of the cores is counted [s]
 _KEPT = 1.0  # what was counted is asked for again after this time [s]

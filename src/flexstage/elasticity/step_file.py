@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from flexstage.base.errors import FlexstageError, StageError
 from flexstage.elasticity.own_process import BrokenDownError, in_own_process
-from flexstage.errors import FlexstageError, StageError
 
 # Measured on files of 0.1 to 0.27 MB: 0.5 to 3 s, and 0.17 GB.
 _SECONDS = (30.0, 20.0)  # computing time that a file may take, and more for each megabyte [s]

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from flexstage.choose import has_no
-from flexstage.errors import PlanError
+from flexstage.base.choose import has_no
+from flexstage.base.errors import PlanError
 from flexstage.instruments.protocol import Quantity
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.limits import AxisLimits, stage_limits
@@ -53,7 +53,7 @@ def axis_setting(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> setting = axis_setting(design("vgtu-mechanical"), "x")
     >>> setting.quantity, f"{1e6 * setting.high:.0f} um"
     ('position', '350 um')
@@ -97,7 +97,7 @@ def estimated_stroke(stage: Stage, axis: str) -> float:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> print(f"{1e6 * estimated_stroke(design('vgtu-piezo'), 'x'):.2f} um")
     63.12 um
     """

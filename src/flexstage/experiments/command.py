@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import PlanError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import PlanError
+from flexstage.base.provenance import content_hash
 from flexstage.instruments.protocol import Capability, Instrument, Quantity, Signal, Waveform
 from flexstage.instruments.ramp import lead_to
 from flexstage.instruments.record_run import record_blow, run_moves, run_waveform
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.provenance import content_hash
 from flexstage.stage import PiezoStack, Stage
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.experiments.axis_limits import lowest_frequency
 from flexstage.experiments.command import BASE_RATE_HZ
 from flexstage.experiments.plan import Plan
@@ -71,7 +71,7 @@ def dry_run(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.experiments.plan import plan_from_text
     >>> plan = plan_from_text('''
     ... plan: 1

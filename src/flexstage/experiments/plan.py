@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from flexstage.choose import has_no, nearest
-from flexstage.errors import PlanError
+from flexstage.base.choose import has_no, nearest
+from flexstage.base.errors import PlanError
 from flexstage.experiments.excitations import EXCITATIONS
 from flexstage.experiments.verb import Defaults, SensorEntry, Verb
 from flexstage.experiments.verbs import VERBS
@@ -175,15 +175,15 @@ def plan_stage(plan: Plan, folder: str | os.PathLike[str] = ".") -> "Stage":
     >>> plan_stage(read_plan(find_plan("vgtu-piezo"))).name
     'vgtu-piezo'
     """
-    from flexstage.designs import find_stage
+    from flexstage.stage.designs import find_stage
 
     return find_stage(stage_source(plan, folder))
 
 
 def stage_source(plan: Plan, folder: str | os.PathLike[str] = ".") -> str:
-    """Return what `flexstage.designs.find_stage` takes for the stage that a plan names."""
-    from flexstage.designs import DESIGNS
-    from flexstage.designs.registry import some_of
+    """Return what `flexstage.stage.designs.find_stage` takes for the stage that a plan names."""
+    from flexstage.stage.designs import DESIGNS
+    from flexstage.stage.designs.registry import some_of
 
     if plan.stage.casefold() in DESIGNS:
         return plan.stage

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from flexstage.errors import FlexstageError, PlanError
+from flexstage.base.errors import FlexstageError, PlanError
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request
 

@@ -4,21 +4,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from flexstage.characteristic import (
-    Characteristic,
-    Characteristics,
-    MeasuredCharacteristic,
-    in_order,
-    one_of_each,
-)
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
+from flexstage.base.provenance import provenance
 from flexstage.experiments.campaign.results import Characterisation, TestResult
 from flexstage.experiments.plan import Plan
 from flexstage.experiments.verb import StepResult
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.provenance import provenance
+from flexstage.quantities.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+    in_order,
+    one_of_each,
+)
 from flexstage.stage import Stage
 
 #: Figures that depend on whether the drives hold the stage.

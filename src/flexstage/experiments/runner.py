@@ -13,8 +13,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from flexstage import progress
-from flexstage.errors import FlexstageError, PlanError
+from flexstage.base import progress
+from flexstage.base.errors import FlexstageError, PlanError
+from flexstage.base.provenance import content_hash, file_hash
 from flexstage.experiments.dry_run import dry_run, natural_frequency
 from flexstage.experiments.plan import Plan, Step, plan_stage
 from flexstage.experiments.requests import RunRequest
@@ -42,7 +43,6 @@ from flexstage.instruments.lock import folder_lock, instrument_lock
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import to_safe
 from flexstage.instruments.recording.metadata import RunMetadata, StageRun
-from flexstage.provenance import content_hash, file_hash
 from flexstage.stage import Stage
 
 

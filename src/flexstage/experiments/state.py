@@ -10,7 +10,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from flexstage.errors import PlanError, RecordError
+from flexstage.base.errors import PlanError, RecordError
+from flexstage.base.provenance import content_hash, file_hash
 from flexstage.experiments.plan import Step
 from flexstage.experiments.verb import PlanLookup, SensorEntry
 from flexstage.files.decoder import read_json
@@ -18,7 +19,6 @@ from flexstage.files.format import Format
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Identity
 from flexstage.instruments.recording.metadata import StageRun, utc_time
-from flexstage.provenance import content_hash, file_hash
 from flexstage.stage import Stage
 
 _NAME = "run.json"

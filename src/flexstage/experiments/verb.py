@@ -8,22 +8,22 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
 from flexstage.experiments.command import BASE_RATE_HZ, Command
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.instruments.protocol import Capability, Instrument, Signal
 from flexstage.instruments.recording.metadata import RunMetadata
-from flexstage.sensor import SensorSpecification
+from flexstage.quantities.sensor import SensorSpecification
+from flexstage.quantities.units import Frequency
 from flexstage.stage.limits import AxisLimits
-from flexstage.units import Frequency
 
 if TYPE_CHECKING:
-    from flexstage.characteristic import MeasuredCharacteristic
     from flexstage.experiments.campaign.results import TestResult
     from flexstage.instruments.catalogue.entries import ModelEntry, StageEntry
-    from flexstage.section import Section
+    from flexstage.quantities.characteristic import MeasuredCharacteristic
+    from flexstage.quantities.section import Section
+    from flexstage.quantities.table import Table
     from flexstage.stage import Stage
-    from flexstage.table import Table
 
 
 _Rate = Annotated[Frequency, Range(low=0.0, high=1e7, above=True, below=True)]

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from flexstage.experiments.campaign.plan import Campaign, Columns, Test
 from flexstage.experiments.campaign.results import Characterisation, evaluate
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Record
-from flexstage.sensor import SensorSpecification
 from flexstage.system import modes
 from flexstage.virtual.as_built import AsBuilt
 from flexstage.virtual.imperfections import MOTIONS
@@ -56,7 +56,7 @@ def virtual_campaign(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.as_built import as_built
     >>> made = virtual_campaign(as_built(design("vgtu-piezo"), seed=1))
     >>> print(", ".join(test.name for test in made.campaign.tests[:3]))

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from flexstage.base.errors import ModelError, PlanError
 from flexstage.control import LearningSettings, Way, compensate, control_run, learn, tune
 from flexstage.control.feedforward import conditioning_waveform, shifted_model
 from flexstage.control.two_degree_of_freedom import ControlRun, made_ready, with_feedforward
-from flexstage.errors import ModelError, PlanError
 from flexstage.experiments.command import CommandWaveform, park, prepare_loops
 from flexstage.experiments.verb import RunContext
 from flexstage.experiments.verbs.compensate import (

@@ -9,7 +9,7 @@ by its name, and write nothing.
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.export.control_object import control_system

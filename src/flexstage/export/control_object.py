@@ -24,7 +24,7 @@ def linear_part(model: DynamicModel) -> StateSpace:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")

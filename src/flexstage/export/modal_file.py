@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.files.plain import csv_text
@@ -29,7 +30,6 @@ from flexstage.system import (
     modes,
 )
 from flexstage.system.response import default_frequencies_hz
-from flexstage.version import __version__
 
 #: Numbers of kinds of quantities.
 DISPLACEMENT, FORCE = 8, 13
@@ -244,7 +244,7 @@ def universal_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")
     >>> files = universal_files(stage, lumped_system(stage), count=3)

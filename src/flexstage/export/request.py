@@ -7,13 +7,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, cast
 
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
+from flexstage.base.progress import subtask
 from flexstage.files.names import file_name
 from flexstage.files.ranges import INNER_SHARE, PositiveFrequency, Size, Written
 from flexstage.files.request import Request
 from flexstage.hinges.requests import Plane
 from flexstage.hysteresis.requests import DynamicRequest
-from flexstage.progress import subtask
 from flexstage.system.requests import ModelName
 
 if TYPE_CHECKING:

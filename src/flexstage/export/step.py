@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
+from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
-from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from netgen.occ import TopoDS_Shape
@@ -41,7 +41,7 @@ def step_files(stage: Stage) -> dict[str, bytes]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> files = step_files(design("parallelogram"))
     >>> files["parallelogram.step"].count(b"= CYLINDRICAL_SURFACE(")
     10

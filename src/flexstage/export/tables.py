@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
-from flexstage.characteristic import Characteristic, Characteristics
-from flexstage.comparison import compare
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.files.plain import csv_text
+from flexstage.quantities.characteristic import Characteristic, Characteristics
+from flexstage.quantities.comparison import compare
 
 
 def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict[str, bytes]:
@@ -25,7 +25,7 @@ def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = design("vgtu-piezo")
     >>> files = table_files(stage.published, name=stage.name)
     >>> print(files["vgtu-piezo-values.csv"].decode().splitlines()[7])

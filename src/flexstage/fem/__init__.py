@@ -3,8 +3,8 @@
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from flexstage.errors import NO_FINITE_ELEMENTS, ModelError
-from flexstage.lazy import import_on_use
+from flexstage.base.errors import NO_FINITE_ELEMENTS, ModelError
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.fem.accuracy import LADDERS, Refinement, RefinementStep, refine

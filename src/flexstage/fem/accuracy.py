@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.cache.cache import Cache
-from flexstage.characteristic import Characteristics
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel
 from flexstage.fem.necks import ALONG
 from flexstage.fem.superelement import SuperelementModel
-from flexstage.quantities import QUANTITIES
-from flexstage.short_repr import short_repr
+from flexstage.files.cache.cache import Cache
+from flexstage.quantities.characteristic import Characteristics
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.system import Analysis, analyse
 from flexstage.system.characteristics import scatter_at_points
 from flexstage.system.stress_map import StressMap

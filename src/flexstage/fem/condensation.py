@@ -15,10 +15,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import (
     MOUNTING,
     StageFaces,

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.cache.cache import Cache, open_cache
-from flexstage.cache.memory import pack, unpack
-from flexstage.errors import HingeError, StageError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import HingeError, StageError
 from flexstage.fem.condensation import Condensed, condense
 from flexstage.fem.half_notch import NotchBlock, half_of, neck_response, notch_of
 from flexstage.fem.neck_motions import freedom
 from flexstage.fem.substructure import REFERENCE, Substructure
+from flexstage.files.cache.cache import Cache, open_cache
+from flexstage.files.cache.memory import pack, unpack
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Hinge

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.fem.condensation import Condensed, independent, softest_modes
 from flexstage.fem.neck_motions import Freedom, freedom
 from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side

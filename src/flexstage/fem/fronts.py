@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 from scipy.sparse.linalg import splu
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 
 (_inverse,) = get_lapack_funcs(("trtri",), dtype=np.float64)
 _NOTHING = np.zeros((0, 0))

@@ -11,9 +11,9 @@ from itertools import chain
 
 from netgen.occ import Glue, TopoDS_Shape
 
+from flexstage.base.errors import StageError
 from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import StageError
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
 from flexstage.stage.contour import body_contour, inner_notch

@@ -12,7 +12,7 @@ import numpy as np
 from netgen.occ import Glue, TopoDS_Shape
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity import face
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE

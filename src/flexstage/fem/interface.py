@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import ngsolve as ng
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.continuum import rigid_fields
 from flexstage.elasticity.resources import parallel, require_memory
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ConvergenceError, ModelError
 
 _STEPS = 60
 _TOLERANCE = 1e-8  # of eigenvalues of a part with mean interfaces
@@ -86,7 +86,7 @@ def interface_stiffness(
     >>> from netgen.occ import Box
     >>> from flexstage.fem.part import Part
     >>> from flexstage.fem.part_mesh import PartMesh
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> bar = Part.from_shape(Box((0, 0, 0), (20.0, 3.0, 2.0)))
     >>> ends = [bar.boundary(bar.select("x", end)) for end in ("max", "min")]
     >>> mesh = bar.mesh(PartMesh(order=1, size=4e-3))
@@ -182,7 +182,7 @@ def interface_ratio(
     >>> from netgen.occ import Box
     >>> from flexstage.fem.part import Part
     >>> from flexstage.fem.part_mesh import PartMesh
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> bar = Part.from_shape(Box((0, 0, 0), (9.0, 3.0, 2.0)))
     >>> right, left, top, bottom = (
     ...     bar.boundary(bar.select(*s))

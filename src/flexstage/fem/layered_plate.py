@@ -11,12 +11,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.fronts import FrontalFactor, Fronts
 from flexstage.fem.through_thickness import ThroughThickness
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be

@@ -11,10 +11,10 @@ from netgen.meshing import IdentificationType, MeshingParameters
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vec
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.resources import parallel, require_memory
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.geometry import StageFaces, body_region, surface_edge
 from flexstage.stage import Loop, Stage
 

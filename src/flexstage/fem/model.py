@@ -9,8 +9,9 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage import progress
-from flexstage.arrays import Array
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.short_repr import short_repr
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import StageFaces
@@ -28,7 +29,6 @@ from flexstage.fem.stage_system import (
     side_by_side,
     stage_system,
 )
-from flexstage.short_repr import short_repr
 from flexstage.stage import MassProperties, Stage, mass_properties
 from flexstage.system import MechanicalSystem
 from flexstage.system.mechanical import STANDARD_GRAVITY

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import exactly, neck_edge
 from flexstage.fem.layered_plate import LayeredPlate

@@ -6,7 +6,7 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.resources import parallel

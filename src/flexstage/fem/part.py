@@ -12,12 +12,12 @@ import ngsolve as ng
 import numpy as np
 from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 
-from flexstage.arrays import Array, Integers
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import ModelError, StageError
 from flexstage.elasticity.shapes import METRE
 from flexstage.elasticity.step_file import of_step
-from flexstage.errors import ModelError, StageError
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 # kinds of surface by their number in the text form of a shape (Open CASCADE, "BRep Format")
 _KINDS = (

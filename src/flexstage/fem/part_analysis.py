@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 import ngsolve as ng
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, StageError, UnitError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.requests import DEFAULT_MATERIAL, PartRequest
-from flexstage.errors import ModelError, StageError, UnitError
 from flexstage.fem.interface import (
     MotionRatio,
     afford,
@@ -29,8 +29,8 @@ from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_roo
 from flexstage.fem.part_mesh import PartMesh
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
-from flexstage.material import Material, material
-from flexstage.units import parse
+from flexstage.quantities.material import Material, material
+from flexstage.quantities.units import parse
 
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 

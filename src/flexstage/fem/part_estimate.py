@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.resources import memory_available, memory_needed
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.part import Part, PartSurface, part_surface
 from flexstage.fem.part_mesh import SMALLEST, PartMesh, first_hits
 

@@ -10,10 +10,10 @@ from netgen.meshing import MeshingParameters, MeshingStep
 from netgen.occ import OCCGeometry, TopoDS_Shape
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.own_process import BrokenDownError, in_own_process
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.mesh import require_within
 
 #: Smallest element that thinness asks for, in sizes of the part.

@@ -13,11 +13,11 @@ import ngsolve as ng
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Integers
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import ModelError
 from flexstage.elasticity.loaded import COMPONENTS, von_mises_of
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.geometry import body_region, exactly, notch_region
 from flexstage.fem.mesh import MIDDLE
 from flexstage.fem.model import StageModel, UncoupledProblem
@@ -89,7 +89,7 @@ class Sampler:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.fem import MeshSettings, plane_model
     >>> model = plane_model(design("parallelogram"), MeshSettings(order=2, neck_size=2.0))
     >>> sampler = Sampler(model=model)

@@ -8,10 +8,10 @@ from typing import Literal
 import ngsolve as ng
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.elasticity import AttachedMass, Continuum
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import ModelError
 from flexstage.fem.geometry import (
     DrivePatch,
     body_region,

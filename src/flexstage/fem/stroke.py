@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.characteristic import Characteristic, Characteristics
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.elasticity.large_displacement import follow_drive
 from flexstage.elasticity.loaded import buckling, stress_stiffening
-from flexstage.errors import ConvergenceError, ModelError
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem
 from flexstage.fem.stage_system import Supports, body_motion, body_path, drive_vector
 from flexstage.fem.whole_stage import plane_model
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.characteristic import Characteristic, Characteristics
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Body, Force, Hinge, Loop, Stage
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.characteristics import axis_mode

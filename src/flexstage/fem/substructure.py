@@ -12,14 +12,14 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
 
-from flexstage.cache.memory import source_hash
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.stage_system import Supports
 from flexstage.fem.through_thickness import ThroughThickness
+from flexstage.files.cache.memory import source_hash
 from flexstage.hinges import Profile, plane_state
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import Vertex
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from flexstage.stage import Body, Circle, Drive, Force, Hinge, Loop, Probe, Stage
 from flexstage.stage.outline import Point
 
@@ -242,7 +242,7 @@ def cut_free(
     --------
     The eight guide legs of this stage are of four kinds, its four links of two:
 
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> bodies = cut_free(design("vgtu-piezo"), MeshSettings(), modes=3)
     >>> len(bodies), len({b.part.key() for b in bodies})
     (21, 15)

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import block_diag
 
-from flexstage.arrays import Array
-from flexstage.cache.cache import Cache
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.fem.condensation import Condensed
 from flexstage.fem.condensed_bodies import condense_all
 from flexstage.fem.coupling import Joint, join, joined_stress, lowest, stacked
@@ -19,8 +19,8 @@ from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.stage_system import Supports, stage_system
 from flexstage.fem.substructure import Placed, Substructure, cut_free, in_space
 from flexstage.fem.whole_stage import common_validity
+from flexstage.files.cache.cache import Cache
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
-from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
@@ -137,7 +137,7 @@ def superelement_model(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.system import modes
     >>> model = superelement_model(design("parallelogram"), cache=False)
     >>> round(float(modes(model.system).frequency_hz[0]))

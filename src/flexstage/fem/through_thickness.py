@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 
 _POINTS = 16  # of each piece: exact for products of the functions of every piece
 _THINNER = 0.25  # the second layer, in parts of the first

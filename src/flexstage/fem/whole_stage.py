@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from flexstage import progress
+from flexstage.base import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces

@@ -9,8 +9,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
 
-from flexstage.choose import did_you_mean, unknown
-from flexstage.errors import FlexstageError, UnitError
+from flexstage.base.choose import did_you_mean, unknown
+from flexstage.base.errors import FlexstageError, UnitError
 from flexstage.files.expression import (
     Amount,
     dimension_named,
@@ -43,8 +43,8 @@ from flexstage.files.nodes import (
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, read_parameters
 from flexstage.files.ranges import range_of, wanted, written_as
-from flexstage.units import DIMENSIONS, Dimension, parse, readable
-from flexstage.units.text import point_hint
+from flexstage.quantities.units import DIMENSIONS, Dimension, parse, readable
+from flexstage.quantities.units.text import point_hint
 
 #: What the entries of a list are called.
 _ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}

@@ -14,7 +14,7 @@ from flexstage.files.format import (
 )
 from flexstage.files.ranges import written_as
 from flexstage.files.yaml_text import Number, yaml_text
-from flexstage.units import Dimension, to_text
+from flexstage.quantities.units import Dimension, to_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NoReturn
 
-from flexstage.choose import did_you_mean
-from flexstage.errors import UnitError
-from flexstage.units import DIMENSIONS, dimensions, exact_quantity
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import UnitError
+from flexstage.quantities.units import DIMENSIONS, dimensions, exact_quantity
 
 #: Most characters of an expression.
 LONGEST = 2000
@@ -128,7 +128,7 @@ class QuantityExpression:
 
 
 def powers_of(dimension: str) -> Powers:
-    """Return the powers of base quantities of a dimension of `flexstage.units.DIMENSIONS`."""
+    """Return the powers of base quantities of one of `flexstage.quantities.units.DIMENSIONS`."""
     if dimension in ("", "angle"):
         return _ANGLE if dimension else ()
     return powers_in(DIMENSIONS[dimension].si)
@@ -140,7 +140,7 @@ def powers_in(si: str) -> Powers:
 
 
 def dimension_named(powers: Powers) -> str | None:
-    """Return the dimension of `flexstage.units.DIMENSIONS` of powers; "" for a plain number."""
+    """Return one of `flexstage.quantities.units.DIMENSIONS` by powers; "" for a plain number."""
     return _named().get(powers)
 
 

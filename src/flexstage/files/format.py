@@ -13,8 +13,8 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
-from flexstage.errors import FlexstageError
-from flexstage.units import DIMENSIONS, Dimension
+from flexstage.base.errors import FlexstageError
+from flexstage.quantities.units import DIMENSIONS, Dimension
 
 #: Name of the dimension that an SI unit belongs to.
 DIMENSION_OF_UNIT: dict[str, str] = {d.si: d.name for d in DIMENSIONS.values()}

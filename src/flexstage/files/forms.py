@@ -3,16 +3,16 @@
 import re
 from typing import Any
 
-from flexstage.characteristic import ORIGINS, Characteristic
-from flexstage.choose import unknown
-from flexstage.errors import FlexstageError
+from flexstage.base.choose import unknown
+from flexstage.base.errors import FlexstageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import DIMENSION_OF_UNIT, Form
 from flexstage.files.nodes import Mapping, Node
-from flexstage.material import CATALOGUE, Material, material
-from flexstage.quantities import QUANTITIES
-from flexstage.units import DIMENSIONS, to_text
+from flexstage.quantities.characteristic import ORIGINS, Characteristic
+from flexstage.quantities.material import CATALOGUE, Material, material
+from flexstage.quantities.quantity import QUANTITIES
+from flexstage.quantities.units import DIMENSIONS, to_text
 
 
 def _read_material(decoder: Decoder, node: Node, path: str, base: Any) -> Material:

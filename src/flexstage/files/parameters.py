@@ -8,8 +8,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from flexstage.choose import nearest
-from flexstage.errors import FlexstageError, UnitError
+from flexstage.base.choose import nearest
+from flexstage.base.errors import FlexstageError, UnitError
 from flexstage.files.expression import (
     Amount,
     amount_of,

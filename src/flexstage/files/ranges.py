@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.format import field_types, optional_part
-from flexstage.units import Frequency, Length
+from flexstage.quantities.units import Frequency, Length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

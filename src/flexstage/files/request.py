@@ -15,11 +15,11 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from flexstage.choose import did_you_mean, unknown
-from flexstage.errors import FlexstageError, ModelError, UnitError
+from flexstage.base.choose import did_you_mean, unknown
+from flexstage.base.errors import FlexstageError, ModelError, UnitError
 from flexstage.files.format import dimension_of, field_types, optional_part
 from flexstage.files.ranges import Range, Stated, Written, range_of, wanted, written_as
-from flexstage.units import DIMENSIONS, Dimension, parse, readable_text
+from flexstage.quantities.units import DIMENSIONS, Dimension, parse, readable_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,7 +409,7 @@ def option_words(request: Request) -> list[str]:
 
     Examples
     --------
-    >>> from flexstage.explore.requests import SweepRequest
+    >>> from flexstage.studies.explore.requests import SweepRequest
     >>> option_words(SweepRequest(over=("neck=0.3..0.8 mm",), samples=40))
     ['--over', 'neck=0.3..0.8 mm', '--samples', '40']
     """
@@ -421,7 +421,7 @@ def command_line(request: Request, *subject: str) -> str:
 
     Examples
     --------
-    >>> from flexstage.explore.requests import SweepRequest
+    >>> from flexstage.studies.explore.requests import SweepRequest
     >>> command_line(SweepRequest(over=("leg_spacing=30 %",)), "parallelogram")
     "flexstage sweep parallelogram --over 'leg_spacing=30 %'"
     """
@@ -433,7 +433,7 @@ def recorded(request: Request) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from flexstage.explore.requests import SweepRequest
+    >>> from flexstage.studies.explore.requests import SweepRequest
     >>> recorded(SweepRequest(over=("neck=0.3..0.8 mm",), samples=40))
     {'over': ['neck=0.3..0.8 mm'], 'samples': 40}
     """

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from flexstage.base.lazy import data_frame
 from flexstage.files.request import Request, recorded
-from flexstage.lazy import data_frame
 
 if TYPE_CHECKING:
     import pandas

@@ -24,7 +24,7 @@ from flexstage.files.format import (
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.ranges import range_of, written_as
 from flexstage.files.request import Request, request_fields
-from flexstage.units import DIMENSIONS, Dimension
+from flexstage.quantities.units import DIMENSIONS, Dimension
 
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
 _UNIT = "[A-Za-zµμ°1]"

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 
 
 @contextlib.contextmanager

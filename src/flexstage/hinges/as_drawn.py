@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
 
 _SLACK = 1e-9  # a contour may go back by so much through rounding [m]

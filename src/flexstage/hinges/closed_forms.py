@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges.hinge_spring import PlaneState, plane_moduli, plane_state
 from flexstage.hinges.profile import Profile
 

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import HingeError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import HingeError
 from flexstage.hinges.hinge_spring import (
     ROOT_REACH,
     HingeCompliance,

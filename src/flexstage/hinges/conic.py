@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges.profile import Array, CurvedProfile, Length, Piece, Profile, Vertex
 
 

@@ -42,10 +42,10 @@ from netgen.occ import (
     gp_Vec,
 )
 
+from flexstage.base.errors import HingeError
 from flexstage.elasticity import Continuum, face
 from flexstage.elasticity.resources import parallel
 from flexstage.elasticity.shapes import METRE
-from flexstage.errors import HingeError
 from flexstage.hinges.hinge_spring import (
     ROOT_REACH,
     HingeCompliance,
@@ -54,7 +54,7 @@ from flexstage.hinges.hinge_spring import (
     strip_compliance,
 )
 from flexstage.hinges.profile import Array, Profile
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 _Points = list[tuple[float, float]]
 

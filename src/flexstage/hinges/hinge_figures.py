@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from flexstage.choose import nearest
-from flexstage.errors import HingeError
+from flexstage.base.choose import nearest
+from flexstage.base.errors import HingeError
 from flexstage.files.result import Result
 from flexstage.hinges.closed_forms import closed_form_compliance, closed_forms
 from flexstage.hinges.compliance import compliance
@@ -16,9 +16,9 @@ from flexstage.hinges.profile import Profile
 from flexstage.hinges.registry import profile_class
 from flexstage.hinges.requests import HingesRequest
 from flexstage.hinges.stress import concentration, largest_rotation
-from flexstage.material import Material
-from flexstage.material import material as find_material
-from flexstage.quantities import number
+from flexstage.quantities.material import Material
+from flexstage.quantities.material import material as find_material
+from flexstage.quantities.quantity import number
 
 #: Quantity, place on the diagonal of the compliance, unit of its stiffness.
 _QUANTITIES = (("axial", 0, "N/m"), ("shear", 1, "N/m"), ("rotation", 2, "N m/rad"))
@@ -42,7 +42,7 @@ def hinge_figures(
     Examples
     --------
     >>> from flexstage.hinges import RightCircular
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
     >>> rows = hinge_figures(notch, material("Al 7075-T6"), 10e-3)["stiffness"]
     >>> row = next(r for r in rows if (r["quantity"], r["method"]) == ("rotation", "wedge"))

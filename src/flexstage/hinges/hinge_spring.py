@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 
 PlaneState = Literal["stress", "strain"]
 

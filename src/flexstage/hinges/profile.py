@@ -9,9 +9,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import HingeError
-from flexstage.units import Length
+from flexstage.base.arrays import Array
+from flexstage.base.errors import HingeError
+from flexstage.quantities.units import Length
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(20)
 

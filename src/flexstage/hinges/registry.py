@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from flexstage.choose import unknown
-from flexstage.errors import HingeError
+from flexstage.base.choose import unknown
+from flexstage.base.errors import HingeError
 from flexstage.hinges.as_drawn import AsDrawn
 from flexstage.hinges.conic import Elliptical, Hyperbolic, Parabolic, PowerFunction, RightCircular
 from flexstage.hinges.profile import Profile

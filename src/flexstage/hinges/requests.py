@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.errors import FlexstageError, HingeError
+from flexstage.base.errors import FlexstageError, HingeError
 from flexstage.files.ranges import Range, Written
 from flexstage.files.request import Request
-from flexstage.units import Angle, Length
+from flexstage.quantities.units import Angle, Length
 
 #: Plane state of notches.
 Plane = Annotated[

@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges.profile import Array, Length, Piece, Profile, Vertex
-from flexstage.units import DIMENSIONS
+from flexstage.quantities.units import DIMENSIONS
 
 
 def _flat(half: float) -> Piece:

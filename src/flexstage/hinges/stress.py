@@ -5,11 +5,11 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges.compliance import compliance
 from flexstage.hinges.hinge_spring import PlaneState, plane_state
 from flexstage.hinges.profile import Array, Profile
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 
 _NEUBER = "H. Neuber, Kerbspannungslehre (1937), deep hyperbolic notch on both sides"
 _FILLET = "plane finite elements of corner-filleted notches, z = fillet radius / neck thickness"
@@ -264,7 +264,7 @@ def largest_rotation(
     Examples
     --------
     >>> from flexstage.hinges import RightCircular
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> notch = RightCircular(neck_thickness=0.5e-3, radius=1e-3)
     >>> limit = largest_rotation(notch, material("Al 7075-T6"), 10e-3)
     >>> round(1e3 * limit.before_yield, 2)

@@ -11,7 +11,7 @@ Between samples the input moves on straight lines, and every answer to such an i
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use, names_for_types
+from flexstage.base.lazy import import_on_use, names_for_types
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.build_model import assembled_model, dynamic_model

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.request import request_of
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.sensor import Sensor
@@ -86,7 +86,7 @@ def dynamic_model(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> model = dynamic_model(stage, lumped_system(stage), bandwidth=2000.0)

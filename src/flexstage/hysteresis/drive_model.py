@@ -8,14 +8,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError, UnitError
+from flexstage.base.errors import ModelError, UnitError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.hysteresis.models.registry import MODELS
-from flexstage.units import readable, si_unit
+from flexstage.quantities.units import readable, si_unit
 
 #: What a drive did before the first command: it rested there for long; or it moved as it does then,
 #: for so many seconds since it stood at the low end of its range, infinitely many for long.

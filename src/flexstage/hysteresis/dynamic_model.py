@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.choose import has_no
-from flexstage.errors import ModelError
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import checked_state, positive_step
@@ -22,7 +23,6 @@ from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
-from flexstage.short_repr import short_repr
 from flexstage.system import MechanicalSystem, drive_stiffness
 
 

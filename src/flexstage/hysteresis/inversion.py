@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.element import positive_step
 from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
@@ -23,8 +23,8 @@ from flexstage.hysteresis.limited_inverse import (
 )
 from flexstage.hysteresis.model import Array, checked, samples
 from flexstage.hysteresis.requests import CompensateRequest
+from flexstage.quantities.units import readable
 from flexstage.records import Channel, Record
-from flexstage.units import readable
 
 #: A reference is made smooth up to this share of the lowest resonance.
 _BAND = 0.25

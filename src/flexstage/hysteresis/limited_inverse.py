@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Complex
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.arrays import Complex
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.hysteresis.drive_model import PREFIX, DriveModel
 from flexstage.hysteresis.model import Array, Response, checked
-from flexstage.units import readable
+from flexstage.quantities.units import readable
 
 #: Samples that are inverted at once: a limit makes the rest of them be inverted again.
 _BLOCK = 4096

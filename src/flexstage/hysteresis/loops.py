@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.model import Array, samples
 
 #: Levels at which the two branches of a loop are compared.

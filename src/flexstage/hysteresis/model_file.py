@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import ModelError
 from flexstage.files import nodes
 from flexstage.files.decoder import Decoder, read, read_file, show
 from flexstage.files.format import Form, Format

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, Start, start_data, unsuited

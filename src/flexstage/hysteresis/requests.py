@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.ranges import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -13,10 +13,10 @@ from flexstage.files.ranges import (
     Written,
 )
 from flexstage.files.request import Request
+from flexstage.quantities.units import DIMENSIONS, parse
+from flexstage.quantities.units.dimension import MEASURED
 from flexstage.records.read_options import Rows
 from flexstage.stage.assumptions import DAMPING_RATIO
-from flexstage.units import DIMENSIONS, parse
-from flexstage.units.dimension import MEASURED
 
 _VOLTAGES = Annotated[tuple[float, float], DIMENSIONS["voltage"], Written("LOW:HIGH", bare="V")]
 _CURRENT = Annotated[float, MEASURED["current"], POSITIVE]

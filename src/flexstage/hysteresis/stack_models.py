@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import brentq
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.drive_model import DriveModel
@@ -39,7 +39,7 @@ def usual_hysteresis(stack: PiezoStack) -> BoucWen:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> model = usual_hysteresis(design("vgtu-piezo").drives[0])
     >>> ends = model.simulate([120.0, 0.0, 120.0, 0.0]).values
     >>> round(float(ends[2] - ends[3]) * 1e6, 3)

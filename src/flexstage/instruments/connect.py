@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import NamedTuple
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.instruments.protocol import Instrument
 from flexstage.stage import Stage
 

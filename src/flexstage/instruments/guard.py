@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from flexstage.errors import ControllerError
+from flexstage.base.errors import ControllerError
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import to_safe
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import LimitError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import LimitError
 from flexstage.instruments.protocol import Quantity, Waveform
 from flexstage.stage.limits import AxisLimits
 
@@ -24,7 +24,7 @@ def check_position(limits: AxisLimits, value: float, axis: str) -> None:
     --------
     >>> check_position(AxisLimits(position=(0.0, 1e-4)), 1.2e-4, "x")
     Traceback (most recent call last):
-    flexstage.errors.LimitError: axis 'x' cannot be sent to 120 um: its limits are 0 to 100 ...
+    flexstage.base.errors.LimitError: axis 'x' cannot be sent to 120 um: its limits are 0 to 100 ...
     """
     _check_value(limits, float(value), axis, "position")
 
@@ -64,7 +64,7 @@ def check_waveform(
     >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp)
     >>> check_waveform({"x": AxisLimits(voltage=(0.0, 120.0), slew=600.0)}, ramp, cycles=2)
     Traceback (most recent call last):
-    flexstage.errors.LimitError: axis 'x' would jump by -120 V from the last sample ...
+    flexstage.base.errors.LimitError: axis 'x' would jump by -120 V from the last sample ...
     """
     if cycles < 0:
         raise LimitError(f"a waveform runs a number of cycles from 0 (endlessly) up, got {cycles}")

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from flexstage.errors import ModelError, NotConnectedError
+from flexstage.base.errors import ModelError, NotConnectedError
 from flexstage.files.decoder import read_json
 from flexstage.files.format import Format
 from flexstage.files.names import user_folder

@@ -15,8 +15,8 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.records import Record
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage, range_of, rate_of
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis, Quantity, Waveform
 from flexstage.stage.limits import AxisLimits

@@ -10,9 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_waveform
 from flexstage.instruments.protocol import Capability, Instrument, Signal, Waveform
 from flexstage.instruments.ramp import lead_to, require_loop

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Literal
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.ranges import Range, Seed, Written
 from flexstage.files.request import Request
-from flexstage.units import DIMENSIONS
+from flexstage.quantities.units import DIMENSIONS
 
 
 def read_names(text: str) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from flexstage.errors import ControllerError
+from flexstage.base.errors import ControllerError
 from flexstage.instruments.limits import check_position
 from flexstage.instruments.protocol import Instrument, MotionAxis, Signal, Waveform
 from flexstage.instruments.record_run import run_waveform

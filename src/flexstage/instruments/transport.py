@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, cast, runtime_checkable
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
-from flexstage.lazy import require_extra
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.lazy import require_extra
 
 if TYPE_CHECKING:
     import serial

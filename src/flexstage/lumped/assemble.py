@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hinges import HingeCompliance, Profile, compliance, stress_rows
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import (

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import lumped_system
 from flexstage.lumped.stage_arrays import StageArrays, StageTangents
@@ -247,7 +247,7 @@ def lumped_characteristics(
     --------
     >>> from dataclasses import replace
     >>> import numpy as np
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import stage_arrays
     >>> arrays = stage_arrays([design("vgtu-piezo")])
     >>> stiffer = arrays.hinge_stiffness * np.linspace(1.0, 1.2, 3)[:, None, None, None]
@@ -289,7 +289,7 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import parameter_tangents
     >>> stage = design("parallelogram")
     >>> by_thickness = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.lumped.latex import SheetSection, sheet_data
 from flexstage.lumped.reduction import ReducedModel, condense, find_mirror, reduce_by_symmetry
 from flexstage.lumped.requests import EquationsRequest
@@ -67,7 +67,7 @@ def derive(stage: Stage, request: EquationsRequest) -> Derivation:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> derive(design("parallelogram"), EquationsRequest()).reduced.order
     5
     """

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.lumped.rigid_bodies import Mechanism, Sight
 
 

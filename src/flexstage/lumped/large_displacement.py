@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import block_diag, eigh, null_space
 
-from flexstage.arrays import Array
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState, plane_moduli
 from flexstage.lumped.assemble import hinge_springs
@@ -294,7 +294,7 @@ def lumped_buckling(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> round(lumped_buckling(design("linked-parallelogram"), {"x": 5.0}), 1)
     12.1
     """

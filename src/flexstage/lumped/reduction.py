@@ -12,8 +12,8 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.lumped.finite_rotation import nonlinear
 from flexstage.lumped.rigid_bodies import Mechanism
 from flexstage.lumped.symbolic import Equations, SymbolicModel, SymbolicPort

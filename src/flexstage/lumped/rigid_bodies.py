@@ -8,10 +8,10 @@ nonlinear model are built from this; neither looks at outlines or notches.
 from dataclasses import dataclass
 from typing import Literal
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.short_repr import short_repr
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import hinge_springs
-from flexstage.short_repr import short_repr
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
 from flexstage.system.mechanical import named

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import (
     cached_stress_rows,
@@ -125,7 +125,7 @@ def stage_arrays(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage_arrays([design("vgtu-piezo")]).hinge_stiffness.shape
     (1, 32, 3, 3)
     """
@@ -312,7 +312,7 @@ def parameter_tangents(
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = design("parallelogram")
     >>> found = parameter_tangents(lambda t: replace(stage, thickness=t), stage.thickness)
     >>> per_thickness = found.slopes.hinge_stiffness * stage.thickness

@@ -20,8 +20,8 @@ from typing import ClassVar
 import numpy as np
 import sympy as sp
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.lumped.requests import DampingKind
 from flexstage.lumped.rigid_bodies import Mechanism, Sight, mechanism
 from flexstage.lumped.symbols import (

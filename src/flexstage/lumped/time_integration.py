@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import lu_factor, lu_solve
 
-from flexstage.arrays import Array
-from flexstage.errors import ConvergenceError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.lumped.finite_rotation import NonlinearMechanism
 
 _ITERATIONS = 25

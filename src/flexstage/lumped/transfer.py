@@ -24,7 +24,7 @@ import sympy as sp
 from numpy.typing import NDArray
 from sympy.polys.matrices import DomainMatrix
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.lumped.symbolic import Equations
 
 #: Coordinates beyond which determinants are too long to read.

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.measure.modal.fit import fit_modes
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
         stage_with,
         update_stage,
     )
-    from flexstage.sensor import SensorSpecification
+    from flexstage.quantities.sensor import SensorSpecification
 
 __all__ = [
     "Budget",

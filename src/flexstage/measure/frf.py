@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.measure.frf_result import DecayResult, FrfResult
 from flexstage.measure.modal.fit import fit_modes
 from flexstage.measure.modal.ring_down import RingDown, ring_down

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexstage.estimate import Estimate
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.measure.modal.result import ModalFit, Mode
 from flexstage.measure.modal.ring_down import DecayMode, RingDown
 from flexstage.measure.spectra.estimate import ResponseEstimate
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.quantities.estimate import Estimate
 from flexstage.records import Channel, Record
 
 #: Share of a response beyond which what a fit leaves says that its modes are none of it.

@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.ranges import INNER_SHARE, POSITIVE, PositiveFrequency, Seed, Written
 from flexstage.files.request import Request, read_number, request_fields
+from flexstage.quantities.units import DIMENSIONS
 from flexstage.records.read_options import ONE_COLUMN, ColumnList
-from flexstage.units import DIMENSIONS
 
 #: The excitation of a free decay.
 RING_DOWN = "ring-down"

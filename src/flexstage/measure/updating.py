@@ -19,11 +19,11 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import ConvergenceError, FlexstageError, ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ConvergenceError, FlexstageError, ModelError
 from flexstage.hinges.registry import with_neck_thickness
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import Hinge, Stage
 from flexstage.system import (
     AxisAnalysis,
@@ -140,7 +140,7 @@ def stage_with(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> thin = UpdateParameter(name="necks", kind="neck_factor", spread=0.02)
     >>> other = stage_with(design("parallelogram"), [thin], {"necks": 0.96})
     >>> round(other.hinges[0].profile.neck_thickness * 1e3, 6)
@@ -219,7 +219,7 @@ def predict(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> system = lumped_system(design("parallelogram"))
     >>> round(float(predict(system, [("natural_frequency_hz", "x")])[0]), 1)
@@ -503,7 +503,7 @@ def update_stage(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> noise = Component(name="noise", uncertainty=0.05)
     >>> frequency = Estimate(value=190.2, unit="Hz", components=(noise,))
     >>> seen = {("natural_frequency_hz", "x"): frequency}

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.records.detect import FORMATS

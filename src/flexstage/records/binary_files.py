@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
-from flexstage.lazy import require_extra
+from flexstage.base.errors import RecordError
+from flexstage.base.lazy import require_extra
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import (
     StoredArray,

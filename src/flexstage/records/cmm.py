@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text_rows import text_lines

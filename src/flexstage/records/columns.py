@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError, UnitError
-from flexstage.units import si_unit
+from flexstage.base.errors import RecordError, UnitError
+from flexstage.quantities.units import si_unit
 
 #: What stands for the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2], and its parts.
 GRAVITY = {

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
+from flexstage.quantities.table import Table, table
+from flexstage.quantities.units import readable_unit
 from flexstage.records.read import read_record
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import Record
 from flexstage.records.responses import responses_in_columns
 from flexstage.records.sampling import LARGEST_STEP
-from flexstage.table import Table, table
-from flexstage.units import readable_unit
 
 
 def read_whole(

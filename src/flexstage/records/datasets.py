@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns, as_float, complex_parts, labelled
 
 _RATE_NAMES = frozenset(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.cmm import has_report
 from flexstage.records.gcs_array import is_gcs_array
 from flexstage.records.text_rows import decoded

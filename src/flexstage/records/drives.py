@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.records.likely_columns import taken_drive
 from flexstage.records.read import read_files
 from flexstage.records.read_options import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.columns import FileColumns, labelled
 from flexstage.records.text_rows import text_lines
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.contents import column_label, contents, read_whole
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit

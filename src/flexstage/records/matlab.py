@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.binary_files import read_hdf5
 from flexstage.records.columns import FileColumns
 from flexstage.records.datasets import (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.records.record import Record
 
 #: A normal distribution's rms over the median of its absolute values.

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError, UnitError
+from flexstage.base.errors import RecordError, UnitError
+from flexstage.base.provenance import file_hash
 from flexstage.files.request import request_of
-from flexstage.provenance import file_hash
 from flexstage.records.binary_files import read_hdf5, read_numpy, read_tdms
 from flexstage.records.cmm import read_coordinates
 from flexstage.records.columns import (

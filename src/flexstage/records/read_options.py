@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.errors import FlexstageError, RecordError
+from flexstage.base.errors import FlexstageError, RecordError
 from flexstage.files.ranges import POSITIVE, Whole, Written
 from flexstage.files.request import Request
-from flexstage.units import parse
+from flexstage.quantities.units import parse
 
 #: The first sample of a part of a file, and the one before which it stops.
 RowRange = tuple[int | None, int | None]

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError, UnitError
-from flexstage.lazy import data_frame
-from flexstage.short_repr import short_repr
-from flexstage.units import si_unit
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError, UnitError
+from flexstage.base.lazy import data_frame
+from flexstage.base.short_repr import short_repr
+from flexstage.quantities.units import si_unit
 
 if TYPE_CHECKING:
     import pandas

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError, UnitError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError, UnitError
 from flexstage.records.columns import gravity_unit, measured_unit
 from flexstage.records.record import Channel, Record, column_number
 from flexstage.records.sampling import require_complete

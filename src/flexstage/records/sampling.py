@@ -8,13 +8,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
+from flexstage.quantities.units import readable
 from flexstage.records.columns import FileColumns
 from flexstage.records.quality import quantisation_step
 from flexstage.records.record import Channel, Record, column_and_unit
 from flexstage.records.text_rows import X_VALUE
-from flexstage.units import readable
 
 #: A step this many times the usual one means that samples are missing, ...
 LARGEST_STEP = 1.5

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.records.columns import FileColumn, FileColumns, complex_parts, labelled
 from flexstage.records.read_options import TextLayout
 from flexstage.records.text_rows import (

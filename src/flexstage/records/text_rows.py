@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
-from flexstage.errors import RecordError, UnitError
-from flexstage.units import si_unit
+from flexstage.base.errors import RecordError, UnitError
+from flexstage.quantities.units import si_unit
 
 COMMENT_MARKS = ("#", "%", ";", "//", "!")
 

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError, UnitError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError, UnitError
 from flexstage.records.columns import GRAVITY, FileColumn, FileColumns, measured_unit
 from flexstage.records.universal_sets import KINDS, Function, FunctionAxis, UnitSystem, read_sets
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 
 _CLOSING = re.compile(rb"\r?\n? {4}-1[ \t]*\r?(?:\n|\Z)")
 _TEXT_OF_NUMBERS = re.compile(rb"[-+.0-9EeNnAaIiFf\s]*")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.files.write import write_whole
 from flexstage.records.record import Channel, Record
 from flexstage.records.text_rows import COMMENT_MARKS

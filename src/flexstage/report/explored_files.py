@@ -3,18 +3,18 @@
 from collections.abc import Callable
 from functools import partial
 
-from flexstage.errors import ModelError
-from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.results import samples_csv, sensitivity_csv, sweep_csv, sweep_parquet
-from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sweep import Sweep
-from flexstage.explore.tolerance import ToleranceStudy
+from flexstage.base.errors import ModelError
 from flexstage.files.plain import json_text
 from flexstage.report.figures.style import encode
 from flexstage.report.optimise import front_html
 from flexstage.report.sweep import sweep_html
 from flexstage.report.tolerance import tolerance_page
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import Optimum
+from flexstage.studies.explore.results import samples_csv, sensitivity_csv, sweep_csv, sweep_parquet
+from flexstage.studies.explore.sensitivity import Sensitivities
+from flexstage.studies.explore.sweep import Sweep
+from flexstage.studies.explore.tolerance import ToleranceStudy
 
 Files = dict[str, bytes]
 

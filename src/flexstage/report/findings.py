@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from flexstage.choose import listed
-from flexstage.comparison import ComparisonRow
-from flexstage.quantities import display, number
+from flexstage.base.choose import listed
+from flexstage.quantities.comparison import ComparisonRow
+from flexstage.quantities.quantity import display, number
+from flexstage.quantities.section import Picture
+from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.drawing import draw_stage
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.tracking import draw_loop
 from flexstage.report.tables import MANUFACTURE, percent, published_loop
-from flexstage.section import Picture
 from flexstage.studies.measurement import MeasurementComparison
-from flexstage.table import Cell, Table, table
 
 if TYPE_CHECKING:
     from flexstage.studies.study import Study

@@ -10,8 +10,8 @@ from flexstage.hysteresis import Feedforward, Identification, Prediction
 from flexstage.hysteresis.drive_model import DriveModel, parameter_unit, start_in_words
 from flexstage.hysteresis.identification.model_choice import Candidate
 from flexstage.hysteresis.models.registry import MODELS
-from flexstage.table import Table, table
-from flexstage.units import readable, readable_unit
+from flexstage.quantities.table import Table, table
+from flexstage.quantities.units import readable, readable_unit
 
 
 def candidates_table(found: Identification, caption: str = "") -> Table:

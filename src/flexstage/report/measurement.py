@@ -5,18 +5,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from flexstage.cache.memory import Memory
-from flexstage.characteristic import shown_units
+from flexstage.base.version import __version__
 from flexstage.experiments.campaign.results import TestResult
+from flexstage.files.cache.memory import Memory
 from flexstage.measure.motion.positioning import Positioning
-from flexstage.quantities import Quantity, beside, display, number, prefixed
+from flexstage.quantities.characteristic import shown_units
+from flexstage.quantities.quantity import Quantity, beside, display, number, prefixed
+from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
+from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.units import readable
 from flexstage.report.page import page_html
 from flexstage.report.tables import column_title
-from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
-from flexstage.table import Cell, Column, Table, table
-from flexstage.units import readable
-from flexstage.version import __version__
 
 #: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (

@@ -5,21 +5,21 @@ from functools import partial
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.explore.figures import Figure, Requirement
-from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, round_step
-from flexstage.explore.optimise.usual import walls_note
-from flexstage.explore.variables import Variable
-from flexstage.lazy import require_extra
-from flexstage.quantities import number
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.lazy import require_extra
+from flexstage.base.version import __version__
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Picture, Section
+from flexstage.quantities.table import Column, Table, table
 from flexstage.report.figures.optimum import draw_front
 from flexstage.report.page import page_html
 from flexstage.report.sweep import parallel_coordinates
-from flexstage.section import Picture, Section
-from flexstage.table import Column, Table, table
-from flexstage.version import __version__
+from flexstage.studies.explore.figures import Figure, Requirement
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, round_step
+from flexstage.studies.explore.optimise.usual import walls_note
+from flexstage.studies.explore.variables import Variable
 
 # limits that are named, and what the table says of a bound
 _HELD, _BOUND = 8, {"low": "lower", "high": "upper"}

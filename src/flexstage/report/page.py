@@ -10,10 +10,10 @@ from itertools import count
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from flexstage.cache.memory import Memory
-from flexstage.errors import ModelError
-from flexstage.section import Picture, Section
-from flexstage.table import Table
+from flexstage.base.errors import ModelError
+from flexstage.files.cache.memory import Memory
+from flexstage.quantities.section import Picture, Section
+from flexstage.quantities.table import Table
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -5,22 +5,22 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from flexstage.characteristic import in_order
+from flexstage.base.version import __version__
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.verbs import VERBS
-from flexstage.quantities import beside, display, number
+from flexstage.quantities.characteristic import in_order
+from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.section import Content, Definitions, Section
+from flexstage.quantities.table import Table, table
 from flexstage.report.measurement import measurement_section
 from flexstage.report.page import page_html
-from flexstage.section import Content, Definitions, Section
 from flexstage.studies.measurement import compare_plan
-from flexstage.table import Table, table
-from flexstage.version import __version__
 
 if TYPE_CHECKING:
-    from flexstage.characteristic import MeasuredCharacteristic
     from flexstage.experiments import DryRun, PlanResult
     from flexstage.experiments.verb import PlannedMotion
     from flexstage.instruments.catalogue.entries import RunEntry
+    from flexstage.quantities.characteristic import MeasuredCharacteristic
 
 
 def run_text(result: PlanResult) -> str:

@@ -5,14 +5,14 @@ from itertools import combinations
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.explore.figures import ALIASES, Figure
-from flexstage.explore.sensitivity import LENGTH, SHARE, Sensitivities
-from flexstage.explore.variables import listed
-from flexstage.quantities import number
+from flexstage.base.arrays import Array
+from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.quantities.quantity import number
+from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.report.tables import LUMPED_ALONE_NOTE, LUMPED_NOTE, value_text
-from flexstage.table import Cell, Column, Table, table
+from flexstage.studies.explore.figures import ALIASES, Figure
+from flexstage.studies.explore.sensitivity import LENGTH, SHARE, Sensitivities
+from flexstage.studies.explore.variables import listed
 
 # where the short names of figures are too long above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from flexstage.cache.memory import Memory
-from flexstage.quantities import QUANTITIES
+from flexstage.files.cache.memory import Memory
+from flexstage.quantities.quantity import QUANTITIES
+from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.report import findings
 from flexstage.report.figures.body_motion import (
     body_outlines,
@@ -41,7 +42,6 @@ from flexstage.report.tables import (
     published_table,
 )
 from flexstage.report.traditional import assumption_section, drift_section, motion_error_section
-from flexstage.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.studies.measurement import MeasurementComparison
 from flexstage.studies.results import results_json
 from flexstage.studies.study import Study

@@ -9,16 +9,17 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from flexstage.characteristic import measured_value
-from flexstage.errors import FlexstageError
-from flexstage.quantities import beside, display, number
+from flexstage.base.errors import FlexstageError
+from flexstage.quantities.characteristic import measured_value
+from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.section import Content, Picture, Pictures
+from flexstage.quantities.table import Column, Table, table
 from flexstage.report.figures.centring import draw_polar
 from flexstage.report.figures.fields import draw_convergence, draw_fe_modes
 from flexstage.report.figures.hinges import draw_neck_stress, neck_sampler
 from flexstage.report.figures.tracking import draw_compensation
 from flexstage.report.page import fragment
 from flexstage.report.tables import full_stroke_words, published_loop
-from flexstage.section import Content, Picture, Pictures
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import CREEP, POSITION_NOISE
 from flexstage.studies.measurement import MeasurementComparison
@@ -30,7 +31,6 @@ from flexstage.studies.virtual_experiments import (
     SCALE_RADIUS,
     CentringTrial,
 )
-from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.loops import Tracking

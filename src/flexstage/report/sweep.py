@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.explore.sampling import SobolIndices
-from flexstage.explore.sweep import Sweep
-from flexstage.lazy import require_extra
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.lazy import require_extra
+from flexstage.base.version import __version__
+from flexstage.quantities.section import Definitions, Picture, Section
+from flexstage.quantities.table import Table, table
 from flexstage.report.figures.style import CYCLE, INK, PAPER
 from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.page import page_html
 from flexstage.report.tables import LUMPED_NOTE, value_text
-from flexstage.section import Definitions, Picture, Section
-from flexstage.table import Table, table
-from flexstage.version import __version__
+from flexstage.studies.explore.sampling import SobolIndices
+from flexstage.studies.explore.sweep import Sweep
 
 if TYPE_CHECKING:
     from markupsafe import Markup

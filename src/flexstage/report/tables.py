@@ -5,16 +5,16 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
-from flexstage.characteristic import Characteristic, measured_value
-from flexstage.comparison import Comparison, ComparisonRow, shared_rows
 from flexstage.hinges import Profile
-from flexstage.quantities import Quantity, display, number
-from flexstage.section import Content, Picture
+from flexstage.quantities.characteristic import Characteristic, measured_value
+from flexstage.quantities.comparison import Comparison, ComparisonRow, shared_rows
+from flexstage.quantities.quantity import Quantity, display, number
+from flexstage.quantities.section import Content, Picture
+from flexstage.quantities.table import Cell, Column, Table, table
+from flexstage.quantities.units import DIMENSIONS, readable_text
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis
 from flexstage.system.coupled_axes import CoupledAxes
-from flexstage.table import Cell, Column, Table, table
-from flexstage.units import DIMENSIONS, readable_text
 
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import HingeSpring

@@ -3,17 +3,17 @@
 import math
 from collections.abc import Iterator
 
-from flexstage.explore.deviations import KINDS, LABELS, scatter_dimensions
-from flexstage.explore.figures import Figure
-from flexstage.explore.spread import Spread, Yield, samples_for
-from flexstage.explore.tolerance import VALIDITY, ToleranceChoice, ToleranceStudy
-from flexstage.explore.tolerance_choice import COARSEST, FINEST
-from flexstage.quantities import number
+from flexstage.base.version import __version__
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Bullets, Picture, Section
+from flexstage.quantities.table import Table, table
 from flexstage.report.page import page_html
 from flexstage.report.tables import value_text
-from flexstage.section import Bullets, Picture, Section
-from flexstage.table import Table, table
-from flexstage.version import __version__
+from flexstage.studies.explore.deviations import KINDS, LABELS, scatter_dimensions
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.spread import Spread, Yield, samples_for
+from flexstage.studies.explore.tolerance import VALIDITY, ToleranceChoice, ToleranceStudy
+from flexstage.studies.explore.tolerance_choice import COARSEST, FINEST
 from flexstage.virtual.imperfections import Scatter
 
 _LEAST = 0.01  # share of the variance that is told [1]

@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from flexstage.quantities import number
-from flexstage.section import Bullets, Content
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Bullets, Content
+from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.studies.motion_errors import Mounting
 from flexstage.studies.traditional import (
     LOADS,
@@ -16,7 +17,6 @@ from flexstage.studies.traditional import (
     drift_verdict,
     verdict,
 )
-from flexstage.table import Cell, Column, Table, table
 
 if TYPE_CHECKING:
     from flexstage.studies.motion_errors import AxisErrors

@@ -7,7 +7,7 @@ such parts have, and no one's measurement.
 
 from typing import TYPE_CHECKING
 
-from flexstage.characteristic import measured_value
+from flexstage.quantities.characteristic import measured_value
 
 if TYPE_CHECKING:
     from flexstage.stage.model import Stage

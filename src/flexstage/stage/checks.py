@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
+from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.stage.issue import Issue, millimetres
@@ -46,7 +46,7 @@ def check(stage: Stage) -> tuple[Issue, ...]:
 
     Examples
     --------
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> from flexstage.stage import Body, Loop
     >>> plate = Loop(((0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.0, 0.02)))
     >>> stage = Stage(name="plate", thickness=0.01, material=material("Al 7075-T6"),

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.hinges.profile import Vertex
 from flexstage.stage.curve import beside_line
 from flexstage.stage.hinge_attachment import TOLERANCE, root_line
@@ -132,7 +132,7 @@ def body_contour(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = design("parallelogram")
     >>> outline, _ = body_contour(stage, stage.body("left-leg"))
     >>> round(outline.integrals().area * 1e6, 3)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from flexstage.choose import did_you_mean, unknown
-from flexstage.errors import StageError
+from flexstage.base.choose import did_you_mean, unknown
+from flexstage.base.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.encoder import Encoder
 from flexstage.files.format import check_name, dimension_of, field_types
@@ -16,11 +16,11 @@ from flexstage.files.nodes import Mapping as MappingNode
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.ranges import Range, require_ranges
 from flexstage.hinges import Profile
+from flexstage.quantities.units import Angle
 from flexstage.stage.drive import Drive
 from flexstage.stage.model import Body, Hinge, Probe, Stage
 from flexstage.stage.outline import Loop, Point
 from flexstage.stage.transform import PlaneMotion, moved
-from flexstage.units import Angle
 
 #: What can be copied: the groups of a stage.
 GROUPS = ("bodies", "hinges", "drives", "probes")

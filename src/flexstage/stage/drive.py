@@ -3,10 +3,10 @@
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.files.ranges import POSITIVE, Size, require_ranges
+from flexstage.quantities.units import DIMENSIONS, Stiffness
 from flexstage.stage.outline import Point
-from flexstage.units import DIMENSIONS, Stiffness
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

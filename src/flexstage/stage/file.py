@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flexstage.errors import FlexstageError, StageError
+from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder, same
 from flexstage.files.format import Form, Format, check_name, field_types
@@ -27,6 +27,7 @@ from flexstage.files.write import write_whole
 from flexstage.files.yaml_text import Number, yaml_text
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import PROFILES
+from flexstage.quantities.units import DIMENSIONS
 from flexstage.stage.copies import (
     COPIES,
     read_with_copies,
@@ -38,7 +39,6 @@ from flexstage.stage.drive import DRIVES, Drive
 from flexstage.stage.model import Stage
 from flexstage.stage.outline import LARGEST, SMALLEST, Circle, Loop
 from flexstage.stage.transform import PlaneMotion
-from flexstage.units import DIMENSIONS
 
 #: The schema that is shipped with the package.
 SCHEMA_PATH = Path(__file__).with_name("stage.schema.json")
@@ -271,7 +271,7 @@ def read_stage(
         The file.
     designs : callable, optional
         Builds a stage from the name of a design and its parameters, such as
-        ``flexstage.designs.build``; without it a file with ``design:`` is refused.
+        ``flexstage.stage.designs.build``; without it a file with ``design:`` is refused.
     set : mapping, optional
         Parameters of its design by name, with dots for those of a group, and values as the file
         has them; they stand in place of those in the file.

@@ -4,7 +4,7 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Loop
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.stage.drive import PiezoStack, Screw
 from flexstage.stage.model import Stage
 
@@ -58,7 +58,7 @@ def stage_limits(stage: Stage, axis: str) -> AxisLimits:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage_limits(design("vgtu-piezo"), "x").voltage
     (0.0, 120.0)
     """

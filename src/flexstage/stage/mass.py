@@ -46,7 +46,7 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
 
     Examples
     --------
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> from flexstage.stage import Body
     >>> plate = Loop(((0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.0, 0.02)))
     >>> stage = Stage(name="plate", thickness=0.01, material=material("Al 7075-T6"),
@@ -81,7 +81,7 @@ def outer_size(stage: Stage) -> tuple[float, float, float]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> [round(1e3 * v, 3) for v in outer_size(design("parallelogram"))]
     [68.5, 61.0, 8.0]
     """

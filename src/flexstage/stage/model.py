@@ -5,16 +5,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, TypeVar
 
-from flexstage.characteristic import Characteristic
-from flexstage.choose import did_you_mean
-from flexstage.errors import FlexstageError, StageError
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import FlexstageError, StageError
+from flexstage.base.short_repr import short_repr
 from flexstage.files.ranges import NOT_NEGATIVE, Size, require_ranges
 from flexstage.hinges import Profile
-from flexstage.material import Material
-from flexstage.short_repr import short_repr
+from flexstage.quantities.characteristic import Characteristic
+from flexstage.quantities.material import Material
+from flexstage.quantities.units import DIMENSIONS, Angle, Length
 from flexstage.stage.drive import Drive
 from flexstage.stage.outline import Circle, Loop, Point
-from flexstage.units import DIMENSIONS, Angle, Length
 
 _T = TypeVar("_T", "Body", "Hinge", "Drive", "Probe", "Axis")
 

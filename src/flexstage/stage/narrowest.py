@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Integers
-from flexstage.errors import StageError
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import StageError
 from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.model import Body, Stage
 from flexstage.stage.outline import Circle
@@ -240,7 +240,7 @@ def narrowest_slot(stage: Stage) -> float:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> round(1e3 * narrowest_slot(design("vgtu-piezo")), 3)
     1.0
     """
@@ -284,7 +284,7 @@ def thinnest_wall(stage: Stage, body: str | None = None) -> float:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> round(1e3 * thinnest_wall(design("vgtu-piezo")), 3)
     2.4
     """

@@ -8,8 +8,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import StageError
-from flexstage.units import DIMENSIONS
+from flexstage.base.errors import StageError
+from flexstage.quantities.units import DIMENSIONS
 
 Point = Annotated[tuple[float, float], DIMENSIONS["length"]]
 

@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.comparison import Comparison, compare
+    from flexstage.quantities.comparison import Comparison, compare
     from flexstage.studies.compensation import virtual_experiment
     from flexstage.studies.measurement import MeasurementComparison, compare_measurement
     from flexstage.studies.models import MODELS, ModelRun, analyse_model, run_model

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
+from flexstage.base import progress
+from flexstage.base.arrays import Array
 from flexstage.files.plain import picked
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.excitations.design import excitation
@@ -140,7 +140,7 @@ def virtual_experiment(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> made = virtual_experiment(stage, lumped_system(stage), "x")

@@ -4,16 +4,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from flexstage.characteristic import Characteristic, Characteristics, MeasuredCharacteristic
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.experiments.campaign.results import Difference, difference, figure_data
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
-from flexstage.quantities import display
+from flexstage.quantities.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+)
+from flexstage.quantities.quantity import display
+from flexstage.quantities.units import readable
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import assumed_figures
 from flexstage.system import analyse_axis
-from flexstage.units import readable
 
 if TYPE_CHECKING:
     from flexstage.experiments.campaign.results import Characterisation
@@ -97,7 +101,7 @@ def compare_measurement(
     Nothing is compared where there is no stage; a model that cannot be made is left out, with the
     reason.
     """
-    from flexstage.errors import ConvergenceError, ModelError, StageError
+    from flexstage.base.errors import ConvergenceError, ModelError, StageError
     from flexstage.studies.models import analyse_model, known_model
 
     if stage is None:

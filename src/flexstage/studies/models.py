@@ -5,15 +5,15 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
-from flexstage import progress
-from flexstage.characteristic import Characteristics
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base import progress
+from flexstage.base.errors import FlexstageError, ModelError
+from flexstage.base.lazy import data_frame
+from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hinges.compliance import require_sizes
-from flexstage.lazy import data_frame
 from flexstage.lumped import lumped_system
-from flexstage.short_repr import short_repr
+from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
 from flexstage.stage.hinge_attachment import root_widths
 from flexstage.stage.mass import mass_properties

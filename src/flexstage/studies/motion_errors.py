@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.lumped import lumped_system, stroke_path
 from flexstage.lumped.large_displacement import StrokePath
-from flexstage.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, static_displacements
 from flexstage.virtual.imperfections import Scatter

@@ -9,7 +9,7 @@ from flexstage.hinges.requests import Plane
 from flexstage.system.requests import ModelName, ModelNames
 
 if TYPE_CHECKING:
-    from flexstage.cache.cache import Cache
+    from flexstage.files.cache.cache import Cache
     from flexstage.stage import Stage
 else:  # a command reads texts; their classes need NumPy
     Cache = Stage = object

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from flexstage.characteristic import Characteristic
 from flexstage.files.plain import json_text, picked, plain
+from flexstage.quantities.characteristic import Characteristic
 from flexstage.system import Analysis, Modes, load_readings
 from flexstage.system.coupled_axes import CoupledAxes
 

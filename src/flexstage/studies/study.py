@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.cache.cache import Cache, open_cache
-from flexstage.cache.memory import Memory
-from flexstage.characteristic import Characteristic, Characteristics
-from flexstage.comparison import Comparison, compare
-from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
-from flexstage.errors import ConvergenceError, ModelError, StageError
+from flexstage.base import progress
+from flexstage.base.errors import ConvergenceError, ModelError, StageError
+from flexstage.base.short_repr import short_repr
+from flexstage.files.cache.cache import Cache, open_cache
+from flexstage.files.cache.memory import Memory
 from flexstage.files.plain import picked
 from flexstage.files.request import request_of
 from flexstage.files.result import Result
 from flexstage.lumped import hinge_springs, mechanism, stroke_path
 from flexstage.lumped.assemble import HingeSpring
 from flexstage.lumped.large_displacement import StrokePath
-from flexstage.quantities import QUANTITIES
-from flexstage.short_repr import short_repr
+from flexstage.quantities.characteristic import Characteristic, Characteristics
+from flexstage.quantities.comparison import Comparison, compare
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
+from flexstage.stage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.studies.models import MODELS, ModelRun, run_model
 from flexstage.studies.requests import ModelOptions, Plane, StudyRequest
 from flexstage.studies.results import analysis_results, characteristic_row
@@ -240,7 +240,7 @@ def run_study(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> study = run_study(design("vgtu-piezo"), model="lumped")
     >>> row = next(r for r in study.comparison.rows if r.quantity == "natural_frequency_hz")
     >>> print(f"{row.axis}: {row.value('published-analytic'):.0f} Hz")

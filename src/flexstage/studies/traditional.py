@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.characteristic import measured_value
-from flexstage.choose import listed
-from flexstage.designs.vgtu import MOTION_ERROR_CLAIMS
-from flexstage.errors import ModelError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.choose import listed
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
-from flexstage.short_repr import short_repr
+from flexstage.quantities.characteristic import measured_value
 from flexstage.stage import Stage, mass_properties
+from flexstage.stage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.stage.mass import outer_size
 from flexstage.studies.motion_errors import SAMPLES, AxisErrors, GuidedAxis, axis_errors
 from flexstage.studies.traditional_stages import (

@@ -4,20 +4,20 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from flexstage.designs.nested_xy import NestedXYParameters
-from flexstage.designs.nested_xy_axis import AxisParameters
-from flexstage.designs.pieces import Leg
-from flexstage.designs.registry import PARAMETER_SETS
-from flexstage.designs.two_guides import (
+from flexstage.base.errors import ModelError
+from flexstage.hinges import RightCircular
+from flexstage.stage import Stage
+from flexstage.stage.designs.nested_xy import NestedXYParameters
+from flexstage.stage.designs.nested_xy_axis import AxisParameters
+from flexstage.stage.designs.pieces import Leg
+from flexstage.stage.designs.registry import PARAMETER_SETS
+from flexstage.stage.designs.two_guides import (
     SideBySideXYParameters,
     SingleAxisParameters,
     StackedXYParameters,
     plates,
     side_by_side_xy,
 )
-from flexstage.errors import ModelError
-from flexstage.hinges import RightCircular
-from flexstage.stage import Stage
 from flexstage.stage.drive import AnyActuator, ScrewActuator, StackActuator
 from flexstage.studies.motion_errors import GuidedAxis, Mounting
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.cache.memory import Memory
-from flexstage.characteristic import Characteristics
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import FlexstageError, ModelError
+from flexstage.files.cache.memory import Memory
 from flexstage.files.plain import picked
+from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import PiezoStack, Stage
 from flexstage.studies.measurement import MeasurementComparison, compare_with_references
 from flexstage.system import MechanicalSystem

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from flexstage.characteristic import Characteristics
-from flexstage.provenance import Provenance, provenance
-from flexstage.short_repr import short_repr
+from flexstage.base.provenance import Provenance, provenance
+from flexstage.base.short_repr import short_repr
+from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
 from flexstage.system.characteristics import MODES_SEARCHED, axis_states, every_characteristic
 from flexstage.system.coupled_axes import CoupledAxes

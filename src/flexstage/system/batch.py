@@ -8,8 +8,8 @@ library that follows the Python array API standard; numbers stay in that library
 from dataclasses import dataclass, fields
 from typing import Any
 
-from flexstage.arrays import Array
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.forward_mode import array_namespace
 from flexstage.system.mechanical import MechanicalSystem

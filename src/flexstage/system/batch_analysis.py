@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import ModelError
 from flexstage.system.batch import SystemBatch, namespace_of, samples_last
 from flexstage.system.batch_figures import Decisions, StageFigures, decisions
 from flexstage.system.batch_modes import DrivenReading, Form, applied, axis_modes, total
@@ -61,7 +61,7 @@ def batch_characteristics(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import assemble_batch, stage_arrays
     >>> batch = assemble_batch(stage_arrays([design("vgtu-piezo")]))
     >>> found = batch_characteristics(batch, [("natural_frequency_hz", "x")])

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import WHOLE_STAGE
+from flexstage.base.arrays import Array
+from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
 from flexstage.system.batch_modes import start_shapes
 from flexstage.system.characteristics import axis_states

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
 from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED

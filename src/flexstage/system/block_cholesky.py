@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 
 # How far forces of about 1 move coordinates of a stage that is no mechanism, at most, where K
 # has a unit diagonal. Rounding leaves 1e-16 of stiffness in a mechanism, and 3e15 or more comes out

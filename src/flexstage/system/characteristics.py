@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import WHOLE_STAGE, Characteristic
-from flexstage.errors import ModelError
-from flexstage.material import Material
-from flexstage.quantities import QUANTITIES, number
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.quantities.material import Material
+from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.stage import PiezoStack, Stage, mass_properties
 from flexstage.stage.mass import outer_size
 from flexstage.system.coupled_axes import MOST_DRIVES, CoupledAxes, coupled_axes
@@ -404,7 +404,7 @@ def pulsating_limit(material: Material) -> float | None:
 
     Examples
     --------
-    >>> from flexstage.material import material
+    >>> from flexstage.quantities.material import material
     >>> print(f"{pulsating_limit(material('Al 7075-T6')) / 1e6:.0f} MPa")
     242 MPa
     """

@@ -7,9 +7,9 @@ from itertools import combinations, product
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.stage import Stage
 from flexstage.system.mechanical import AxisPort, DrivePort, MechanicalSystem
 from flexstage.system.statics import static_displacements
@@ -468,7 +468,7 @@ def characteristic_length(stage: Stage, drives: Sequence[str], probe: str) -> fl
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> print(f"{characteristic_length(design('parallelogram'), ['x'], 'x'):.4f} m")
     0.0262 m
     """
@@ -509,7 +509,7 @@ def coupled_axes(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> found = coupled_axes(stage, lumped_system(stage))

@@ -32,8 +32,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.system.batch import SystemBatch, samples_last
 from flexstage.system.batch_analysis import FieldSource, require_known
 from flexstage.system.batch_figures import StageFigures, decisions
@@ -82,7 +82,7 @@ def characteristic_derivatives(
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import parameter_tangents, system_tangents
     >>> stage = design("parallelogram")
     >>> modulus = stage.material.youngs_modulus

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from flexstage.material import Material
+from flexstage.quantities.material import Material
 from flexstage.system.forward_mode import largest, magnitude
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.statics import AxisAnalysis

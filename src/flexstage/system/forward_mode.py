@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.lazy import require_extra
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.lazy import require_extra
 
 # values that differ by less than this of them are one, but for rounding
 _ALIKE = 1e-9

@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.stage.assumptions import DAMPING_RATIO
 from flexstage.stage.model import only_drive
 from flexstage.system.stress_map import StressMap

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, eigh, null_space
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.system.mechanical import DriveCondition, MechanicalSystem
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.lazy import require_extra
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.lazy import require_extra
+from flexstage.base.short_repr import short_repr
 from flexstage.system.mechanical import DriveCondition, DrivePort, MechanicalSystem
 from flexstage.system.modes import Modes, modes
 from flexstage.system.statics import imposed_shape

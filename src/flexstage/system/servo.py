@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

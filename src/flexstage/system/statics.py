@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_lapack_funcs
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.short_repr import short_repr
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.stage.model import only_drive
 from flexstage.system.mechanical import (
     AxisPort,

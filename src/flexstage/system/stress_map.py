@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 
 _IN_PLANE = (0, 1, 2, 5)  # xx, yy, zz, xy
 

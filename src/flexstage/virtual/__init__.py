@@ -6,7 +6,7 @@ whole measurements at rest, many stages in a second. None of it is a measurement
 
 from typing import TYPE_CHECKING
 
-from flexstage.lazy import import_on_use
+from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.virtual.as_built import AsBuilt, as_built

@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.characteristic import Characteristics, measured_value
-from flexstage.choose import has_no
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.loops import loop_width
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.lumped import hinge_springs
 from flexstage.lumped.assemble import hinge_matrix, layout_of
 from flexstage.measure.updating import UpdateParameter, update_stage
+from flexstage.quantities.characteristic import Characteristics, measured_value
+from flexstage.quantities.estimate import Component, Estimate
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import (
     DIRECTION_SPREAD,
@@ -149,7 +149,7 @@ def as_built(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> made = as_built(design("vgtu-piezo"), seed=1)
     >>> print(f"{made.axis('x').stroke * 1e6:.2f} um")
     63.12 um
@@ -303,7 +303,7 @@ def platform_stroke(stage: Stage, axis: str) -> float | None:
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = design("vgtu-piezo")
     >>> for known in (stage, replace(stage, published=())):
     ...     print(f"{1e6 * platform_stroke(known, 'x'):.2f} um")

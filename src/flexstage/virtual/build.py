@@ -8,8 +8,8 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.build_model import assembled_model
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import LogCreep
@@ -105,7 +105,7 @@ def virtual_stage(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> made = virtual_stage(design("vgtu-piezo"), model="lumped", seed=1, quiet=True)
     >>> ramp = np.linspace(0.0, 120.0, 5000)
     >>> moved = made.run(np.array([ramp, 0.0 * ramp]), (False, False))

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import measured_value
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.build_model import dynamic_model
 from flexstage.hysteresis.chain.creep import LogCreep
 from flexstage.hysteresis.chain.sensor import Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.loops import loop_width
+from flexstage.quantities.characteristic import measured_value
 from flexstage.records import Channel, Record
 from flexstage.stage import PiezoStack, Stage
 from flexstage.stage.assumptions import (
@@ -84,7 +84,7 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> made = driven_axis(stage, lumped_system(stage), "x")

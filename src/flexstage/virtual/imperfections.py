@@ -9,14 +9,14 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.lumped import hinge_springs, lumped_system
 from flexstage.lumped.assemble import hinge_matrix, layout_of
+from flexstage.quantities.units import DIMENSIONS, Angle, Length
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
-from flexstage.units import DIMENSIONS, Angle, Length
 
 #: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
 #: the axis, about the sideways direction and about the normal of the plane.
@@ -126,8 +126,8 @@ class Scatter:
     """How far a process misses what it was told.
 
     `manufactured`, `displacements` and `flexstage.virtual.scattered_motion` draw necks, positions,
-    modulus, lean and drive; `flexstage.explore.tolerance` draws all but the lean, which does
-    nothing in the plane.
+    modulus, lean and drive; `flexstage.studies.explore.tolerance` draws all but the lean, which
+    does nothing in the plane.
 
     Notes
     -----
@@ -175,7 +175,7 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = design("vgtu-piezo")
     >>> made = manufactured(stage, Scatter(), seed=3)
     >>> off = made.hinges[0].profile.neck_thickness - stage.hinges[0].profile.neck_thickness
@@ -218,7 +218,7 @@ def displaced_system(stage: Stage, moved: Mapping[str, tuple[float, float]]) -> 
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.system import modes
     >>> stage = design("vgtu-piezo")
     >>> off = displaced_system(stage, {"xlko-u": (0.0, 50e-6)})

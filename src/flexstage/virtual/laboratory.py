@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
 from flexstage.records import Channel, Record
 from flexstage.system import modes
 from flexstage.virtual.as_built import AsBuilt, AsBuiltAxis
@@ -102,7 +102,7 @@ def motion_record(built: AsBuilt, laboratory: Laboratory, axis: str, *, seed: in
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.as_built import as_built
     >>> built = as_built(design("vgtu-piezo"), seed=1)
     >>> record = motion_record(built, Laboratory(), "x")

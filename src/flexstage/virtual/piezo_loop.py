@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.chain.modal import UnitStep, unit_step

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.modal import unit_step
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 from flexstage.stage import Stage

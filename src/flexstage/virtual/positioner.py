@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.centring.move import Positioner, PositionerAxis
-from flexstage.errors import ModelError
 from flexstage.stage import PiezoStack, Screw, Stage
 from flexstage.stage.assumptions import CONVERTER_BITS, POSITION_NOISE, SETTLING, VOLTAGE_RANGE
 from flexstage.virtual.as_built import loop_share, platform_stroke
@@ -192,7 +192,7 @@ class VirtualPositioner(Positioner):
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> stage = VirtualPositioner(design("vgtu-piezo"), mounting=TableMounting(angle=0.4))
     >>> low, high = stage.limits[0]
     >>> print(f"{1e6 * (high - low):.2f} um")

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hinges import compliance
 from flexstage.hinges.compliance import out_of_plane_compliance
 from flexstage.hinges.registry import with_neck_thickness
@@ -99,7 +99,7 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> rates = motion_rates(design("parallelogram"))["x"]
     >>> print(f"{rates[0, 5] * 200e-6 * 1e6:.2f} urad over 200 um")
     -3.19 urad over 200 um

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
-from flexstage.sensor import SensorSpecification
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.stage.assumptions import (
     ANGLE_NOISE,
     EDDY_CURRENT_NOISE,

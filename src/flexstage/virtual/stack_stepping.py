@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.creep import Creep
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled

@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.records import Channel, Record
 from flexstage.stage import Stage
 from flexstage.stage.limits import AxisLimits

@@ -8,7 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.centring.calibration import (
     ScaleReadings,
     against_reference,
@@ -18,7 +19,6 @@ from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
 from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
 from flexstage.centring.turns import whole_orders
-from flexstage.errors import ModelError, RecordError
 from flexstage.records import Channel, Record
 from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
 from flexstage.virtual.imperfections import require_size
@@ -295,7 +295,7 @@ class VirtualBench:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual import VirtualPositioner
     >>> stage = VirtualPositioner(design("vgtu-mechanical"))
     >>> table = VirtualTable(radius=50e-3, eccentricity=(30e-6, 40e-6), noise=5e-6)

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from flexstage.files.names import file_name
 from flexstage.files.write import write_whole
+from flexstage.quantities.table import Table
 from flexstage.report.page import table_html
-from flexstage.table import Table
 from flexstage.web.page import Page, div, in_page_words, remark
 from flexstage.web.pictures import chart_figure
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
-from flexstage.errors import FlexstageError, WorkerError
-from flexstage.progress import listen
+from flexstage.base.errors import FlexstageError, WorkerError
+from flexstage.base.progress import listen
 
 _LOG = logging.getLogger("flexstage.web")
 
@@ -102,8 +102,8 @@ class Jobs:
         """Have a function called in a process of its own.
 
         It is found by its module and name, and what it is given and returns is sent: no closures.
-        Its `flexstage.progress` is the job's, and so is what it hands over; to cancel it ends the
-        process.
+        Its `flexstage.base.progress` is the job's, and so is what it hands over; to cancel it ends
+        the process.
         """
         job = self._new(name, owner)
         self._thread(job, lambda: self._in_process(job, function, arguments))

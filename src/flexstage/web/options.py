@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.ranges import Written
 from flexstage.files.request import Request, request_fields
 from flexstage.instruments.requests import Address
@@ -89,7 +89,7 @@ class PanelOptions(ServeRequest):
     >>> PanelOptions(folder=Path("panel"), address=("0.0.0.0", 8321))
     Traceback (most recent call last):
     ...
-    flexstage.errors.ModelError: others reach the front panel at 0.0.0.0: give it a password ...
+    flexstage.base.errors.ModelError: others reach the front panel at 0.0.0.0: give it a ...
     """
 
     password: str | None = None

@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import Client, background_tasks, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.report.page import typeset
 from flexstage.web.gate import SESSION
 from flexstage.web.jobs import BackgroundJob, Jobs

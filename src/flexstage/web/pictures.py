@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.report.figures.style import CYCLE, inline_svg
 
 if TYPE_CHECKING:

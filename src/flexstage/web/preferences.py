@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
-from flexstage.quantities import Quantity, display
+from flexstage.quantities.quantity import Quantity, display
 
 AUTOMATIC = "auto"
 #: Units of lengths and angles that can be chosen, and what an SI value is multiplied by.

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from flexstage import progress
+from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
 
@@ -118,7 +118,7 @@ def write_report(
 
     For a process of its own.
     """
-    from flexstage.cache import Memory, open_cache
+    from flexstage.files.cache import Memory, open_cache
     from flexstage.report.study import study_files
     from flexstage.studies import run_study
 

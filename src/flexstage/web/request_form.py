@@ -6,11 +6,11 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.ranges import Range
 from flexstage.files.request import Request, RequestField, request_fields
 from flexstage.files.schema import field_texts
-from flexstage.units import parse
+from flexstage.quantities.units import parse
 from flexstage.web.page import Page, in_page_words
 
 

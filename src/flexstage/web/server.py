@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from flexstage.errors import ModelError, NotConnectedError
+from flexstage.base.errors import ModelError, NotConnectedError
+from flexstage.base.lazy import require_extra
 from flexstage.instruments.requests import write_address
-from flexstage.lazy import require_extra
 from flexstage.web.options import PanelOptions
 
 _LONGEST_MESSAGE = 8 * 2**20  # of a browser to the server in one piece [byte]

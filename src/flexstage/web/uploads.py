@@ -10,7 +10,7 @@ from typing import Any
 from nicegui import app, events, ui
 from starlette.routing import Route
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.write import write_whole
 from flexstage.web.page import Page, complain
 

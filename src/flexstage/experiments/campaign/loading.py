@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.experiments.campaign.plan import KINDS, Columns, Test
+from flexstage.quantities.units import DIMENSIONS
 from flexstage.records import Channel, Record, read_record, saturation
 from flexstage.records.quality import require_live, require_unclipped
-from flexstage.units import DIMENSIONS
 
 #: Units that a role may have; a role that is not named here may have any.
 _UNITS: dict[str, tuple[str, ...]] = {

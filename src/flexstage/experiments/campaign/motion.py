@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import MeasuredCharacteristic
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.experiments.campaign.loading import column, only, optional_column, sphere_columns
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
@@ -19,10 +17,12 @@ from flexstage.measure.motion.reach import stroke, workspace
 from flexstage.measure.motion.rigid_body import rigid_motion, travel_frame
 from flexstage.measure.noise.staircase import screw_resolution
 from flexstage.measure.uncertainty.sensor import Role, measured
-from flexstage.quantities import QUANTITIES
+from flexstage.quantities.characteristic import MeasuredCharacteristic
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.quantity import QUANTITIES
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Record
 from flexstage.records.quality import require_live
-from flexstage.sensor import SensorSpecification
 
 _ROTATIONS = {"roll": "roll", "pitch": "pitch", "yaw": "parasitic_rotation"}
 _REVERSED = "the reading falls as the command rises: the stroke is given as a length"

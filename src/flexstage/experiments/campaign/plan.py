@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from flexstage.errors import ModelError, StageError
+from flexstage.base.errors import ModelError, StageError
 from flexstage.experiments.campaign.requests import (
     CharacteriseRequest,
     Columns,
@@ -20,7 +20,7 @@ from flexstage.files.encoder import Encoder
 from flexstage.files.format import Format
 from flexstage.files.nodes import Mapping, Scalar
 from flexstage.files.ranges import require_ranges
-from flexstage.sensor import SensorSpecification
+from flexstage.quantities.sensor import SensorSpecification
 
 _MOTIONS = ("along", "across", "vertical", "roll", "pitch", "yaw")
 _COMMANDED = {"command": "command"}

@@ -5,9 +5,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.experiments.campaign.loading import column, only, runs_of
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
@@ -16,9 +15,10 @@ from flexstage.measure.motion.positioning import Positioning, positioning
 from flexstage.measure.noise.hold import allan_deviation, hold_noise
 from flexstage.measure.noise.staircase import levels_of_command, staircase
 from flexstage.measure.uncertainty.sensor import measured
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.sensor import SensorSpecification
 from flexstage.records import Record
 from flexstage.records.sampling import require_uniform
-from flexstage.sensor import SensorSpecification
 
 #: Figures that stand in the table of a stage: quantity, field of `Positioning`, what it is.
 _FIGURES: tuple[tuple[str, str, str], ...] = (

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated, ClassVar, Literal
 
-from flexstage.choose import did_you_mean
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.files.ranges import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -15,8 +15,8 @@ from flexstage.files.ranges import (
     require_ranges,
 )
 from flexstage.files.request import Request
+from flexstage.quantities.units import DIMENSIONS, Length
 from flexstage.records.read_options import ReadOptions
-from flexstage.units import DIMENSIONS, Length
 
 _BELOW_ONE = Range(low=0.0, high=1.0, below=True)
 _CONFIDENCE = Range(low=0.5, high=1.0, above=True, below=True)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from flexstage.characteristic import MeasuredCharacteristic
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.experiments.campaign.plan import Campaign, Test
 from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.modal.fit import fit_modes
@@ -12,6 +11,7 @@ from flexstage.measure.modal.ring_down import DecayMode, RingDown, ring_down
 from flexstage.measure.spectra.estimate import estimate_response
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.measure.uncertainty.sensor import measured
+from flexstage.quantities.characteristic import MeasuredCharacteristic
 from flexstage.records import Record
 
 

@@ -6,22 +6,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from flexstage import progress
-from flexstage.characteristic import (
-    Characteristic,
-    Characteristics,
-    MeasuredCharacteristic,
-    one_of_each,
-)
-from flexstage.errors import FlexstageError, ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base import progress
+from flexstage.base.errors import FlexstageError, ModelError, RecordError
+from flexstage.base.short_repr import short_repr
 from flexstage.experiments.campaign.loading import load_records
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Test
 from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
+from flexstage.quantities.characteristic import (
+    Characteristic,
+    Characteristics,
+    MeasuredCharacteristic,
+    one_of_each,
+)
+from flexstage.quantities.estimate import Estimate
 from flexstage.records import Record
-from flexstage.short_repr import short_repr
 
 
 def figure_of(
@@ -192,7 +192,7 @@ def evaluate(campaign: Campaign, load: Callable[[Test], list[Record]]) -> Charac
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.as_built import as_built
     >>> from flexstage.experiments.virtual_campaign import virtual_campaign
     >>> made = virtual_campaign(as_built(design("parallelogram"), seed=1), seed=1)

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from flexstage.errors import FlexstageError, ModelError, PlanError, StageError
+from flexstage.base.errors import FlexstageError, ModelError, PlanError, StageError
 from flexstage.experiments.axis_limits import AxisSetting, lowest_frequency
 from flexstage.experiments.command import CommandWaveform, require_size
 from flexstage.experiments.verbs.excite import (
@@ -23,8 +23,8 @@ from flexstage.files.request import require_fields
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.excitations.excitation import Excitation
 from flexstage.hysteresis.requests import ExciteRequest
+from flexstage.quantities.units import Frequency
 from flexstage.stage import PiezoStack, Stage
-from flexstage.units import Frequency
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

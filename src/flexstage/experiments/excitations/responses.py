@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import PlanError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import BASE_RATE_HZ, CommandWaveform, Strike, require_size
 from flexstage.experiments.verb import PlanContext, PlannedStep
@@ -20,7 +20,7 @@ from flexstage.experiments.verbs.excite import (
     require_stack,
 )
 from flexstage.files.ranges import Count, Range, Seed, Share
-from flexstage.units import DIMENSIONS, Time, Voltage
+from flexstage.quantities.units import DIMENSIONS, Time, Voltage
 
 Band = Annotated[tuple[float, float], DIMENSIONS["frequency"]]
 

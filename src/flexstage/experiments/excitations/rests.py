@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import PlanError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting
 from flexstage.experiments.command import CommandWaveform, require_size
 from flexstage.experiments.verbs.excite import (
@@ -23,7 +23,7 @@ from flexstage.experiments.verbs.excite import (
 )
 from flexstage.files.ranges import Range, Share
 from flexstage.instruments.protocol import Waveform
-from flexstage.units import Length, Time, Voltage
+from flexstage.quantities.units import Length, Time, Voltage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import PlanError
 from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.centring.requests import HeadAngles, MountingAngle, ScaleRadius
-from flexstage.choose import has_no
-from flexstage.errors import PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting, estimated_stroke
 from flexstage.experiments.command import prepare_loops
 from flexstage.experiments.verb import (
@@ -31,13 +31,13 @@ from flexstage.files.ranges import Range, Seed, require_ranges
 from flexstage.files.write import write_whole
 from flexstage.instruments.protocol import Capability, Instrument
 from flexstage.instruments.ramp import lead_to
-from flexstage.section import Section
+from flexstage.quantities.section import Section
+from flexstage.quantities.table import table
+from flexstage.quantities.units import DIMENSIONS, Angle, Length
 from flexstage.stage import Stage
-from flexstage.table import table
-from flexstage.units import DIMENSIONS, Angle, Length
 
 if TYPE_CHECKING:
-    from flexstage.section import Content
+    from flexstage.quantities.section import Content
     from flexstage.virtual.table import VirtualTable
 
 

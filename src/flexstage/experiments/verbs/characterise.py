@@ -8,15 +8,15 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from flexstage.characteristic import MeasuredCharacteristic
-from flexstage.errors import PlanError
-from flexstage.estimate import Component
+from flexstage.base.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS, Campaign, Columns, Test
 from flexstage.experiments.campaign.requests import Evaluation
 from flexstage.experiments.campaign.results import Characterisation, TestResult, figure_of
 from flexstage.experiments.command import RESPONSE
 from flexstage.experiments.verb import PlanLookup, ResultLookup, RunContext, StepResult, Verb
 from flexstage.experiments.verbs.measure import Measure, MeasuredStep
+from flexstage.quantities.characteristic import MeasuredCharacteristic
+from flexstage.quantities.estimate import Component
 from flexstage.records import Channel, Record
 
 _SIMULATED = ("the instrument is a simulation: nothing was measured",)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import PlanError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import PlanError
 from flexstage.experiments.axis_limits import axis_setting, estimated_stroke
 from flexstage.experiments.command import CommandWaveform, require_size
 from flexstage.experiments.verb import (
@@ -22,8 +22,8 @@ from flexstage.experiments.verb import (
 from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.files.ranges import Count, Range, Whole, require_ranges
 from flexstage.instruments.protocol import Waveform
+from flexstage.quantities.units import Frequency
 from flexstage.stage.limits import AxisLimits
-from flexstage.units import Frequency
 
 if TYPE_CHECKING:
     from flexstage.control import Trajectory

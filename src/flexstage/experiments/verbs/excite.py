@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import LimitError, PlanError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import LimitError, PlanError
 from flexstage.experiments.axis_limits import AxisSetting, axis_setting
 from flexstage.experiments.command import BASE_RATE_HZ, Command, CommandWaveform, require_size
 from flexstage.experiments.verb import (

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import measured_value
-from flexstage.errors import PlanError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import PlanError
+from flexstage.base.provenance import file_hash, provenance
 from flexstage.experiments.verb import ResultLookup, RunContext, StepResult, Verb
 from flexstage.experiments.verbs.characterise import CharacterisedStep
 from flexstage.experiments.verbs.measure import MeasuredStep
@@ -18,10 +18,10 @@ from flexstage.files.plain import picked
 from flexstage.files.request import require_fields
 from flexstage.files.write import write_whole
 from flexstage.hysteresis.requests import IdentifyRequest
-from flexstage.provenance import file_hash, provenance
-from flexstage.quantities import number
-from flexstage.section import Bullets, Picture, Pictures, Section
-from flexstage.table import Column, table
+from flexstage.quantities.characteristic import measured_value
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Bullets, Picture, Pictures, Section
+from flexstage.quantities.table import Column, table
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import DriveModel

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from flexstage.errors import PlanError
+from flexstage.base.errors import PlanError
 from flexstage.experiments.campaign.plan import KINDS
 from flexstage.experiments.campaign.requests import Evaluation, Roles
 from flexstage.experiments.verb import (
@@ -19,11 +19,11 @@ from flexstage.experiments.verb import (
 )
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range
-from flexstage.quantities import number
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Section
+from flexstage.quantities.table import Column, table
+from flexstage.quantities.units import Frequency
 from flexstage.records import Record, read_record
-from flexstage.section import Section
-from flexstage.table import Column, table
-from flexstage.units import Frequency
 
 _TESTS = tuple(name for name, kind in KINDS.items() if kind.sensors is not None)
 

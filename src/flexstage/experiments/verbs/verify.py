@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import MeasuredCharacteristic, measured_value
-from flexstage.errors import PlanError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import PlanError
 from flexstage.experiments.axis_limits import estimated_stroke
 from flexstage.experiments.verb import (
     PlanContext,
@@ -31,10 +29,12 @@ from flexstage.experiments.verbs.identify import IdentifiedStep
 from flexstage.experiments.verbs.measure import Recording
 from flexstage.files.plain import picked
 from flexstage.files.ranges import Range, require_ranges
-from flexstage.quantities import number
+from flexstage.quantities.characteristic import MeasuredCharacteristic, measured_value
+from flexstage.quantities.estimate import Component, Estimate
+from flexstage.quantities.quantity import number
+from flexstage.quantities.section import Bullets, Picture, Pictures, Section
+from flexstage.quantities.table import Column, Table, table
 from flexstage.records import Record, read_record
-from flexstage.section import Bullets, Picture, Pictures, Section
-from flexstage.table import Column, Table, table
 
 if TYPE_CHECKING:
     from flexstage.hysteresis import Tracking

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.blocks import (
     BodyBlocks,
     DriveSpring,
@@ -199,7 +199,7 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> system = lumped_system(design("vgtu-piezo"))
     >>> chain = axis_chain(system, system.axes[0], pushed_mass=0.0143)

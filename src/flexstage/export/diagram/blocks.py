@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.export.diagram.graph import DiagramBuilder, GroupBuilder
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe

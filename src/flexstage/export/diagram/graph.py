@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.names import free_name
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.system.mechanical import Array

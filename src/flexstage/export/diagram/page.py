@@ -8,7 +8,7 @@ between rows is given by where it turns.
 from dataclasses import dataclass
 from itertools import pairwise
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.graph import BlockGroup, Diagram
 from flexstage.export.diagram.symbols import SMALL, PlacedBlock, Point, block_cell, plain
 from flexstage.export.svg import text_width
@@ -107,7 +107,7 @@ def layout(diagram: Diagram) -> PageLayout:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> found = layout(stage_diagram(design("parallelogram"), axis="x"))
     >>> len(found.frames), len(found.blocks)

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import nnls
 
-from flexstage.arrays import Array
-from flexstage.choose import has_no
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.choose import has_no
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.axis_diagram import axis_blocks, axis_chain
 from flexstage.export.diagram.blocks import (
     DriveSpring,
@@ -80,7 +80,7 @@ def stage_diagram(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> diagram = stage_diagram(design("vgtu-piezo"))
     >>> len(diagram.groups), sum(b.kind == "integrator" for b in diagram.blocks)
     (56, 40)
@@ -242,7 +242,7 @@ def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> drive_springs(lumped_system(design("parallelogram")))["x"].stands_in
     True
@@ -297,7 +297,7 @@ def fitted_damping(system: MechanicalSystem) -> RayleighDamping:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> found = fitted_damping(lumped_system(design("vgtu-piezo")))
     >>> round(found.alpha, 2), round(found.beta * 1e6, 3)

@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.export.diagram.graph import Block, Diagram
 from flexstage.system import StateSpace
 

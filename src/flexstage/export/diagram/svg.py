@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.diagram.graph import Block, Diagram, SignalKind, signal_kinds
 from flexstage.export.diagram.page import Frame, PageLayout, Segment, layout
 from flexstage.export.diagram.stage_diagram import stage_diagram
@@ -23,7 +24,6 @@ from flexstage.files.names import file_names
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.stage import Stage
 from flexstage.system import RayleighDamping
-from flexstage.version import __version__
 
 #: Colour, dashes and name of each kind of line.
 LINES: dict[SignalKind, tuple[str, str | None, str]] = {
@@ -193,7 +193,7 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> diagram_svg(stage_diagram(design("parallelogram"), axis="x"))[:5]
     b'<?xml'
@@ -240,7 +240,7 @@ def diagram_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> list(diagram_files(design("vgtu-mechanical")))
     ['diagram-x.svg', 'diagram-y.svg']
     """

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour
 
@@ -105,7 +105,7 @@ def plate_contours(stage: Stage) -> PlateContours:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> plate = plate_contours(design("parallelogram"))
     >>> len(plate.slots), len(plate.holes), round(plate.area * 1e6, 3)
     (1, 2, 2417.718)

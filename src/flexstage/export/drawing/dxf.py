@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator
 from typing import Any
 
+from flexstage.base.version import __version__
 from flexstage.export.drawing.canvas import millimetres
 from flexstage.export.drawing.contours import Pair, PlateContours, plate_contours
 from flexstage.export.drawing.wire import CUT_ORDER_RULE, Cut, cuts, offset_contours
@@ -12,7 +13,6 @@ from flexstage.export.request import StageExport
 from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
-from flexstage.version import __version__
 
 #: Layers by name: what they hold, colour index, line width in 1/100 mm.
 DXF_LAYERS: dict[str, tuple[str, int, int]] = {
@@ -50,7 +50,7 @@ def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> files = dxf_files(design("parallelogram"), kerf=0.3e-3)
     >>> list(files), b"WIRE_PATH" in files["parallelogram.dxf"]
     (['parallelogram.dxf'], True)

@@ -9,10 +9,10 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 from flexstage.export.drawing.canvas import PAPER, THICK, Canvas, dimension, millimetres
 from flexstage.hinges import Profile
 from flexstage.hinges.profile import CurvedProfile
-from flexstage.quantities import round_below
+from flexstage.quantities.quantity import round_below
+from flexstage.quantities.units import DIMENSIONS
 from flexstage.stage import Hinge, Loop, Stage
 from flexstage.stage.curve import Curve
-from flexstage.units import DIMENSIONS
 
 Pair = tuple[float, float]
 
@@ -71,7 +71,7 @@ def notch_kinds(stage: Stage) -> tuple[NotchKind, ...]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> [(k.letter, len(k.hinges)) for k in notch_kinds(design("vgtu-piezo"))]
     [('A', 8), ('B', 8), ('C', 8), ('D', 8)]
     """

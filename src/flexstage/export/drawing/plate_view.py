@@ -22,7 +22,7 @@ from flexstage.export.drawing.canvas import (
 from flexstage.export.drawing.contours import PlateContours
 from flexstage.export.drawing.notch_details import NotchKind
 from flexstage.export.svg import text_width
-from flexstage.quantities import round_below
+from flexstage.quantities.quantity import round_below
 from flexstage.stage import Circle, Loop, Stage
 
 Pair = tuple[float, float]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from flexstage.base.version import __version__
 from flexstage.export.drawing.canvas import MEDIUM, PAPER, THICK, THIN, Box, Canvas, millimetres
 from flexstage.export.drawing.contours import PlateContours, plate_contours
 from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
@@ -18,7 +19,6 @@ from flexstage.export.drawing.plate_view import (
 from flexstage.export.request import StageExport
 from flexstage.export.svg import number, text_width, wrapped
 from flexstage.stage import Stage
-from flexstage.version import __version__
 
 _COLUMN = 2.0 * CELL[0] + PAPER.gap  # width of the column of details and tables [mm]
 _TITLE_HEIGHT = 5.0 * PAPER.title_row
@@ -66,7 +66,7 @@ def drawing_svg(stage: Stage) -> bytes:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> "4 ×   circular" in drawing_svg(design("parallelogram")).decode()
     True
     """

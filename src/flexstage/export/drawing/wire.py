@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.export.drawing.contours import Contour, Pair, PlateContours, clockwise
 from flexstage.stage import Circle, Loop
 from flexstage.stage.curve import Curve, crossings, distance, point_distance
@@ -47,7 +47,7 @@ def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath,
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.export.drawing.contours import plate_contours
     >>> plate = plate_contours(design("parallelogram"))
     >>> outline, slot = offset_contours(plate, 0.15e-3)

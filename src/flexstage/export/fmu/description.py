@@ -14,7 +14,7 @@ _STEPS_SHOWN = 10000  # of the default experiment: a second of most stages
 
 def tool() -> str:
     """Return the name of this program with its version."""
-    from flexstage.version import __version__
+    from flexstage.base.version import __version__
 
     return f"flexstage {__version__}"
 

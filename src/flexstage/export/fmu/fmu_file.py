@@ -18,7 +18,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.export.fmu.description import MAIN, model_description, tool
 from flexstage.export.fmu.layout import INDICATORS, FmuLayout, FmuVariable, fmu_layout
 from flexstage.export.request import StageExport
@@ -217,7 +217,7 @@ def fmu_files(
     Examples
     --------
     >>> import io, zipfile
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")

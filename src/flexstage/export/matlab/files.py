@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.control_object import linear_part, rest_shape, state_names
 from flexstage.export.request import StageExport
 from flexstage.export.simulink.matlab_text import KEYWORDS, mat_file
@@ -20,7 +21,6 @@ from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, modes
 from flexstage.system.mechanical import DrivePort
 from flexstage.system.statics import imposed_shape
-from flexstage.version import __version__
 
 _TEMPLATES = ("stage_script.m", "stage_step.m")
 _LONGEST = 63 - len("_step")  # of a name in MATLAB
@@ -50,7 +50,7 @@ def matlab_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
     >>> list(matlab_files(stage, lumped_system(stage)))

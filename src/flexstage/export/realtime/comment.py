@@ -7,10 +7,10 @@ import textwrap
 
 import numpy as np
 
+from flexstage.base.version import __version__
 from flexstage.export.source.model_numbers import c_comment, lag_rates
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.model import Array
-from flexstage.version import __version__
 
 #: Roundings of a step over the largest force: six terms of the size of the force in deflection and
 #: in rate, each with the rounding of its factor, its product and three sums.

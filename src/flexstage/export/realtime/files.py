@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.realtime.comment import (
     check_samples,
     command_span,
@@ -21,7 +22,6 @@ from flexstage.export.source.model_numbers import c_array, c_comment, c_number
 from flexstage.export.source.render import render_source
 from flexstage.files.plain import csv_text
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.version import __version__
 
 _LONGEST = 40
 # A weight that is this much smaller than the largest is far below what single precision resolves;
@@ -53,7 +53,7 @@ def realtime_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from flexstage.base.version import __version__
 from flexstage.export.simulink.matlab_text import (
     Variables,
     comment,
@@ -18,7 +19,6 @@ from flexstage.files.names import free_name
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.models.registry import matlab_code
 from flexstage.hysteresis.models.source_code import source_file
-from flexstage.version import __version__
 
 #: How a Gain block multiplies a column of signals by its matrix.
 VECTOR_GAIN = "Matrix(K*u) (u vector)"

@@ -4,7 +4,8 @@ import textwrap
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.diagram.graph import Block, Diagram
 from flexstage.export.diagram.stage_diagram import stage_diagram
 from flexstage.export.diagram.state_space import diagram_state_space
@@ -17,7 +18,6 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.model import Array
-from flexstage.version import __version__
 
 _POINTS = 401
 # Largest command where nobody has said how far a drive goes.
@@ -216,7 +216,7 @@ def simulink_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
     >>> diagram = stage_diagram(design("parallelogram"))
     >>> sorted(simulink_files(diagram, name="parallelogram"))

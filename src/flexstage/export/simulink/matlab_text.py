@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.files.names import free_name
 from flexstage.hysteresis.model import Array
-from flexstage.version import __version__
 
 # What MATLAB takes as a name: longer ones are cut without a word.
 _LONGEST = 63

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from flexstage.base.version import __version__
 from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.export.simulink.system import LIBRARY, Node, System
-from flexstage.version import __version__
 
 _INDENT = "    "
 _WIDTH = 96

@@ -2,12 +2,12 @@
 
 from importlib.resources import files
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.source.model_numbers import form_of, model_data
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.models.registry import hysteresis_code
 from flexstage.hysteresis.models.source_code import HysteresisCode, source_file
-from flexstage.version import __version__
 
 # Every header, each after those that it includes.
 _CORE = ("real.h", "piece.h", "amplifier.h", "sensor.h")
@@ -30,7 +30,7 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("parallelogram")

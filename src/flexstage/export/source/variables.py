@@ -62,7 +62,7 @@ def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.hysteresis import dynamic_model
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.request import StageExport
 from flexstage.export.vtu.body_cells import body_cells
 from flexstage.files.names import file_names
 from flexstage.files.plain import csv_text
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis
-from flexstage.version import __version__
 
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
@@ -222,7 +222,7 @@ def field_files(
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> from flexstage.system import analyse
     >>> stage = design("parallelogram")

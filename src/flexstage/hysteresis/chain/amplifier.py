@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import ChainElement, Complex, positive_step
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.compiled import compiled

@@ -5,8 +5,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Complex
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Complex
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked
 

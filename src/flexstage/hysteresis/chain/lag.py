@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.chain.element import (
     LARGEST_RATE,
     LONGEST,

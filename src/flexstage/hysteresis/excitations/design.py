@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.request import request_of
 from flexstage.hysteresis.excitations.excitation import (
     Excitation,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.model import Array, samples

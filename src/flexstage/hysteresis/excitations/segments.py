@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.excitations.excitation import Movement
 
 #: Rate of the fastest loops where nobody asks for one [Hz], and how many times slower others are.

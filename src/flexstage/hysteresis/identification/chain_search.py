@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.chain_misfit import ChainMisfit
 from flexstage.hysteresis.identification.fit_rows import ChainValues

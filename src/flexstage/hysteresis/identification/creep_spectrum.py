@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.identification.chain_misfit import dictionary, short_data
 from flexstage.hysteresis.identification.fit_rows import ChainValues, Rows, filtered

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.cycles import Cycles
 from flexstage.hysteresis.identification.record_section import RecordSection
+from flexstage.quantities.units import readable
 from flexstage.records import saturation
 from flexstage.records.quality import difference_noise, quantisation_step
-from flexstage.units import readable
 
 #: A spike is this many samples long at most, ...
 _LONGEST_SPIKE = 3

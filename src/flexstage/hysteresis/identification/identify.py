@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
+from flexstage.base.provenance import content_hash, provenance
 from flexstage.files.request import request_of
 from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
 from flexstage.hysteresis.identification.chain_search import FoundChain, find_chain, find_starts
@@ -53,7 +54,6 @@ from flexstage.hysteresis.identification.verdict import remarks, stands_still, v
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.hysteresis.requests import IdentifyRequest
-from flexstage.provenance import content_hash, provenance
 from flexstage.records import Record
 from flexstage.records.drives import train_range
 

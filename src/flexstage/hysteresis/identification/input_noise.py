@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.records.quality import difference_noise
 
 #: Noise that is smaller than this share of the range changes no figure: a command stays as it is.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import least_squares, minimize_scalar
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.measurement import without_history
 from flexstage.hysteresis.identification.projection import orthonormal
 from flexstage.hysteresis.identification.record_section import RecordSection

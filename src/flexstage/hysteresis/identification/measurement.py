@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
+from flexstage.base.short_repr import short_repr
 from flexstage.hysteresis.identification.cycles import (
     cycles,
     early_text,
@@ -25,7 +26,6 @@ from flexstage.hysteresis.identification.input_noise import denoised, smoothed_t
 from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.records import Channel, Record
 from flexstage.records.quality import difference_noise
-from flexstage.short_repr import short_repr
 
 #: A loop narrower than this share of the stroke says nothing about which column leads.
 _NARROW_LOOP = 0.004

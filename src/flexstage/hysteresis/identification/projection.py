@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 
 #: Share of the largest diagonal element that is added to each, so that columns which no sample has
 #: exercised do not make the equations singular; they then get nothing.

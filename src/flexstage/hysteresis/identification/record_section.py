@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.cycles import Cycles
 

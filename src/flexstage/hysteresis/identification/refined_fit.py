@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,

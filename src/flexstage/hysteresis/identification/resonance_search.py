@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.measurement import without_history
 from flexstage.hysteresis.identification.record_section import RecordSection

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.short_repr import short_repr
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, Start, parameter_unit, start_data
@@ -14,7 +15,6 @@ from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.misfit import ParameterEstimate
 from flexstage.hysteresis.identification.model_choice import Candidate
 from flexstage.hysteresis.identification.verdict import Verdict
-from flexstage.short_repr import short_repr
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.prediction import Prediction

@@ -11,7 +11,7 @@ from flexstage.hysteresis.identification.measurement import IdentificationData
 from flexstage.hysteresis.identification.model_choice import FittedModel, PredictionErrors
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.zero_changes import zero_changes
-from flexstage.units import readable
+from flexstage.quantities.units import readable
 
 #: Of the stroke, a fitted model of a piezo drive leaves 0.1 to 2 %, from session to session.
 #: One that leaves more, and ...

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.chain.creep import CreepSpectrum
 from flexstage.hysteresis.drive_model import Start
 from flexstage.hysteresis.identification.faults import RecordFault
@@ -23,7 +23,7 @@ from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.projection import Normal, orthonormal, solve
 from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
-from flexstage.units import readable, readable_unit
+from flexstage.quantities.units import readable, readable_unit
 
 
 @dataclass(frozen=True, slots=True)

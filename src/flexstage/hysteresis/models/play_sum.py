@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.models.play import Indices, fixed, rising

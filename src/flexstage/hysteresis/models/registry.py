@@ -14,10 +14,10 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
+from flexstage.base.lazy import names_for_types
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.source_code import HysteresisCode, MatlabCode
-from flexstage.lazy import names_for_types
 
 if TYPE_CHECKING:
     from flexstage.hysteresis.models.asymmetric_bouc_wen.law import AsymmetricBoucWen

@@ -13,7 +13,7 @@ from sqlalchemy.exc import (
     SQLAlchemyError,
 )
 
-from flexstage.errors import FlexstageError, NotConnectedError, RecordError
+from flexstage.base.errors import FlexstageError, NotConnectedError, RecordError
 from flexstage.files.request import request_fields, request_of
 from flexstage.instruments.catalogue.database import (
     CALIBRATIONS,

@@ -43,7 +43,7 @@ from sqlalchemy.engine import Dialect, Row
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.types import TypeDecorator
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.files.names import user_folder
 from flexstage.instruments.catalogue.entries import (
     CalibrationEntry,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal, get_args
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
 from flexstage.instruments.recording.metadata import RunOrigin
 
 #: Whether a run ended as it should, was read from a broken stream, or is still one.

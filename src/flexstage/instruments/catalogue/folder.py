@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexstage.errors import FlexstageError, RecordError
+from flexstage.base.errors import FlexstageError, RecordError
+from flexstage.base.provenance import file_hash
 from flexstage.instruments.catalogue.catalogue import Catalogue
 from flexstage.instruments.catalogue.entries import RunEntry, RunStatus, StageEntry
 from flexstage.instruments.recording.archive import examine, file_summary
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX
-from flexstage.provenance import file_hash
 
 #: What an entry takes from the description of its run as it is.
 _SHARED = ("plan", "step", "kind", "axis", "operator", "note", "version", "seed")

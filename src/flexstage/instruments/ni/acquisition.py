@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.ni.outputs import NiOutputs
 from flexstage.instruments.ni.recorder import NiRecorder
 from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup

@@ -7,15 +7,15 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from flexstage.errors import ModelError, UnitError
+from flexstage.base.errors import ModelError, UnitError
 from flexstage.instruments.connect import flag, options_of, whole_number
 from flexstage.instruments.ni.acquisition import NiAcquisition
 from flexstage.instruments.ni.daqmx import DaqmxBackend, driver_found
 from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, SensorInput, Terminal
 from flexstage.instruments.ni.simulated import SimulatedBackend
+from flexstage.quantities.units import parse
 from flexstage.stage import Stage
 from flexstage.stage.limits import stage_limits
-from flexstage.units import parse
 
 _OF_CARD = ("rate", "simulated", "seed")
 _OF_SENSOR = ("sensitivity", "offset", "range", "terminal")

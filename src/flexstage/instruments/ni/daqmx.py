@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.lazy import require_extra
 from flexstage.instruments.ni.setup import (
     CardInfo,
     DriveOutput,
@@ -19,7 +20,6 @@ from flexstage.instruments.ni.setup import (
     NiSetup,
     SensorInput,
 )
-from flexstage.lazy import require_extra
 
 #: Numbers of errors by which a card is gone, or was never there.
 GONE = {-200220, -201003, -201401, -89130}

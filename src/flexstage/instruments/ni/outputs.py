@@ -7,8 +7,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, LimitError, ModelError, NotConnectedError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, LimitError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_voltage, check_waveform
 from flexstage.instruments.ni.recorder import NiRecorder
 from flexstage.instruments.ni.setup import DriveOutput, NiBackend, NiSetup, OutputTask

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError, ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError, ModelError
 from flexstage.instruments.ni.setup import CardInfo, InputTask, NiBackend, NiSetup
 from flexstage.instruments.protocol import Recorder, Signal
 from flexstage.records import Channel, Record

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ControllerError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ControllerError
 from flexstage.instruments.ni.setup import (
     CardInfo,
     DriveOutput,

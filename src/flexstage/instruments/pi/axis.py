@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.limits import check_position, check_voltage
 from flexstage.instruments.pi.connection import Connection, ControllerProfile
 from flexstage.instruments.pi.replies import VOLTS, WireUnit

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from flexstage.errors import ControllerError
+from flexstage.base.errors import ControllerError
 from flexstage.instruments.pi.conversation import GcsClient
 from flexstage.instruments.pi.replies import excerpt, number
 from flexstage.instruments.protocol import Identity

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Self
 from urllib.parse import urlsplit
 
-from flexstage.errors import ControllerError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, ModelError, NotConnectedError
 from flexstage.instruments.connect import longest_silence, options_of
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import (

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from flexstage.errors import ControllerError, NotConnectedError
+from flexstage.base.errors import ControllerError, NotConnectedError
 from flexstage.instruments.pi.replies import (
     STOPPED,
     assignments,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flexstage.errors import ControllerError, ModelError
+from flexstage.base.errors import ControllerError, ModelError
 from flexstage.instruments.pi.axis import AxisFacts, tunable
 from flexstage.instruments.pi.connection import Connection
 from flexstage.instruments.pi.recorder import ChannelFacts

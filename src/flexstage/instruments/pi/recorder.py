@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import Connection, describe
 from flexstage.instruments.pi.replies import parse_array

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.errors import ControllerError
+from flexstage.base.errors import ControllerError
 
 _KEY = re.compile(r"#\s*([A-Z_]+[0-9]*)\s*=\s*(.*)")
 # "nan" in the ways in which firmware prints it

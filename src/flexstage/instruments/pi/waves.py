@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.errors import ControllerError, LimitError, ModelError
+from flexstage.base.errors import ControllerError, LimitError, ModelError
 from flexstage.instruments.limits import check_waveform, range_of
 from flexstage.instruments.pi.axis import PiAxis
 from flexstage.instruments.pi.connection import Connection

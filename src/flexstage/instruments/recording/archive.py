@@ -9,8 +9,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.files.write import draft_of
 from flexstage.instruments.recording.metadata import (
     ENDING,

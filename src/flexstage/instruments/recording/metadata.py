@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from flexstage.errors import RecordError
+from flexstage.base.errors import RecordError
+from flexstage.base.version import __version__
 from flexstage.files.decoder import Decoder, read_json
 from flexstage.files.format import Format
 from flexstage.files.nodes import node_of
 from flexstage.instruments.protocol import Identity
 from flexstage.records import Record
-from flexstage.version import __version__
 
 #: What is known of a run, as its files say it.
 RUN_DESCRIPTION = Format(
@@ -77,7 +77,7 @@ class StageRun(RunOrigin):
     stage: str
     """Name of the stage."""
     stage_hash: str = ""
-    """SHA-256 of its description (`flexstage.provenance.content_hash`)."""
+    """SHA-256 of its description (`flexstage.base.provenance.content_hash`)."""
     serial_number: str = ""
     """Serial number of the stage."""
     instrument: Identity

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, cast
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError, UnitError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError, UnitError
 from flexstage.files.decoder import read_json
 from flexstage.files.write import sync_folder
 from flexstage.instruments.recording.metadata import RUN_DESCRIPTION, RunMetadata

@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import (
     END,

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
-from flexstage.estimate import Component
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
 from flexstage.measure.modal.mode_selection import without
 from flexstage.measure.modal.prepare import Prepared
 from flexstage.measure.modal.result import Mode
@@ -19,6 +18,7 @@ from flexstage.measure.modal.variable_projection import (
     minimise,
     project,
 )
+from flexstage.quantities.estimate import Component
 
 _LAGS = 8
 # a correlation of noise goes beyond this, over the root of the number of lines, once in 500 times

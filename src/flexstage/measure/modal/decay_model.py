@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ConvergenceError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ConvergenceError
 from flexstage.measure.modal.prepare import moving_mean
 
 # lines of the residual's periodogram that are averaged: no fewer, no more, and share of all

@@ -6,10 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.measure.modal.assessment import (
     Worth,
     assess,
@@ -43,6 +42,7 @@ from flexstage.measure.modal.variable_projection import (
     reference_frequency,
 )
 from flexstage.measure.spectra.response import MeasuredResponse
+from flexstage.quantities.estimate import Estimate
 
 
 def fit_modes(

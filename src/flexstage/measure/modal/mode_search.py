@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
+from flexstage.base import progress
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
 from flexstage.measure.modal.mode_selection import (
     asked_for,
     cleaned,
@@ -29,7 +29,7 @@ from flexstage.measure.modal.variable_projection import (
     minimise,
     remaining,
 )
-from flexstage.units import readable
+from flexstage.quantities.units import readable
 
 # delays are tried an eighth of the shortest period apart
 _DELAYS = np.arange(-8, 97) / 8.0

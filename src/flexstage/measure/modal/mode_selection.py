@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Complex
+from flexstage.base.arrays import Array, Complex
 from flexstage.measure.modal.variable_projection import (
     Eliminated,
     ModalBasis,

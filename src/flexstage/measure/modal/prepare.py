@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.modal.variable_projection import ResponseBlock
 from flexstage.measure.spectra.response import MeasuredResponse
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.measure.modal.stabilisation import Stabilisation
 from flexstage.measure.modal.variable_projection import ModalBasis
 from flexstage.measure.spectra.response import MeasuredResponse
-from flexstage.short_repr import short_repr
+from flexstage.quantities.estimate import Component, Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ConvergenceError, ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ConvergenceError, ModelError, RecordError
 from flexstage.measure.modal.decay_model import (
     DecayFit,
     decay_covariance,
@@ -19,6 +18,7 @@ from flexstage.measure.modal.decay_model import (
 )
 from flexstage.measure.modal.mode_selection import distinct
 from flexstage.measure.modal.result import noisy_estimate, shape_from_residues
+from flexstage.quantities.estimate import Estimate
 from flexstage.records import Record, step_uncertainty
 from flexstage.records.sampling import require_complete, require_uniform
 

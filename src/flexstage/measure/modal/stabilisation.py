@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.modal.prepare import deviations
 from flexstage.measure.spectra.response import MeasuredResponse
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ConvergenceError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ConvergenceError
 
 _ITERATIONS = 60
 # as many more are given to what is hardly told apart, as long as the sum falls by more than this,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array, Integers
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import RecordError
 from flexstage.records.quality import difference_noise
 
 #: Forms of a cycle over targets, and what each of them is.

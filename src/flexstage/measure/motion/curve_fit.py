@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.measure.motion.approaches import staircase_dwells
 from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve, position_weights
+from flexstage.quantities.estimate import Estimate
 
 #: Places of the stroke that are told apart when terms are counted.
 _PLACES = 64

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.hysteresis.identification.cycles import turning_points
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.units import readable
 from flexstage.records.quality import difference_noise
-from flexstage.units import readable
 
 #: A run leads from below this share of its range to above one less it; smaller ones are none.
 _END_ZONE = 0.1

@@ -7,9 +7,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Integers
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import ModelError
+from flexstage.quantities.estimate import Component, Estimate
 
 #: Which run a value is of: forward, backward, or the mean of both.
 Direction = Literal["forward", "backward", "mean"]

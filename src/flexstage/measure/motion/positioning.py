@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.files.plain import picked, plain
+from flexstage.quantities.estimate import Estimate
 
 #: Figures that are spreads: their errors are in proportion to them.
 _SPREADS = ("repeatability_upward", "repeatability_downward")

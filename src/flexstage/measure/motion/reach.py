@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import MotionCycles, spread_estimate
 from flexstage.measure.motion.motion_curve import MotionCurve, curve_loop_width
+from flexstage.quantities.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

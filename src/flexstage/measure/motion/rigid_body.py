@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
+from flexstage.quantities.estimate import Estimate
 
 #: The six parameters of a rigid motion, in the order of its covariance.
 PARAMETERS: tuple[str, ...] = ("along", "across", "vertical", "roll", "pitch", "yaw")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate, deviation_bounds
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.spectra.averaging import SpectralDensity, spectral_density
+from flexstage.quantities.estimate import Estimate, deviation_bounds
 
 #: Estimates in one averaging time that are summed at most: more of them hold nothing new.
 _STRIDE = 48

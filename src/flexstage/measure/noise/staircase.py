@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Integers
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.noise.hold import allan_freedom, power_of_noise
+from flexstage.quantities.estimate import Estimate
 
 #: Parts of a level whose means tell how certain its mean is.
 PARTS = 6

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.spectra.checks import Extremes, Signals, require_sound
 from flexstage.measure.spectra.sums import Spectra, SumOfSpectra, add_segments
+from flexstage.quantities.estimate import Estimate
 from flexstage.records.sampling import require_complete
 
 #: Windows by name, as coefficients a of sum (-1)^m a_m cos(2 pi m j / n).

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.records import Record, saturation, step_uncertainty
 from flexstage.records.sampling import extreme_steps, require_complete, require_uniform
 

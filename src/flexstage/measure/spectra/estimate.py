@@ -6,8 +6,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.spectra.averaging import (
     CutSpectra,
     hop_of,

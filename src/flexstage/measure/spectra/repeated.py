@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array, Complex, Integers
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array, Complex, Integers
+from flexstage.base.errors import RecordError
 from flexstage.measure.spectra.averaging import line_frequencies
 from flexstage.measure.spectra.checks import PeriodOptions, Signals
 from flexstage.measure.spectra.sums import Spectra, SumOfSpectra

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import RecordError
+from flexstage.base.short_repr import short_repr
 from flexstage.records import Record
-from flexstage.short_repr import short_repr
 
 _PARTS = (" real", " imaginary")
 _RESPONSES = ("frequency response function", "transmissibility")

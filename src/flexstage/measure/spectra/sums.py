@@ -8,8 +8,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError, RecordError
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.spectra.checks import Extremes
 
 Estimator = Literal["H1", "H2", "Hv"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import RecordError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.measure.spectra.averaging import CutSpectra, finished, line_frequencies
 from flexstage.measure.spectra.checks import HitOptions, Signals
 from flexstage.measure.spectra.sums import SumOfSpectra

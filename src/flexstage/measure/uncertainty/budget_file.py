@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, NoReturn, cast
 
 import numpy as np
 
-from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError, RecordError, UnitError
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import ModelError, RecordError, UnitError
 from flexstage.files.decoder import Decoder, read, read_file, show
 from flexstage.files.expression import (
     Amount,

@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array
-from flexstage.errors import ConvergenceError, ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base import progress
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.measure.uncertainty.propagate import (
     Correlations,
     Influence,
@@ -18,6 +17,7 @@ from flexstage.measure.uncertainty.propagate import (
     correlation_matrix,
     groups,
 )
+from flexstage.quantities.estimate import Component, Estimate
 
 _Draw = Callable[[np.random.Generator, int], list[Array]]
 #: Trials drawn from one stream.

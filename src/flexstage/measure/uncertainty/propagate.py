@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.choose import did_you_mean
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.choose import did_you_mean
+from flexstage.base.errors import ModelError
+from flexstage.quantities.estimate import Component, Estimate
 
 #: Distributions of an influence.
 DISTRIBUTIONS: tuple[str, ...] = (
@@ -169,7 +169,7 @@ def influence_from(estimate: Estimate, name: str) -> Influence:
 
     Examples
     --------
-    >>> from flexstage.estimate import Component
+    >>> from flexstage.quantities.estimate import Component
     >>> noise = Component(name="noise", uncertainty=2e-9, degrees_of_freedom=7)
     >>> influence_from(Estimate(value=3e-6, unit="m", components=(noise,)), "step").law
     'student'

@@ -30,10 +30,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
-from flexstage.errors import ModelError
-from flexstage.estimate import Component, Estimate
+from flexstage.base.errors import ModelError
 from flexstage.measure.uncertainty.propagate import Influence, influence_from, propagate
-from flexstage.sensor import SensorSpecification
+from flexstage.quantities.estimate import Component, Estimate
+from flexstage.quantities.sensor import SensorSpecification
 
 Role = Literal[
     "length",

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.quantities import number, round_below
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.quantities.quantity import number, round_below
 from flexstage.report.figures.shapes import BodyShape, add_body, body_shapes, extent
 from flexstage.report.figures.style import (
     CYCLE,

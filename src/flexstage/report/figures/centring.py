@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.centring import ARCSEC
 from flexstage.centring.harmonic_fit import HarmonicFit
-from flexstage.errors import ModelError
 from flexstage.report.figures.style import (
     CYCLE,
     GRID,

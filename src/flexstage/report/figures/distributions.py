@@ -6,11 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.arrays import Array, Integers
-from flexstage.explore.deviations import LABELS
-from flexstage.explore.figures import Requirement
-from flexstage.explore.spread import Spread
-from flexstage.explore.tolerance import ToleranceStudy
+from flexstage.base.arrays import Array, Integers
 from flexstage.measure.uncertainty.monte_carlo import MonteCarlo
 from flexstage.measure.uncertainty.propagate import Propagated
 from flexstage.report.figures.style import (
@@ -25,6 +21,10 @@ from flexstage.report.figures.style import (
     panels,
     shortened,
 )
+from flexstage.studies.explore.deviations import LABELS
+from flexstage.studies.explore.figures import Requirement
+from flexstage.studies.explore.spread import Spread
+from flexstage.studies.explore.tolerance import ToleranceStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

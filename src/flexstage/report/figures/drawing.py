@@ -63,7 +63,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> figure = draw_stage(design("vgtu-piezo"))
     >>> len(figure.axes)
     2

@@ -149,7 +149,7 @@ def draw_checked(stage: Stage, issues: Sequence["Issue"]) -> "Figure":
 
     Examples
     --------
-    >>> from flexstage.designs import find_stage
+    >>> from flexstage.stage.designs import find_stage
     >>> from flexstage.stage import check
     >>> thin = find_stage("vgtu-piezo", {"x.lever_neck": "0.1 mm"})
     >>> figure = draw_checked(thin, check(thin))
@@ -217,7 +217,7 @@ def draw_contact_sheet(stages: Mapping[str, Stage]) -> "Figure":
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> figure = draw_contact_sheet({"parallelogram": design("parallelogram")})
     >>> len(figure.axes)
     1
@@ -271,7 +271,7 @@ def draw_bench(stage: Stage) -> "Figure":
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> figure = draw_bench(design("vgtu-piezo"))
     >>> [text.get_text() for text in figure.axes[0].texts]
     ['piezo stack x', 'piezo stack y', 'sensor x', 'sensor y']

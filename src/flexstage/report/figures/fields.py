@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array, Integers
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.quantities import display, number
+from flexstage.base.arrays import Array, Integers
+from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.quantities.quantity import display, number
 from flexstage.report.figures.style import (
     BODY,
     CYCLE,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.hinges import Profile
-from flexstage.quantities import number, round_below
+from flexstage.quantities.quantity import number, round_below
 from flexstage.report.figures.body_motion import drawn_axis, elongation_words, exaggeration
 from flexstage.report.figures.fields import Bands, add_bar, fill, frame, place, trace, window
 from flexstage.report.figures.shapes import Placer, notch_contour

@@ -4,13 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.estimate import Estimate
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.measure.frf_result import FrfResult
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown
-from flexstage.quantities import beside
+from flexstage.quantities.estimate import Estimate
+from flexstage.quantities.quantity import beside
 from flexstage.records import Record
 from flexstage.report.figures.responses import draw_response, shown_lines
 from flexstage.report.figures.style import (

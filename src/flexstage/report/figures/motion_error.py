@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.measure.motion.motion_curve import Line, MotionCurve, line_weights
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.measure.motion.reach import Workspace
-from flexstage.quantities import number, prefixed
+from flexstage.quantities.quantity import number, prefixed
 from flexstage.report.figures.style import (
     CYCLE,
     INK,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from flexstage.estimate import Estimate
+    from flexstage.quantities.estimate import Estimate
 
 
 def draw_motion_error(

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.measure.noise.hold import AllanDeviation, HoldNoise
 from flexstage.measure.noise.staircase import Staircase
-from flexstage.quantities import prefixed
+from flexstage.quantities.quantity import prefixed
 from flexstage.report.figures.style import (
     CYCLE,
     MUTED,

@@ -4,11 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import FlexstageError
-from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import Optimum
+from flexstage.base.arrays import Array
+from flexstage.base.errors import FlexstageError
 from flexstage.report.figures.drawing import draw_bodies
 from flexstage.report.figures.shapes import BodyShape, body_shapes, extent
 from flexstage.report.figures.style import (
@@ -25,6 +22,9 @@ from flexstage.report.figures.style import (
     one_panel,
     panels,
 )
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import Optimum
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

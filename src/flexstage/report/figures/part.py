@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.optimize import isotonic_regression
 
-from flexstage.arrays import Array, Integers
+from flexstage.base.arrays import Array, Integers
 from flexstage.fem.part import Part, PartSurface, part_surface
 from flexstage.report.figures.style import (
     BODY,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array, Complex
-from flexstage.errors import ModelError
-from flexstage.quantities import number
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
+from flexstage.quantities.quantity import number
 from flexstage.report.figures.style import (
     CYCLE,
     DASHED,

@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.errors import ModelError
-from flexstage.explore.sensitivity import LENGTH, Sensitivities
+from flexstage.base.errors import ModelError
+from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.report.figures.shapes import add_body, body_shapes, extent
 from flexstage.report.figures.style import (
     BODY,
@@ -32,6 +31,7 @@ from flexstage.report.sensitivity import (
 )
 from flexstage.report.tables import value_text
 from flexstage.stage import Stage
+from flexstage.studies.explore.sensitivity import LENGTH, Sensitivities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from functools import cache
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage import progress
-from flexstage.arrays import Array, Integers
+from flexstage.base import progress
+from flexstage.base.arrays import Array, Integers
 from flexstage.export.vtu.body_cells import BodyCells, body_cells
-from flexstage.quantities import number
+from flexstage.quantities.quantity import number
 from flexstage.report.figures.body_motion import MOST_SHOWN, full_stroke
 from flexstage.system import Analysis, AxisAnalysis, DriveCondition
 

@@ -5,12 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
-from flexstage.explore.figures import Figure
-from flexstage.explore.sweep import Sweep
-from flexstage.explore.variables import Variable
-from flexstage.quantities import Quantity
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.quantities.quantity import Quantity
 from flexstage.report.figures.style import (
     CYCLE,
     HATCH,
@@ -23,6 +20,9 @@ from flexstage.report.figures.style import (
     label_axes,
     panels,
 )
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.sweep import Sweep
+from flexstage.studies.explore.variables import Variable
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

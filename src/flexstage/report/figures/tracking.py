@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.quantities.units import readable, readable_unit
 from flexstage.report.figures.responses import shown_lines, thinned
 from flexstage.report.figures.style import (
     CYCLE,
@@ -22,7 +23,6 @@ from flexstage.report.figures.style import (
     panels,
     scale,
 )
-from flexstage.units import readable, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

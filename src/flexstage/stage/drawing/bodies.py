@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.profiles import Neck, neck_of, parted

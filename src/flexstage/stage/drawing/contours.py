@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.strokes import DrawnStroke, Pair, circle_of, rounded, tidy
 from flexstage.stage.outline import Circle, Loop, arc

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.files.names import file_name
-from flexstage.material import Material, material
+from flexstage.quantities.material import Material, material
 from flexstage.stage.drawing import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of, certainty, find_necks
 from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
@@ -96,7 +96,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.export import dxf_files
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder) / "guide.dxf"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flexstage.choose import unknown
-from flexstage.errors import StageError
+from flexstage.base.choose import unknown
+from flexstage.base.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.strokes import Pair
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import HingeError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import HingeError
 from flexstage.hinges import AsDrawn, Profile
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.notch import (

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from flexstage.errors import StageError
+from flexstage.base.errors import StageError
 from flexstage.files.decoder import read
 from flexstage.stage.drawing.entities import DRIVES_LAYER, PROBES_LAYER, Sheet
 from flexstage.stage.drawing.strokes import Pair

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexstage.errors import HingeError
+from flexstage.base.errors import HingeError
 from flexstage.hinges import AsDrawn, CornerFilleted, Leaf, Profile, RightCircular, VFillet
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.contours import DrawnPart

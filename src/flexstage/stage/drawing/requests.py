@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from flexstage.errors import FlexstageError, StageError
+from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.ranges import Size, Written
 from flexstage.files.request import Request
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import StageError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import StageError
 from flexstage.stage.curve import Curve
 from flexstage.stage.drawing.entities import Sheet
 from flexstage.stage.drawing.strokes import circle_of

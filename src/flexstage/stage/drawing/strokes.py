@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.stage.curve import Curve
 from flexstage.stage.outline import arc
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.stage.drawing.contours import DrawnContour, DrawnPart
 from flexstage.stage.drawing.strokes import Pair
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from flexstage.comparison import title_of
-from flexstage.quantities import number
+from flexstage.quantities.comparison import title_of
+from flexstage.quantities.quantity import number
+from flexstage.quantities.table import Table, table
 from flexstage.report.figures.responses import bode_curves
 from flexstage.report.figures.style import CYCLE
 from flexstage.system import FrequencyResponse
-from flexstage.table import Table, table
 from flexstage.web.analyse.shapes import NOTHING_YET
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed

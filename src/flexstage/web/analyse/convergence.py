@@ -6,10 +6,10 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.comparison import title_of
-from flexstage.quantities import number
-from flexstage.table import Table, table
+from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.quantities.comparison import title_of
+from flexstage.quantities.quantity import number
+from flexstage.quantities.table import Table, table
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.figures import picture, show_table

@@ -6,9 +6,9 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.comparison import MODEL_WORDS, title_of
 from flexstage.files.names import file_name
-from flexstage.quantities import QUANTITIES, number
+from flexstage.quantities.comparison import MODEL_WORDS, title_of
+from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.studies.models import fitting_options
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.state import AnalyseState

@@ -8,9 +8,9 @@ import numpy as np
 from nicegui import ui
 from nicegui.element import Element
 
-from flexstage.arrays import Array, Integers
-from flexstage.comparison import title_of
-from flexstage.quantities import number
+from flexstage.base.arrays import Array, Integers
+from flexstage.quantities.comparison import title_of
+from flexstage.quantities.quantity import number
 from flexstage.report.figures.body_motion import SHOWN_OF_MODES, exaggeration
 from flexstage.report.figures.hinges import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState

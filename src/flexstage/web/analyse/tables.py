@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from flexstage.characteristic import WHOLE_STAGE, Characteristic
-from flexstage.comparison import compare, title_of
-from flexstage.quantities import Quantity, number
+from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.quantities.comparison import compare, title_of
+from flexstage.quantities.quantity import Quantity, number
+from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.tables import cause_words, percent
 from flexstage.system import DriveCondition
-from flexstage.table import Cell, Table, table
 from flexstage.web.analyse.work import Analysed
 from flexstage.web.preferences import Preferences
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexstage import progress
+from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
 from flexstage.report.analysis_files import analysis_files

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 
 #: Who has not been seen for so long is gone, and another may take over [s].
 GONE = 30.0

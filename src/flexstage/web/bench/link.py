@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, nullcontext, suppress
 from typing import Any, cast
 
-from flexstage.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
+from flexstage.base.errors import ControllerError, FlexstageError, ModelError, NotConnectedError
 from flexstage.instruments.connect import connect
 from flexstage.instruments.lock import instrument_lock
 from flexstage.instruments.protocol import Instrument

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import ui
 
-from flexstage.arrays import Array
-from flexstage.errors import FlexstageError
-from flexstage.quantities import Quantity
+from flexstage.base.arrays import Array
+from flexstage.base.errors import FlexstageError
+from flexstage.quantities.quantity import Quantity
 from flexstage.records import Record
 from flexstage.report.run import figures_table, runs_table, shown_time
 from flexstage.report.tables import value_text

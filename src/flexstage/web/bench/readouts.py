@@ -10,7 +10,7 @@ from nicegui import ui
 from nicegui.elements.mixins.disableable_element import DisableableElement
 
 from flexstage.instruments.protocol import Capability
-from flexstage.quantities import Quantity
+from flexstage.quantities.quantity import Quantity
 from flexstage.stage.limits import Range
 from flexstage.web.bench.instrument import AxisReading
 from flexstage.web.bench.link import BenchLink

@@ -7,13 +7,13 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.experiments import dry_run, find_plan, read_plan
 from flexstage.experiments.command import CommandWaveform
 from flexstage.experiments.plan import ready_plans
 from flexstage.experiments.verb import base_rate_of
 from flexstage.instruments.protocol import Capability, Instrument
-from flexstage.quantities import Quantity, number
+from flexstage.quantities.quantity import Quantity, number
 from flexstage.report.run import dry_run_table
 from flexstage.stage import Stage
 from flexstage.web.bench.link import BenchLink

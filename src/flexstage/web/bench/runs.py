@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from flexstage.errors import FlexstageError, LimitError, ModelError, RecordError
+from flexstage.base.errors import FlexstageError, LimitError, ModelError, RecordError
+from flexstage.base.provenance import content_hash
 from flexstage.experiments import run_plan
 from flexstage.experiments.axis_limits import axis_setting
 from flexstage.experiments.command import CommandWaveform
@@ -28,7 +29,6 @@ from flexstage.instruments.recording.archive import examine, rescued
 from flexstage.instruments.recording.metadata import RunMetadata
 from flexstage.instruments.recording.stream import STREAM_SUFFIX, in_use
 from flexstage.instruments.recording.writer import RunWriter
-from flexstage.provenance import content_hash
 from flexstage.records import Record, read_record
 from flexstage.report.run import run_text
 from flexstage.stage import Stage

@@ -3,8 +3,8 @@
 from typing import Any
 
 from flexstage.centring import ARCSEC
-from flexstage.quantities import beside, number
-from flexstage.table import Table, table
+from flexstage.quantities.quantity import beside, number
+from flexstage.quantities.table import Table, table
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.centring.state import CentringState
 from flexstage.web.live.history import POSITION

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from flexstage.errors import ControllerError, ModelError
+from flexstage.base.errors import ControllerError, ModelError
 from flexstage.instruments.limits import check_position
 from flexstage.web.bench.link import BenchLink
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from flexstage.base.errors import FlexstageError
 from flexstage.centring.procedure import trial_length, trial_position
 from flexstage.centring.requests import MAGNET, CentreRequest
-from flexstage.errors import FlexstageError
 from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
 from flexstage.centring import ARCSEC
 from flexstage.centring.from_records import centre_files
 from flexstage.centring.requests import CentreRequest
-from flexstage.errors import RecordError
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.likely_columns import LikelyTurn, likely_turn

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from nicegui import ui
 
-from flexstage.designs import DESIGNS, StageTemplate
 from flexstage.files.write import write_whole
-from flexstage.material import CATALOGUE
+from flexstage.quantities.material import CATALOGUE
+from flexstage.quantities.units import parse
 from flexstage.report.tables import necks_table
+from flexstage.stage.designs import DESIGNS, StageTemplate
 from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.drawing.drawn_stage import DrawnStage
 from flexstage.stage.drawing.requests import DrawingOptions
-from flexstage.units import parse
 from flexstage.web.design.state import DesignState
 from flexstage.web.design.work import drawing_found, template_of
 from flexstage.web.figures import show_table

@@ -6,8 +6,8 @@ from html import escape
 import numpy as np
 from nicegui import events, ui
 
-from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.variables import Variable, is_data_sheet
+from flexstage.studies.explore.sensitivity import Sensitivities
+from flexstage.studies.explore.variables import Variable, is_data_sheet
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState
 from flexstage.web.design.work import BESIDE
 from flexstage.web.page import PanelHeading, choice, div

@@ -6,11 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from flexstage.characteristic import Characteristic
-from flexstage.designs import StageTemplate
-from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.variables import Variable, every_variable
+from flexstage.quantities.characteristic import Characteristic
 from flexstage.stage import Stage
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.sensitivity import Sensitivities
+from flexstage.studies.explore.variables import Variable, every_variable
 from flexstage.web.sessions import History
 
 T = TypeVar("T")

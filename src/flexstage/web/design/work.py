@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flexstage.characteristic import WHOLE_STAGE, Characteristic
-from flexstage.comparison import compare, difference_percent, title_of
-from flexstage.designs import StageTemplate
-from flexstage.errors import FlexstageError, StageError
-from flexstage.explore.family import Family
-from flexstage.explore.figures import USUAL, Figure
-from flexstage.explore.sensitivity import Sensitivities, sensitivities
-from flexstage.explore.variables import every_variable
+from flexstage.base.errors import FlexstageError, StageError
 from flexstage.files.write import write_whole
+from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.quantities.comparison import compare, difference_percent, title_of
+from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.drawn_stage import draw_checked
 from flexstage.report.tables import percent
 from flexstage.stage import Issue
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.figures import USUAL, Figure
+from flexstage.studies.explore.sensitivity import Sensitivities, sensitivities
+from flexstage.studies.explore.variables import every_variable
 from flexstage.studies.models import analyse_model, stage_export
-from flexstage.table import Cell, Table, table
 from flexstage.web.design.state import SHARE, Variant
 from flexstage.web.pictures import inline
 from flexstage.web.preferences import Preferences

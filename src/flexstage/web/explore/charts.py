@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from flexstage.arrays import Array
-from flexstage.explore.batches import FinishedBatch
-from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.optimum import Trace
-from flexstage.explore.tolerance import Lot
+from flexstage.base.arrays import Array
 from flexstage.report.figures.style import CYCLE
+from flexstage.studies.explore.batches import FinishedBatch
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.optimise.optimum import Trace
+from flexstage.studies.explore.tolerance import Lot
 from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointTable
 from flexstage.web.explore.state import Run
 from flexstage.web.figures import chart

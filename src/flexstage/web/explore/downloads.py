@@ -9,8 +9,8 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.designs import StageTemplate
 from flexstage.files.request import Request, command_line
+from flexstage.stage.designs import StageTemplate
 from flexstage.web.explore.state import Run
 from flexstage.web.page import div, quiet_button, remark
 

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from flexstage.designs import StageTemplate
-from flexstage.explore.family import batched_figures, known_figures
-from flexstage.explore.figures import Figure, Requirement, usual_figures
-from flexstage.explore.optimise.usual import CHECK, usual_requirements, usual_variables
-from flexstage.explore.variables import Variable, every_variable
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.family import batched_figures, known_figures
+from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
+from flexstage.studies.explore.optimise.usual import CHECK, usual_requirements, usual_variables
+from flexstage.studies.explore.variables import Variable, every_variable
 from flexstage.web.design.state import SHARE, Variant
 
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.comparison import MODEL_WORDS
-from flexstage.explore.requests import OptimiseRequest
-from flexstage.explore.variables import Variable
 from flexstage.files.request import request_fields
+from flexstage.quantities.comparison import MODEL_WORDS
+from flexstage.studies.explore.requests import OptimiseRequest
+from flexstage.studies.explore.variables import Variable
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.state import ExploreForm, LimitWords, RangeWords
 from flexstage.web.page import Page, div, quiet_button

@@ -5,20 +5,20 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.explore.deviations import KINDS as DEVIATIONS
-from flexstage.explore.optimise.ladder import SearchOptions
-from flexstage.explore.requests import (
+from flexstage.report.tolerance import scatter_text
+from flexstage.studies.explore.deviations import KINDS as DEVIATIONS
+from flexstage.studies.explore.optimise.ladder import SearchOptions
+from flexstage.studies.explore.requests import (
     ExploreRequest,
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.explore.sampling import usual_plan
-from flexstage.explore.sweep import usual_cost
-from flexstage.explore.variables import variables_of
-from flexstage.explore.workers import duration
-from flexstage.report.tolerance import scatter_text
+from flexstage.studies.explore.sampling import usual_plan
+from flexstage.studies.explore.sweep import usual_cost
+from flexstage.studies.explore.variables import variables_of
+from flexstage.studies.explore.workers import duration
 from flexstage.virtual.imperfections import Scatter
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.fields import WAYS, Fields

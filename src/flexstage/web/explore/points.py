@@ -6,19 +6,19 @@ from html import escape
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.characteristic import WHOLE_STAGE
-from flexstage.explore.batches import FinishedBatch
-from flexstage.explore.family import Family
-from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.front import Front, Generation, non_dominated
-from flexstage.explore.optimise.optimum import Optimum, SearchStep, Trace
-from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.sampling import SweepPlan
-from flexstage.explore.sweep import Sweep
-from flexstage.explore.variables import Variable
-from flexstage.quantities import number
+from flexstage.base.arrays import Array
+from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.quantities.quantity import number
 from flexstage.report.sensitivity import short_label
+from flexstage.studies.explore.batches import FinishedBatch
+from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.optimise.front import Front, Generation, non_dominated
+from flexstage.studies.explore.optimise.optimum import Optimum, SearchStep, Trace
+from flexstage.studies.explore.optimise.problem import Problem
+from flexstage.studies.explore.sampling import SweepPlan
+from flexstage.studies.explore.sweep import Sweep
+from flexstage.studies.explore.variables import Variable
 from flexstage.web.explore.state import Run
 from flexstage.web.preferences import Preferences
 

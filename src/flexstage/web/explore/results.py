@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
-from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
-from flexstage.explore.sweep import Sweep
-from flexstage.quantities import number
+from flexstage.quantities.quantity import number
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
+from flexstage.studies.explore.optimise.problem import Problem
+from flexstage.studies.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
+from flexstage.studies.explore.sweep import Sweep
 from flexstage.web.design.state import DesignState
 from flexstage.web.explore import charts, points
 from flexstage.web.explore.charts import Chart, LotChart

@@ -4,17 +4,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from flexstage.errors import FlexstageError, ModelError
-from flexstage.explore.figures import Requirement, bounded
-from flexstage.explore.prepare import nothing_varied
-from flexstage.explore.requests import (
+from flexstage.base.errors import FlexstageError, ModelError
+from flexstage.studies.explore.figures import Requirement, bounded
+from flexstage.studies.explore.prepare import nothing_varied
+from flexstage.studies.explore.requests import (
     ExploreRequest,
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.explore.variables import Variable
+from flexstage.studies.explore.variables import Variable
 from flexstage.web.design.state import Remembered, Variant
 from flexstage.web.explore.facts import StageFacts
 from flexstage.web.explore.work import Question

@@ -6,14 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from flexstage.designs import StageTemplate
-from flexstage.explore.batches import finished_batches
-from flexstage.explore.family import Family
-from flexstage.explore.figures import Figure
-from flexstage.explore.optimise.front import Front
-from flexstage.explore.optimise.optimum import Optimum
-from flexstage.explore.optimise.problem import Problem
-from flexstage.explore.prepare import (
+from flexstage.files.write import write_files
+from flexstage.quantities.table import Table
+from flexstage.stage.designs import StageTemplate
+from flexstage.studies.explore.batches import finished_batches
+from flexstage.studies.explore.family import Family
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import Optimum
+from flexstage.studies.explore.optimise.problem import Problem
+from flexstage.studies.explore.prepare import (
     problem_of,
     ready_optimise,
     ready_sensitivity,
@@ -21,20 +23,18 @@ from flexstage.explore.prepare import (
     ready_tolerance,
     swept,
 )
-from flexstage.explore.requests import (
+from flexstage.studies.explore.requests import (
     ExploreRequest,
     OptimiseRequest,
     SensitivityRequest,
     SweepRequest,
     ToleranceRequest,
 )
-from flexstage.explore.sampling import SweepPlan
-from flexstage.explore.sensitivity import Sensitivities
-from flexstage.explore.sweep import Sweep
-from flexstage.explore.tolerance import ToleranceStudy
-from flexstage.explore.workers import Workers
-from flexstage.files.write import write_files
-from flexstage.table import Table
+from flexstage.studies.explore.sampling import SweepPlan
+from flexstage.studies.explore.sensitivity import Sensitivities
+from flexstage.studies.explore.sweep import Sweep
+from flexstage.studies.explore.tolerance import ToleranceStudy
+from flexstage.studies.explore.workers import Workers
 from flexstage.web.pictures import inline
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from nicegui import ui
 from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.drive_model import DriveModel
 from flexstage.hysteresis.requests import AmplifierLimits, CompensateRequest
+from flexstage.quantities.units import readable
 from flexstage.report.identification import command_in_words
-from flexstage.units import readable
 from flexstage.web.figures import figure, picture, save, sentence, show_lines
 from flexstage.web.hysteresis.files_form import FilesForm
 from flexstage.web.hysteresis.state import HysteresisState

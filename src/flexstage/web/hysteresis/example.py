@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis import LogCreep, Sensor, excitation
 from flexstage.records import Channel, Record, write_record
 from flexstage.virtual import virtual_stack

@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.request import request_fields
 from flexstage.files.schema import field_texts, part_texts
 from flexstage.records import FORMATS

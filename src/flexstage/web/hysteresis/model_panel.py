@@ -7,6 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from flexstage.hysteresis import MODELS
+from flexstage.quantities.units import readable
 from flexstage.report.identification import (
     candidates_table,
     failures,
@@ -14,7 +15,6 @@ from flexstage.report.identification import (
     parameters_table,
     verdict_in_words,
 )
-from flexstage.units import readable
 from flexstage.web.figures import figure, in_page, picture, save, sentence, show_lines, show_table
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
 from flexstage.web.hysteresis.work import Identified, identified, opened

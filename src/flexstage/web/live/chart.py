@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from flexstage.errors import FlexstageError, ModelError
+from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.measure.spectra.averaging import spectral_density
 from flexstage.web.live.history import POINTS, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 from flexstage.web.page import Page, Panel

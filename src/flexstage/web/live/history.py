@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.arrays import Array, Integers
-from flexstage.errors import ModelError
-from flexstage.quantities import Quantity
+from flexstage.base.arrays import Array, Integers
+from flexstage.base.errors import ModelError
+from flexstage.quantities.quantity import Quantity
 
 #: What a stage at the bench is read in.
 VOLTAGE = Quantity("voltage", "V", "Voltage", "V", 1.0)

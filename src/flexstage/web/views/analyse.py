@@ -2,7 +2,7 @@
 
 from nicegui import events, ui
 
-from flexstage.comparison import MODEL_WORDS, title_of
+from flexstage.quantities.comparison import MODEL_WORDS, title_of
 from flexstage.report.tables import coupling_tables
 from flexstage.web.analyse.bode import Bode
 from flexstage.web.analyse.convergence import Convergence

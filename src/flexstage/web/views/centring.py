@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.files.write import write_whole
-from flexstage.quantities import beside
+from flexstage.quantities.quantity import beside
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.findings import figures, pair, place, rows_of

@@ -8,13 +8,13 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.comparison import MODEL_WORDS
-from flexstage.designs import StageTemplate
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.export.request import FORMATS
 from flexstage.files.names import file_name
 from flexstage.files.write import write_whole
+from flexstage.quantities.comparison import MODEL_WORDS
 from flexstage.report.page import table_html
+from flexstage.stage.designs import StageTemplate
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.sliders import Sliders
 from flexstage.web.design.state import DesignState, Variant

@@ -5,7 +5,7 @@ import hashlib
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.names import file_name
 from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice

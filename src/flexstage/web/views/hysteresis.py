@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.files.request import request_fields
 from flexstage.hysteresis import MODELS
 from flexstage.hysteresis.requests import IdentifyRequest

@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.comparison import title_of
+from flexstage.quantities.comparison import title_of
 from flexstage.report.study import CHAPTERS
 from flexstage.studies.models import MODELS
 from flexstage.studies.requests import ALL_PARTS, StudyRequest

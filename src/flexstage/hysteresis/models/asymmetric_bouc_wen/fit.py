@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.searched_fit import SearchedFit

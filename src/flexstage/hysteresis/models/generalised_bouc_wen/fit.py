@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.refined_fit import RefinedFit
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexstage.errors import ModelError
+from flexstage.base.errors import ModelError
 from flexstage.hysteresis.model import Array, ModelProperty, Response, samples
 from flexstage.hysteresis.models.bouc_wen_common import (
     BoucWenModel,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.record_section import RecordSection

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData
 from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData, LinearFit
 from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.play import play_columns

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from flexstage.designs import design
-from flexstage.errors import FlexstageError, LimitError, ModelError, NotConnectedError
+from flexstage.base.errors import FlexstageError, LimitError, ModelError, NotConnectedError
 from flexstage.files.request import request_fields
 from flexstage.instruments.connect import flag, longest_silence, options_of, whole_number
 from flexstage.instruments.limits import check_waveform
@@ -26,6 +25,7 @@ from flexstage.records.likely_columns import taken_drive
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.stage import Stage
+from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 
 _OPTIONS = ("seed", "model", "servo_rate", "amplifier", "fast", "scatter", "quiet", "serial_number")

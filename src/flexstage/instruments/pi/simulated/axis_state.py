@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.hysteresis.compiled import compiled
 from flexstage.instruments.pi.simulated.device import (
     AxisDescription,

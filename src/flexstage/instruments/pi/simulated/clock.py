@@ -9,7 +9,7 @@ import threading
 import time
 from typing import ClassVar
 
-from flexstage.errors import ControllerError, ModelError
+from flexstage.base.errors import ControllerError, ModelError
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.controller_core import duration
 from flexstage.instruments.pi.simulated.device import Refusal, RefusedError

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from flexstage.base.version import __version__
 from flexstage.instruments.pi.simulated.command import (
     GcsCommand,
     Reply,
@@ -19,7 +20,6 @@ from flexstage.instruments.pi.simulated.parameters import (
     items_of,
     listing,
 )
-from flexstage.version import __version__
 
 #: Longest simulated time that one command leads on by [s].
 _LONGEST = 3600.0

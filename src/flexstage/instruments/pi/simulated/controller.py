@@ -5,8 +5,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
 from flexstage.instruments.pi.simulated.axis_state import (
     AxisState,
     check_feedforward,
@@ -52,7 +52,7 @@ class VirtualController(ControllerCore):
 
     Examples
     --------
-    >>> from flexstage.designs import design
+    >>> from flexstage.stage.designs import design
     >>> from flexstage.virtual.build import virtual_stage
     >>> device = VirtualController(virtual_stage(design("vgtu-piezo"), model="lumped", seed=2))
     >>> device.set_servo("1", True)

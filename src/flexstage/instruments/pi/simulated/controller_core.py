@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexstage.arrays import Array
-from flexstage.errors import ModelError
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.instruments.pi.simulated.axis_state import AxisState
 from flexstage.instruments.pi.simulated.device import (
     AxisDescription,
@@ -24,7 +25,6 @@ from flexstage.instruments.pi.simulated.tables import (
 )
 from flexstage.instruments.protocol import Capability, Identity, Signal
 from flexstage.stage import Stage
-from flexstage.version import __version__
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
 _KINDS = ("position", "target", "error", "voltage", "channel", "force", "response")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from flexstage.errors import FlexstageError
+from flexstage.base.errors import FlexstageError
 from flexstage.instruments.protocol import Capability
 from flexstage.stage.limits import AxisLimits
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from flexstage.errors import ControllerError, FlexstageError
+from flexstage.base.errors import ControllerError, FlexstageError
 from flexstage.instruments.pi.simulated.clock import Pace
 from flexstage.instruments.pi.simulated.command import (
     Client,

@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
+from flexstage.base.version import __version__
 from flexstage.instruments.pi.simulated.command import number, switch, unsigned
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.pi.simulated.gcs_state import NOTCHES, ControllerState, ServoDraft
 from flexstage.instruments.protocol import Capability
-from flexstage.version import __version__
 
 _KINDS = {int: "INT", str: "CHAR"}
 #: Leads simulated time on by the seconds that it is set to; reads how much has passed.

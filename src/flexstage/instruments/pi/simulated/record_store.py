@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.instruments.pi.simulated.controller import VirtualController
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal

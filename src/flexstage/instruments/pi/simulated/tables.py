@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexstage.arrays import Array
+from flexstage.base.arrays import Array
 from flexstage.instruments.pi.simulated.device import Refusal, require
 from flexstage.instruments.protocol import Signal
 

@@ -1,0 +1,1 @@
+"""What every room needs and which needs none: version, errors, progress, provenance, arrays."""

@@ -1,0 +1,96 @@
+"""A notch, by every method."""
+
+import typing
+from dataclasses import MISSING, fields
+from typing import Any
+
+from flexstage.base.errors import HingeError
+from flexstage.hinges.hinge_figures import HingeFigures
+from flexstage.hinges.registry import profile_class
+from flexstage.quantities.material import Material
+from flexstage.quantities.material import material as find_material
+from flexstage.quantities.quantity import number
+from flexstage.quantities.table import table
+from flexstage.quantities.units import Dimension, parse
+from flexstage.report.page import table_html
+
+
+class HingeResult(HingeFigures):
+    """What is known of a notch, by every method, to look at."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [r["quantity"], r["method"], number(r["stiffness"]), r["unit"], r["validity"]]
+            for r in self.figures["stiffness"]
+            if r["stiffness"] is not None
+        ]
+        head = ["stiffness", "<method", "", "<", "<valid"]
+        return table_html(table(repr(self).splitlines()[0], head, rows))
+
+
+def hinge(
+    kind: str = "circular",
+    *,
+    width: float | str = "10 mm",
+    material: Material | str = "Al 7075-T6",
+    plane: str = "auto",
+    **sizes: float | str | bool,
+) -> HingeResult:
+    """Return stiffness, stress concentration and range of a notch.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the profile, such as ``circular``, ``leaf`` or ``corner-filleted``.
+    width : float or str
+        Width of the hinge, the thickness of the plate [m], or a text with a unit.
+    material : Material or str
+        What it is cut from, or its name in the catalogue.
+    plane : str
+        ``stress``, ``strain``, or ``auto`` to choose by width against neck.
+    **sizes : float or str or bool
+        The fields of the profile as in a stage file, ``neck_thickness`` and ``radius`` of a
+        circular one: SI numbers, or texts with a unit.
+
+    Returns
+    -------
+    HingeResult
+        The result.
+
+    Raises
+    ------
+    HingeError
+        There is no such kind, or a size is missing, unknown or impossible.
+    UnitError
+        A text is no quantity.
+
+    Examples
+    --------
+    >>> import flexstage as fs
+    >>> notch = fs.hinge("circular", neck_thickness="0.35 mm", radius="1 mm", width="10 mm")
+    >>> print(f"{notch.stiffness():.3f} N m/rad")
+    3.843 N m/rad
+    """
+    cls = profile_class(kind)
+    hints = typing.get_type_hints(cls, include_extras=True)
+    known = [field.name for field in fields(cls)]
+    missing = [field.name for field in fields(cls) if field.default is MISSING]
+    missing = [name for name in missing if name not in sizes]
+    unknown = [name for name in sizes if name not in known]
+    if missing or unknown:
+        fault = f"has no {unknown[0]}" if unknown else f"also needs {' and '.join(missing)}"
+        raise HingeError(f"a {kind} notch {fault}: it takes {', '.join(known)}")
+    profile = cls(**{name: _si(value, hints[name]) for name, value in sizes.items()})
+    what = find_material(material) if isinstance(material, str) else material
+    wide = parse(width, "length", bare_unit="m")
+    return HingeResult(profile=profile, material=what, width=wide, plane=plane)
+
+
+def _si(value: float | str | bool, hint: Any) -> Any:
+    """A size as an SI number, by the dimension that the field of the profile has."""
+    dimension = next((e for e in typing.get_args(hint) if isinstance(e, Dimension)), None)
+    if dimension is None or isinstance(value, bool):
+        return value
+    return parse(value, dimension.name, bare_unit=dimension.si)

@@ -1,0 +1,16 @@
+"""Families of stages by parameters, and the built-in stages made from them."""
+
+from flexstage.stage.designs.parameters import StageParameter
+from flexstage.stage.designs.registry import DESIGNS, build, design
+from flexstage.stage.designs.source import find_stage, parameters_of
+from flexstage.stage.designs.template import StageTemplate
+
+__all__ = [
+    "DESIGNS",
+    "StageParameter",
+    "StageTemplate",
+    "build",
+    "design",
+    "find_stage",
+    "parameters_of",
+]

@@ -1,0 +1,124 @@
+"""Families of stages, and the parameters that can be set: their names, values and meaning."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+from flexstage.files.encoder import Encoder
+from flexstage.files.format import dimension_of, field_types, members, optional_part, required
+from flexstage.files.schema import field_texts
+from flexstage.files.yaml_text import flow_text
+from flexstage.quantities.units import readable_text
+from flexstage.stage import Stage
+from flexstage.stage.file import STAGE_FILE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topology:
+    """A family of stages that differ in their dimensions."""
+
+    name: str
+    """Its name in stage files."""
+    title: str
+    """One line that says what it is."""
+    source: str
+    """Where it is described: author, title, journal, year."""
+    parameters: type
+    """The dataclass of its dimensions."""
+    construct: Callable[[Any], Stage]
+    """Builds a stage from dimensions."""
+
+    def usual(self) -> "ParameterSet | None":
+        """Return the stage of its usual dimensions, where every dimension has one."""
+        if any(required(field) for field, _ in field_types(self.parameters).values()):
+            return None
+        usual = self.parameters()
+        return ParameterSet(
+            name=self.name,
+            topology=self,
+            parameters=usual,
+            construct=lambda: self.construct(usual),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSet:
+    """A built-in stage: dimensions of a family, and what is known of the stage that has them."""
+
+    name: str
+    """Its name, and that of its stage."""
+    topology: Topology
+    """The family."""
+    parameters: Any
+    """Its dimensions."""
+    construct: Callable[[], Stage]
+    """Builds it, with its published figures and notes."""
+
+
+_ENCODER = Encoder(STAGE_FILE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageParameter:
+    """A parameter of a design or of a stage file."""
+
+    name: str
+    """Its name as `find_stage` sets it, with dots for what is nested."""
+    value: Any
+    """Its value; of a quantity in SI units, None where there is none."""
+    dimension: str
+    """Its dimension, of `flexstage.quantities.units.DIMENSIONS`; empty for what is no quantity."""
+    text: str
+    """Its value as a file has it and `find_stage` takes it, to the same bits."""
+    description: str
+    """What it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """A parameter that holds others."""
+
+    name: str
+    """Its name, with dots for what is nested."""
+    description: str
+    """What it is."""
+
+
+def entries_of(dimensions: Any, group: str = "") -> Iterator[StageParameter | Group]:
+    """Yield the fields of a description: parameters, and groups before what they hold."""
+    texts = field_texts(type(dimensions))
+    for field, (_, annotation) in field_types(type(dimensions)).items():
+        value, name = getattr(dimensions, field), group + field
+        told = re.sub(r"\s*\[[^\]]*\](?=[.;,]|$)", "", texts.get(field, ""))
+        kind = optional_part(annotation) or annotation
+        if not is_dataclass(value) or kind in STAGE_FILE.forms:
+            yield _parameter(name, kind, value, told)
+            continue
+        yield Group(name=name, description=told)
+        if (family := members(kind, STAGE_FILE)) is not None:
+            word = next(word for word, cls in family.items() if cls is type(value))
+            of = f"One of {', '.join(family)}."
+            yield StageParameter(
+                name=f"{name}.kind", value=word, dimension="", text=word, description=of
+            )
+        yield from entries_of(value, f"{name}.")
+
+
+def _parameter(name: str, kind: Any, value: Any, description: str) -> StageParameter:
+    dimension, count = dimension_of(kind) or (None, 0)
+    if value is None:
+        text = "null"
+    elif dimension is not None and not count:
+        text = readable_text(value, dimension.name)
+    elif dimension is not None:
+        text = flow_text([readable_text(v, dimension.name) for v in value])
+    else:
+        text = flow_text(_ENCODER.encode(kind, value))
+    return StageParameter(
+        name=name,
+        value=getattr(value, "name", value) if kind in STAGE_FILE.forms else value,
+        dimension="" if dimension is None else dimension.name,
+        text=text,
+        description=description,
+    )

@@ -1,0 +1,227 @@
+"""What a STAGE is: a built-in design, a stage file or a drawing, and what can be set of it."""
+
+import os
+from collections.abc import Callable, Mapping
+from functools import cache
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexstage.base.choose import nearest
+from flexstage.base.errors import StageError
+from flexstage.files.expression import dimension_named
+from flexstage.files.nodes import plain, read_text
+from flexstage.files.parameters import require_known, settings_of
+from flexstage.quantities.units import DIMENSIONS
+from flexstage.stage import Stage
+from flexstage.stage.designs.parameters import ParameterSet, StageParameter, Topology, entries_of
+from flexstage.stage.designs.registry import (
+    DESIGNS,
+    PARAMETER_SETS,
+    build,
+    chosen,
+    construct,
+    design,
+    some_of,
+)
+from flexstage.stage.drawing import DRAWINGS
+from flexstage.stage.file import STAGE_FILE
+
+if TYPE_CHECKING:
+    from flexstage.stage.drawing.requests import DrawingOptions
+
+
+def find_stage(
+    source: str | os.PathLike[str],
+    set: Mapping[str, object] | None = None,
+    *,
+    drawing: "DrawingOptions | None" = None,
+) -> Stage:
+    """Return a built-in stage, or read one from a stage file or out of a drawing.
+
+    Parameters
+    ----------
+    source : str or os.PathLike
+        Name of a built-in design, or path of a stage file or a drawing (DXF, STEP).
+    set : mapping, optional
+        Parameters of the design or of the file by name, with dots for those of a group, and their
+        values as a stage file has them, ``{"x.lever_neck": "0.45 mm"}``; a number is in SI units.
+    drawing : DrawingOptions, optional
+        What is to be known of a drawing beyond its file.
+
+    Returns
+    -------
+    Stage
+        The stage.
+
+    Raises
+    ------
+    StageError
+        There is neither such a design nor such a file, the file is no stage, or it has no such
+        parameter.
+
+    Examples
+    --------
+    >>> find_stage("vgtu-piezo").name
+    'vgtu-piezo'
+    >>> find_stage("parallelogram", {"leg_spacing": "35 mm"}).hinges[0].at[0]
+    -0.0175
+    >>> find_stage("parallelogram", {"leg_spacing": 0.035}).hinges[0].at[0]
+    -0.0175
+    """
+    text = os.fspath(source)
+    set = in_si(text, set)
+    if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
+        raise StageError(
+            f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
+        )
+    if text.casefold() in DESIGNS:
+        return construct(*chosen_design(text.casefold(), set)) if set else design(text)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        from flexstage.stage.drawing.drawn_stage import stage_of_drawing
+        from flexstage.stage.drawing.requests import DrawingOptions
+
+        for name in set or {}:
+            require_known(f"the drawing '{text}'", name, (), StageError)
+        return stage_of_drawing(path, drawing or DrawingOptions())
+    from flexstage.stage.file import read_stage
+
+    return read_stage(path, designs=build, set=set)
+
+
+def in_si(source: str, settings: Mapping[str, object] | None) -> Mapping[str, object]:
+    """Return settings of a design or file in which a number has the SI unit of its quantity."""
+    given = dict(settings or {})
+    numbers = [n for n, v in given.items() if isinstance(v, Real) and not isinstance(v, bool)]
+    if numbers:
+        units = {p.name: DIMENSIONS[p.dimension].si for p in parameters_of(source) if p.dimension}
+        given |= {n: f"{given[n]} {units[n]}" for n in numbers if n in units}
+    return given
+
+
+def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
+    """Return the parameters of a built-in design or of a stage file, which `find_stage` sets.
+
+    Parameters
+    ----------
+    source : str or os.PathLike
+        Name of a built-in design, or path of a stage file.
+
+    Returns
+    -------
+    tuple of StageParameter
+        Those of a file in its order, then the dimensions of the design that it names.
+
+    Raises
+    ------
+    StageError
+        There is neither such a design nor such a file, or the file is no stage.
+
+    Examples
+    --------
+    >>> neck = next(p for p in parameters_of("vgtu-piezo") if p.name == "x.lever_neck")
+    >>> neck.text, neck.value, neck.dimension
+    ('0.55 mm', 0.00055, 'length')
+    """
+    text = os.fspath(source)
+    if text.casefold() in DESIGNS:
+        return parameters_in(text.casefold(), None)
+    path = _file(text)
+    if path.suffix.lower() in DRAWINGS:
+        return ()  # what a drawing says is fixed: `flexstage import` gives its necks names
+    return parameters_in(text, read_text(path, STAGE_FILE.noun, StageError))
+
+
+def parameters_in(
+    source: str,
+    file: str | None,
+    set: Mapping[str, object] | None = None,
+    designed: Callable[[tuple[Topology, ParameterSet | None, Any]], None] | None = None,
+) -> tuple[StageParameter, ...]:
+    """Return the parameters of a built-in design, or of the text of a file, some of them set.
+
+    `designed` is told family, built-in design and dimensions of the design that a file names.
+    """
+    if file is None:
+        return _in_design(chosen_design(source, set or {})[2])
+    from flexstage.stage.file import file_parameters
+
+    dimensions: list[Any] = []
+
+    def named(name: str, given: Mapping[str, object]) -> None:
+        found = chosen(name, given)
+        dimensions.append(found[2])
+        if designed is not None:
+            designed(found)
+
+    own = file_parameters(file, named, set=set, source=source)
+    return (
+        *(
+            StageParameter(
+                name=name,
+                value=float(found.amount.value),
+                dimension=dimension_named(found.amount.powers) or "",
+                text=found.text,
+                description=found.description,
+            )
+            for name, found in own.items()
+        ),
+        *(parameter for found in dimensions for parameter in _in_design(found)),
+    )
+
+
+def _in_design(dimensions: Any) -> tuple[StageParameter, ...]:
+    return tuple(e for e in entries_of(dimensions) if isinstance(e, StageParameter))
+
+
+def _file(text: str) -> Path:
+    """Return the path of a stage file that is there."""
+    path = Path(text)
+    if not text or not _exists(path):
+        # a file that lies there, by another ending or a letter less, before a design of such a name
+        # named alike, the ending left out: of five letters four are those of any other file
+        beside = {Path(name).stem: name for name in _files_beside(path)}
+        file = beside.get(nearest(path.stem, beside, 0.75) or "")
+        near = (
+            str(path.with_name(file))
+            if file
+            else nearest(text, DESIGNS, 0.7 if path.suffix else 0.4)
+        )
+        hint = f"did you mean '{near}'?" if near else f"the designs are {some_of(DESIGNS)}"
+        raise StageError(f"no built-in design and no file is called '{text[:200]}': {hint}")
+    return path
+
+
+def chosen_design(
+    name: str, settings: Mapping[str, object]
+) -> tuple[Topology, ParameterSet | None, Any]:
+    """Return family, built-in design and dimensions of a design with settings."""
+    known = _names_of(name)
+    # another kind of what stands there has parameters of its own, which are checked as in a file
+    anew = tuple(setting.removesuffix("kind") for setting in settings if setting.endswith(".kind"))
+    for setting in settings:
+        if not setting.startswith(anew or ("kind",)) or setting in known:
+            require_known(f"the design '{name}'", setting, known, StageError)
+    given: Any = plain(settings_of(settings, StageError))
+    return chosen(name, given)
+
+
+@cache
+def _names_of(name: str) -> tuple[str, ...]:
+    return tuple(entry.name for entry in entries_of(PARAMETER_SETS[name].parameters))
+
+
+def _files_beside(path: Path) -> list[str]:
+    """Names of the stage files in the folder that a path is in."""
+    try:
+        return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml", *DRAWINGS)]
+    except (OSError, ValueError):  # no such folder, or a name that none can have
+        return []
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long for any file
+        return False

@@ -1,0 +1,333 @@
+"""Many stages from one source, a design or a stage file, and the texts of files to start from."""
+
+import os
+import re
+import textwrap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+from flexstage.base.errors import FlexstageError, StageError
+from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.nodes import Node, Scalar, parse_yaml, read_text
+from flexstage.files.parameters import KEY as PARAMETERS
+from flexstage.files.parameters import require_known
+from flexstage.files.yaml_text import flow_text
+from flexstage.quantities.units import to_text
+from flexstage.stage import Stage, stage_from_text, stage_to_text
+from flexstage.stage.designs.parameters import (
+    Group,
+    ParameterSet,
+    StageParameter,
+    Topology,
+    entries_of,
+)
+from flexstage.stage.designs.registry import DESIGNS, PARAMETER_SETS, build, construct, design
+from flexstage.stage.designs.source import chosen_design, find_stage, in_si, parameters_in
+from flexstage.stage.drawing import DRAWINGS
+from flexstage.stage.file import STAGE_FILE
+
+# a key with its value, plain or in quotes, and the comment behind it
+_COMMENT = re.compile(r"""\w+:\s*(?:'(?:[^']|'')*'|"(?:[^"\\]|\\.)*"|[^'"#].*?)(\s+#.*)""")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTemplate:
+    """A design or a stage file of which parameters are changed, quickly and often.
+
+    It holds the text of a file, so that it can be sent to another machine.
+
+    Examples
+    --------
+    >>> template = StageTemplate.of("parallelogram")
+    >>> template.stage({"leg_spacing": 0.035}).hinges[0].at[0]
+    -0.0175
+    """
+
+    source: str
+    """Name of the design or path of the file."""
+    file: str | None = None
+    """Text of the file; None for a built-in design."""
+    settings: tuple[tuple[str, str], ...] = ()
+    """Parameters that are set throughout, and their values as a file has them."""
+
+    @classmethod
+    def of(cls, source: str | os.PathLike[str], settings: Mapping[str, str] | None = None) -> Self:
+        """Take a design by its name, or a stage file.
+
+        Raises
+        ------
+        StageError
+            There is neither such a design nor such a file, it is a drawing, or it has no such
+            parameter.
+        """
+        text, shown = os.fspath(source), os.fspath(source)[:200]
+        if Path(text).suffix.lower() in DRAWINGS and text.casefold() not in DESIGNS:
+            raise StageError(
+                f"'{shown}' is a drawing, whose dimensions are fixed: make a stage file with "
+                f"parameters of it first (flexstage import '{shown}')"
+            )
+        find_stage(text, settings or {})
+        # as words of a file, in which true and false are small
+        given = tuple(
+            (name, str(v).lower() if isinstance(v, bool) else str(v))
+            for name, v in in_si(text, settings).items()
+        )
+        if text.casefold() in DESIGNS:
+            return cls(source=text.casefold(), settings=given)
+        file = read_text(Path(text), STAGE_FILE.noun, StageError)
+        return cls(source=text, file=file, settings=given)
+
+    @property
+    def parameters(self) -> tuple[StageParameter, ...]:
+        """All parameters, with the values that they have here."""
+        return _parameters(self)
+
+    def stage(self, values: Mapping[str, float] | None = None) -> Stage:
+        """Return the stage with other values of parameters, in SI units.
+
+        Raises
+        ------
+        FlexstageError
+            There is no such stage: dimensions that do not go together, or an unknown parameter.
+        """
+        if self.file is None:
+            return construct(*_design(self)[:2], self._dimensions(values or {}))
+        return stage_from_text(
+            self.file,
+            build,
+            set=dict(self.settings) | self._texts(values or {}),
+            source=self.source,
+        )
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Return it with other values of parameters, in SI units, that are set throughout."""
+        settings = dict(self.settings) | self._texts(values)
+        return replace(self, settings=tuple(settings.items()))
+
+    def text(
+        self, values: Mapping[str, float], name: str | None = None, title: str | None = None
+    ) -> str:
+        """Return a stage file of the stage with other values, and another name and title.
+
+        That of a design gives all of its dimensions. A file keeps its words and comments where each
+        value that changes stands in a line of it; else all is written anew.
+        """
+        words = {k: v for k, v in (("name", name), ("title", title)) if v is not None}
+        wanted = replace(self.stage(values), **words)  # type: ignore[arg-type]
+        if self.file is None:
+            topology, known, _ = _design(self)
+            return _called(text_of_dimensions(topology, known, self._dimensions(values)), words)
+        texts = dict(self.settings) | self._texts(values)
+        edited = _edited(self, texts)
+        edited = None if edited is None else _called(edited, words)
+        if edited is not None:
+            try:
+                if stage_from_text(edited, build, source=self.source) == wanted:
+                    return edited
+            except FlexstageError:
+                pass  # a line that was not what it seemed: written out below
+        found: list[Any] = []
+        parameters_in(self.source, self.file, texts, found.append)
+        if found:
+            return _called(text_of_dimensions(*found[0]), words)
+        return stage_to_text(wanted, shared=True)
+
+    def _dimensions(self, values: Mapping[str, float]) -> Any:
+        return _with(_design(self)[2], values, self.source)
+
+    def _texts(self, values: Mapping[str, float]) -> dict[str, str]:
+        known = {parameter.name: parameter for parameter in self.parameters}
+        texts = {}
+        for name, value in values.items():
+            require_known(self.source, name, known, StageError)
+            dimension = known[name].dimension
+            texts[name] = to_text(value, dimension) if dimension else repr(float(value))
+        return texts
+
+
+@lru_cache(maxsize=32)
+def _design(template: StageTemplate) -> tuple[Topology, ParameterSet | None, Any]:
+    """Family, built-in design and dimensions of a template of a design, read once."""
+    return chosen_design(template.source, dict(template.settings))
+
+
+@lru_cache(maxsize=32)
+def _parameters(template: StageTemplate) -> tuple[StageParameter, ...]:
+    return parameters_in(template.source, template.file, dict(template.settings))
+
+
+def _with(dimensions: Any, values: Mapping[str, float], source: str) -> Any:
+    """Return dimensions with other values, some of them some groups down, all at once."""
+    changes: dict[str, Any] = {}
+    groups: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        first, _, rest = name.partition(".")
+        require_known(source, first, type(dimensions).__dataclass_fields__, StageError)
+        if rest:
+            groups.setdefault(first, {})[rest] = value
+        else:
+            changes[first] = value
+    changes |= {n: _with(getattr(dimensions, n), inner, source) for n, inner in groups.items()}
+    return replace(dimensions, **changes)
+
+
+def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
+    """Put values into a file, each in the line that has it; None where one has no such line."""
+    assert template.file is not None
+    lines = template.file.splitlines(keepends=True)
+    root = parse_yaml(template.file, template.source, STAGE_FILE.noun, StageError)
+    for name, text in texts.items():
+        place = _place(root, name)
+        if place is None or place.line is None:
+            return None
+        line = lines[place.line - 1]
+        before, found, behind = line.partition(place.text)
+        if not found or place.text in before + behind:
+            return None
+        # a comment behind it stays where it stood
+        spare = len(behind) - len(behind.lstrip(" "))
+        longer = len(text) - len(found)
+        behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
+        lines[place.line - 1] = before + text + behind
+    return "".join(lines)
+
+
+def _called(text: str, words: Mapping[str, str]) -> str:
+    """Put name and title of a stage into a file, where they stand or below its first key."""
+    lines = text.splitlines()
+    for key, value in words.items():
+        written = f"{key}: {flow_text(value)}"
+        at = [i for i, line in enumerate(lines) if line.startswith(f"{key}:")]
+        if at:
+            comment = _COMMENT.fullmatch(lines[at[0]])
+            lines[at[0]] = written + (comment[1] if comment else "")
+            # what it has said in more lines goes with it
+            while at[0] + 1 < len(lines) and lines[at[0] + 1].startswith((" ", "\t")):
+                del lines[at[0] + 1]
+        else:
+            above = ("name:", f"{STAGE_FILE.key}:") if key == "title" else (f"{STAGE_FILE.key}:",)
+            at = [i for a in above for i, line in enumerate(lines) if line.startswith(a)]
+            lines.insert(at[0] + 1 if at else 0, written)
+    end = "\r\n" if "\r\n" in text else "\n"
+    return end.join(lines) + end
+
+
+def _place(root: Node, name: str) -> Scalar | None:
+    """Return where the value of a parameter stands in a file."""
+    for key, path in ((PARAMETERS, [name]), ("design", name.split("."))):
+        node = root
+        for part in (key, *path):
+            if not isinstance(node, MappingNode) or part not in node.items:
+                break
+            node = node.items[part]
+        else:
+            if isinstance(node, MappingNode):  # a value with its description
+                node = node.items.get("value", node)
+            return node if isinstance(node, Scalar) else None
+    return None
+
+
+_WIDTH = 100
+_COLUMN = 34  # where comments begin, at least
+
+_OF_KEYS = {
+    "parameters": 'Dimensions of the notches: change one here, or by --set NAME="VALUE". The gap '
+    "between two bodies is as long as the notch that fills it.",
+    "profiles": "Shapes that hinges have by name.",
+    "name": "The plate.",
+    "bodies": "Outlines leave the notches out: each fills the gap between the edges of two bodies.",
+    "hinges": "Each joins two bodies: its neck is at a point, its direction is from the first on.",
+    "drives": "What pushes which body, and which it stands on: the point pushed, the other end.",
+    "probes": "Where the motion of a body is read, and in which direction.",
+    "axes": "Which drives and which probe belong together.",
+    "published": "Figures of others for this very stage: delete them when you change it.",
+}
+
+
+def design_text(name: str) -> str:
+    """Return a stage file that names a built-in design and gives all of its dimensions.
+
+    Examples
+    --------
+    >>> print(design_text("parallelogram").splitlines()[0])
+    # Parallelogram guide on two legs of notches or leaves.
+    """
+    known = PARAMETER_SETS[name]
+    return text_of_dimensions(known.topology, known, known.parameters)
+
+
+def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimensions: Any) -> str:
+    """Return a stage file that names a family and gives all dimensions.
+
+    `known` is the built-in design that they vary, where it is one.
+    """
+    lines = [
+        *_head(
+            topology, "Every dimension of the design is here, with its value: change or delete it."
+        ),
+        "flexstage: 1",
+        "design:",
+        f"  name: {topology.name}",
+    ]
+    if known is not None and known.name != topology.name:
+        lines.append(f"  based_on: {known.name}")
+    return "\n".join([*lines, *_entries(entries_of(dimensions))]) + "\n"
+
+
+def spelled_out_text(name: str) -> str:
+    """Return a stage file in which the stage of a built-in design is described part by part."""
+    said = "The whole stage is described here, without the design that it was made from."
+    text = _with_comments(stage_to_text(design(name), shared=True), _OF_KEYS)
+    return "\n".join([*_head(PARAMETER_SETS[name].topology, said), text])
+
+
+def _head(topology: Topology, said: str) -> list[str]:
+    title = topology.title
+    told = [
+        f"{title[:1].upper()}{title[1:]}" + ("" if title.endswith(".") else "."),
+        f"Source: {topology.source.removesuffix('.')}.",
+        said,
+        "flexstage check FILE says what is wrong with it, flexstage show FILE draws it.",
+    ]
+    return [line for text in told for line in _comment(text, "")] + [""]
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    prefix = f"{indent}# "
+    return textwrap.wrap(
+        text, _WIDTH, initial_indent=prefix, subsequent_indent=prefix, break_on_hyphens=False
+    )
+
+
+def _entries(entries: Iterable[StageParameter | Group]) -> list[str]:
+    """Lines of a mapping of parameters, nested as their names are, with comments."""
+    lines = []
+    for entry in entries:
+        *groups, key = entry.name.split(".")
+        indent = "  " * (len(groups) + 1)
+        if isinstance(entry, Group):
+            lines += [*_comment(entry.description, indent), f"{indent}{key}:"]
+            continue
+        line = f"{indent}{key}: {entry.text}"
+        behind = f"{line:<{_COLUMN}}  # {entry.description.removesuffix('.')}"
+        if not entry.description:
+            lines.append(line)
+        elif len(behind) <= _WIDTH:
+            lines.append(behind)
+        else:
+            lines += [*_comment(entry.description, indent), line]
+    return lines
+
+
+def _with_comments(text: str, comments: Mapping[str, str]) -> str:
+    """Put comments above the outermost keys of a file."""
+    lines = []
+    for line in text.splitlines():
+        said = comments.get(line.partition(":")[0])
+        if said is not None:
+            lines += ["", *_comment(said, "")]
+        lines.append(line)
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,426 @@
+"""The stages that some parameters span, and their figures by any model.
+
+Figures beyond those of an analysis, which a search wants to bound, are computed here as well.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import FlexstageError, ModelError
+from flexstage.base.progress import subtask
+from flexstage.lumped import (
+    StageTangents,
+    assemble_batch,
+    lumped_characteristics,
+    lumped_system,
+    parameter_tangents,
+    stage_arrays,
+    system_tangents,
+)
+from flexstage.lumped.large_displacement import lumped_buckling
+from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.stage import Stage
+from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.drive import Force, PiezoStack
+from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
+from flexstage.studies.explore.figures import Figure
+from flexstage.studies.explore.variables import Variable
+from flexstage.studies.models import analyse_model
+from flexstage.system import MechanicalSystem, characteristic_derivatives
+from flexstage.system.batch_analysis import quoted
+from flexstage.system.characteristics import axis_states
+
+# of every drive of each axis at full stroke, its elongation [m] and force [N]
+Forces = Mapping[str, Mapping[str, tuple[float, float]]]
+
+
+def _smallest_wall(stage: Stage) -> Mapping[str, float]:
+    """Thinnest place of a body, necks left out; none where nothing is thin."""
+    found = thinnest_wall(stage)
+    return {WHOLE_STAGE: found} if math.isfinite(found) else {}
+
+
+def _output_wall(stage: Stage) -> Mapping[str, float]:
+    """Thinnest place of the body whose motion is the output of an axis; none where none is thin."""
+    bodies = {axis.name: stage.probe(axis.probe).body for axis in stage.axes}
+    walls = {body: thinnest_wall(stage, body) for body in dict.fromkeys(bodies.values())}
+    return {axis: walls[body] for axis, body in bodies.items() if math.isfinite(walls[body])}
+
+
+def _smallest_neck(stage: Stage) -> Mapping[str, float]:
+    """Thinnest neck."""
+    necks = [hinge.profile.neck_thickness for hinge in stage.hinges]
+    return {WHOLE_STAGE: min(necks)} if necks else {}
+
+
+def _drive_force(stage: Stage, forces: Forces) -> Mapping[str, float]:
+    """Largest force of a drive that the full stroke takes, its elongation imposed."""
+    return {
+        axis: max((abs(force) for _, force in drives.values()), default=0.0)
+        for axis, drives in forces.items()
+    }
+
+
+def _drive_force_share(stage: Stage, forces: Forces) -> Mapping[str, float]:
+    """That force in parts of the blocking force, of stacks: what their push must be for all."""
+    found: dict[str, float] = {}
+    for axis, drives in forces.items():
+        for name, (_, force) in drives.items():
+            drive = stage.drive(name)
+            if isinstance(drive, PiezoStack):
+                blocking = drive.blocking_force or drive.stiffness * drive.free_stroke
+                found[axis] = max(found.get(axis, 0.0), abs(force) / blocking)
+    return found
+
+
+def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
+    r"""Part of its free stroke that a drive keeps against the stage: :math:`k_d/(k_d + k_s)`.
+
+    By its own stiffness and the force over its elongation; the least of the drives of an axis.
+    """
+    found: dict[str, float] = {}
+    for axis, drives in forces.items():
+        largest = max((abs(length) for length, _ in drives.values()), default=0.0)
+        for name, (length, force) in drives.items():
+            drive = stage.drive(name)
+            # of the largest elongation of a motion, less is none
+            if isinstance(drive, Force) or abs(length) <= 1e-9 * largest:
+                continue
+            lost = 0.0 if drive.spring is None else force / drive.spring
+            left = length / (length + lost) if length + lost else math.inf
+            found[axis] = min(found.get(axis, math.inf), left)
+    return found
+
+
+def _buckling_factor(stage: Stage, forces: Forces) -> Mapping[str, float]:
+    """Factor of the forces of the full stroke at which the stage buckles, bodies taken as rigid."""
+    return {
+        axis: lumped_buckling(stage, {name: force for name, (_, force) in drives.items()})
+        for axis, drives in forces.items()
+    }
+
+
+#: By quantity: what computes it of the geometry alone, by axis, ``stage`` for the whole.
+_OF_GEOMETRY: Mapping[str, Callable[[Stage], Mapping[str, float]]] = {
+    "smallest_neck": _smallest_neck,
+    # the narrowest cut, negative where bodies overlap
+    "smallest_slot": lambda stage: {WHOLE_STAGE: narrowest_slot(stage)},
+    "smallest_wall": _smallest_wall,
+    "output_wall": _output_wall,
+}
+# of the forces of drives, by axis
+_OF_FORCES: Mapping[str, Callable[[Stage, Forces], Mapping[str, float]]] = {
+    "drive_force": _drive_force,
+    "drive_force_share": _drive_force_share,
+    "stroke_left": _stroke_left,
+    "buckling_factor": _buckling_factor,
+}
+#: Quantities that are known of one stage at a time.
+STAGE_FIGURES = (*_OF_FORCES, *_OF_GEOMETRY)
+
+
+def need_a_model(quantities: Collection[str]) -> bool:
+    """Say whether some quantities of `STAGE_FIGURES` are more than geometry."""
+    return any(quantity in _OF_FORCES for quantity in quantities)
+
+
+def stage_figures(
+    stage: Stage,
+    system: MechanicalSystem | None,
+    wanted: Collection[tuple[str, str]] | None = None,
+) -> dict[tuple[str, str], float]:
+    """Return figures of a stage by quantity and axis: those that are wanted, or all.
+
+    `system` is a model of it; None where `need_a_model` says that none is needed.
+    """
+    asked = {quantity for quantity, _ in wanted} if wanted is not None else set(STAGE_FIGURES)
+    found: dict[tuple[str, str], float] = {}
+    for quantity, measure in _OF_GEOMETRY.items():
+        if quantity in asked:
+            found |= {(quantity, axis): value for axis, value in measure(stage).items()}
+    if system is None or not need_a_model(asked):
+        return found
+    forces = {
+        state.axis: {
+            name: (length, state.static.drive_force.get(name, 0.0))
+            for name, length in state.drives.items()
+        }
+        for state in axis_states(stage, system).axes
+    }
+    for quantity, compute in _OF_FORCES.items():
+        if quantity in asked:
+            of = {a: f for a, f in forces.items() if wanted is None or (quantity, a) in wanted}
+            found |= {(quantity, axis): value for axis, value in compute(stage, of).items()}
+    return found
+
+
+# Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
+# mesh, and needs wider ones.
+_STEP = {
+    "lumped": 1e-5,
+    "superelement": 2e-3,
+    "plane": 1e-2,
+    "superelement-3d": 2e-3,
+    "solid": 1e-2,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """A stage of which some parameters are varied; a point has their values in SI units."""
+
+    template: StageTemplate
+    """The design or stage file."""
+    variables: tuple[Variable, ...]
+    """What is varied."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables."""
+        return tuple(v.name for v in self.variables)
+
+    @property
+    def usual(self) -> Array:
+        """The point of the stage as it is described, shape (d,)."""
+        return np.array([v.usual for v in self.variables])
+
+    @property
+    def middle(self) -> Array:
+        """The point in the middle of all bounds, shape (d,)."""
+        return np.array([v.middle for v in self.variables])
+
+    @property
+    def bounds(self) -> Array:
+        """Least and greatest value of each variable, shape (d, 2)."""
+        return np.array([(v.low, v.high) for v in self.variables]).reshape(-1, 2)
+
+    def values(self, point: Array) -> dict[str, float]:
+        """Return the values of a point by name."""
+        return dict(zip(self.names, map(float, point), strict=True))
+
+    def stage(self, point: Array) -> Stage:
+        """Return the stage of a point.
+
+        Raises
+        ------
+        FlexstageError
+            There is none: dimensions that do not go together.
+        """
+        return self.template.stage(self.values(point))
+
+    def text(self, point: Array, name: str | None = None, title: str | None = None) -> str:
+        """Return a stage file of the stage of a point, under another name and title."""
+        return self.template.text(self.values(point), name, title)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evaluated:
+    """Figures of many points."""
+
+    figures: tuple[Figure, ...]
+    """The figures, in the order of the columns."""
+    values: Array
+    """In the units of their quantities, NaN where a point is no stage, shape (points, figures)."""
+    faults: tuple[str, ...]
+    """Why a point is no stage, in a sentence; empty where it is one."""
+
+
+def known_figures(stage: Stage) -> dict[tuple[str, str], float]:
+    """Return all figures of a stage by the lumped model, by quantity and axis."""
+    analysis = analyse_model(stage, "lumped")
+    found = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
+    return found | stage_figures(stage, analysis.system)
+
+
+@lru_cache(maxsize=32)
+def batched_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
+    """Return which figures of a stage the batched engine knows, by quantity and axis."""
+    return quoted(assemble_batch(stage_arrays([stage])))
+
+
+def evaluate(
+    family: Family, points: Array, figures: Sequence[Figure], model: str = "lumped"
+) -> Evaluated:
+    """Return figures of many points of a family.
+
+    Parameters
+    ----------
+    family : Family
+        The stages.
+    points : numpy.ndarray
+        Values of the variables [SI], shape (points, d).
+    figures : sequence of Figure
+        What is computed of each.
+    model : str
+        ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
+
+    Returns
+    -------
+    Evaluated
+        A point that is no stage has NaN and a sentence; it stops nothing.
+
+    Examples
+    --------
+    >>> from flexstage.studies.explore.variables import variables_of
+    >>> template = StageTemplate.of("parallelogram")
+    >>> family = Family(template=template, variables=variables_of(template, ["leg_spacing=20 %"]))
+    >>> ratio = Figure(quantity="transmission_ratio", axis="x")
+    >>> found = evaluate(family, np.array([[0.038], [0.042]]), [ratio])
+    >>> [f"{v:.3f}" for v in found.values[:, 0]]
+    ['1.000', '1.000']
+    """
+    values = np.full((len(points), len(figures)), np.nan)
+    faults = [""] * len(points)
+    stages: dict[int, Stage] = {}
+    for i, point in enumerate(np.asarray(points, dtype=np.float64)):
+        try:
+            stages[i] = family.stage(point)
+        except FlexstageError as error:
+            faults[i] = str(error)
+    nominal = family.template.stage()
+    if model == "lumped":
+        _together(nominal, stages, figures, values)
+    for done, (i, stage) in enumerate(stages.items()):
+        missing = np.flatnonzero(np.isnan(values[i])).tolist()
+        if not missing:
+            continue
+        try:
+            with subtask(done / len(stages), (done + 1) / len(stages)):
+                values[i, missing] = _figures(stage, [figures[k] for k in missing], model, nominal)
+        except FlexstageError as error:
+            values[i], faults[i] = np.nan, str(error)
+    return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
+
+
+def _together(
+    nominal: Stage, stages: Mapping[int, Stage], figures: Sequence[Figure], values: Array
+) -> None:
+    """Put in what the batched engine knows of all stages; the rest stays NaN."""
+    batched = batched_figures(nominal)
+    known = [k for k, figure in enumerate(figures) if figure.key in batched]
+    if not stages or not known:
+        return
+    try:
+        arrays = stage_arrays(list(stages.values()), nominal=nominal)
+    except FlexstageError:
+        return  # one is of another topology, or has a hinge beside its body: each by itself
+    found = lumped_characteristics(arrays, [figures[k].key for k in known])
+    for k in known:
+        values[list(stages), k] = found[figures[k].key]
+
+
+def _figures(stage: Stage, figures: Collection[Figure], model: str, nominal: Stage) -> list[float]:
+    """Figures of one stage, by the single analysis; what needs none of it, by the model alone.
+
+    All points of a family lie about the stage that it is described by, whoever computes them.
+    """
+    rows: dict[tuple[str, str], float] = {}
+    system: MechanicalSystem | None = None
+    beyond = {figure.key for figure in figures if figure.quantity in STAGE_FIGURES}
+    if model == "lumped" and len(beyond) == len(figures):
+        if need_a_model({quantity for quantity, _ in beyond}):
+            system = lumped_system(stage)
+    else:
+        analysis = analyse_model(stage, model, near=nominal)
+        system = analysis.system
+        rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
+    rows |= stage_figures(stage, system, beyond)
+    return [rows.get(figure.key, np.nan) for figure in figures]
+
+
+def jacobian(
+    family: Family, point: Array, figures: Sequence[Figure], model: str = "lumped"
+) -> tuple[Array, Array]:
+    """Return figures of a point and their slopes by the variables.
+
+    By the lumped model the derivatives of `flexstage.system.characteristic_derivatives`, which
+    need no step; what that does not know, and other models, by central difference quotients, to
+    one side where the other is no stage.
+
+    Parameters
+    ----------
+    family : Family
+        The stages.
+    point : numpy.ndarray
+        Values of the variables [SI], shape (d,).
+    figures : sequence of Figure
+        What is computed.
+    model : str
+        As in `evaluate`.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Values, shape (f,), and slopes in the units of the figures per SI unit of the variables,
+        shape (f, d); NaN where a step to neither side is a stage.
+
+    Raises
+    ------
+    ModelError
+        The point itself is no stage.
+    """
+    steps = _STEP[model] * np.ptp(family.bounds, axis=1)
+    found = evaluate(family, point[None], figures, model)
+    if found.faults[0]:
+        raise ModelError(f"there is no stage to start from: {found.faults[0]}")
+    slopes = np.full((len(figures), len(steps)), np.nan)
+    if model == "lumped":
+        slopes = _derivatives(family, point, figures, steps)
+    left = np.flatnonzero(np.isnan(slopes).any(axis=1))
+    if left.size:
+        open_ = [figures[k] for k in left.tolist()]
+        by_steps = _quotients(family, point, open_, model, steps, found.values[0, left])
+        slopes[left] = np.where(np.isnan(slopes[left]), by_steps, slopes[left])
+    return found.values[0], slopes
+
+
+def _derivatives(family: Family, point: Array, figures: Sequence[Figure], steps: Array) -> Array:
+    """Analytic derivatives by the lumped model, shape (f, d); NaN where they are not known."""
+    slopes = np.full((len(figures), len(steps)), np.nan)
+    arrays = stage_arrays([family.stage(point)])
+    batched = quoted(assemble_batch(arrays))
+    known = [k for k, figure in enumerate(figures) if figure.key in batched]
+    if not known:
+        return slopes
+    tangents: dict[int, StageTangents] = {}
+    for j, step in enumerate(steps):
+
+        def build(value: float, j: int = j) -> Stage:
+            return family.stage(np.concatenate((point[:j], [value], point[j + 1 :])))
+
+        try:
+            tangents[j] = parameter_tangents(
+                build, float(point[j]), step=float(step), order=2, arrays=arrays
+            )
+        except FlexstageError:
+            continue  # no stage to either side, or a hinge that becomes another
+    if tangents:
+        first, *others = tangents.values()
+        joined = first.joined(*others)
+        keys = [figures[k].key for k in known]
+        found = characteristic_derivatives(*system_tangents(joined), keys)
+        for k, key in zip(known, keys, strict=True):
+            slopes[k, list(tangents)] = found[key]
+    return slopes
+
+
+def _quotients(
+    family: Family,
+    point: Array,
+    figures: Sequence[Figure],
+    model: str,
+    steps: Array,
+    here: Array,
+) -> Array:
+    """Difference quotients, shape (f, d)."""
+    d = len(steps)
+    around = np.concatenate((point + np.diag(steps), point - np.diag(steps)))
+    found = evaluate(family, around, figures, model).values
+    up, down = (found[:d] - here) / steps[:, None], (here - found[d:]) / steps[:, None]
+    slopes = np.where(np.isnan(up), down, np.where(np.isnan(down), up, 0.5 * (up + down)))
+    return slopes.T
