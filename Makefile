@@ -44,7 +44,8 @@ slow: env-dev ## the slow evidence: peers, long runs, the built package
 	$(dev_run) pytest $(alone) -m "slow and alone"
 
 evidence: env-dev ## the slow evidence at full size, before a release
-	$(dev_run) pytest tests -m evidence -n auto $(parallel) $(PYTEST_ARGS)
+	$(dev_run) pytest tests -m evidence -n auto $(parallel) --evidence-page $(OUT)/evidence.md \
+	  $(PYTEST_ARGS)
 	for search in $$(seq $(SEARCHES)); do \
 	  $(dev_run) pytest tests -m "hypothesis and not evidence" --hypothesis-profile=search \
 	    -n auto $(parallel) $(PYTEST_ARGS) || exit 1; \

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import inspect
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,9 @@ from docutils.nodes import SkipNode
 from latex2mathml.converter import convert
 
 import flexstage
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from tests import evidence_table
 
 project = "flexstage"
 author = "The flexstage developers"
@@ -153,6 +157,7 @@ def write_reference() -> None:
 
     page = folder.parent / "command-line.md"
     page.write_text(command_line_page(app), encoding="utf-8")
+    (folder.parent / "evidence.md").write_text(evidence_table.page(), encoding="utf-8")
     (folder / "hysteresis-models.md").write_text(_hysteresis_models(), encoding="utf-8")
     names.append("hysteresis-models")
     listing = "# API reference\n\n```{toctree}\n:maxdepth: 1\n\n" + "\n".join(names)

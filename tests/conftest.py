@@ -10,11 +10,13 @@ import signal
 import sys
 import tempfile
 from collections.abc import Generator, Iterator
+from pathlib import Path
 
 import pytest
 from _pytest.doctest import DoctestModule
 from hypothesis import settings
 
+from tests import evidence_table
 from tests.longest import LONGEST
 from tests.shared_data import ABSENT
 
@@ -99,11 +101,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = parts
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--evidence-page", type=Path, help="write the table of evidence to this file")
+
+
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Say at the very end how much evidence was absent, and not only which tests were skipped."""
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None or hasattr(config, "workerinput"):
         return
+    if file := config.getoption("--evidence-page", None):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(evidence_table.page(evidence_table.outcomes_of(reporter)), "utf-8")
     absent = sum(ABSENT in str(report.longrepr) for report in reporter.stats.get("skipped", ()))
     if absent:
         reporter.write_line(f"{absent} skipped, which compare with measurements: {ABSENT}")

@@ -1,4 +1,8 @@
-"""The entire dynamic model: against integration of its equations, and its static limits."""
+r"""The entire dynamic model: against integration of its equations, and its static limits.
+
+Evidence (Hysteresis and records): whole model with two creeping stacks (integration):
+$2\cdot10^{-10}$ µm
+"""
 
 import dataclasses
 

@@ -1,4 +1,7 @@
-"""Geometry of an eccentric scale against constructions that share nothing with its closed forms."""
+"""Geometry of an eccentric scale against constructions that share nothing with its closed forms.
+
+Evidence (Measuring and centring): head error, disc and drum (search in space): $10^{-13}$ rad
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""The move and the whole procedure, on tables and stages whose truth is known."""
+"""The move and the whole procedure, on tables and stages whose truth is known.
+
+Evidence (Measuring and centring): procedure, one and four heads, 50 µm, 1 arcsec: residual below
+0.1 µm in 600 cases each, *simulated* [*slow*]
+"""
 
 import math
 

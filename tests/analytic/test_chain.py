@@ -1,4 +1,7 @@
-"""Each element of the linear chain against closed forms, 40 digits, and scipy's integrators."""
+"""Each element of the linear chain against closed forms, 40 digits, and scipy's integrators.
+
+Evidence (Hysteresis and records): lag, creep, modes (integration, 40 digits): $10^{-9}$
+"""
 
 import itertools
 import math

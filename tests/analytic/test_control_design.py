@@ -1,4 +1,8 @@
-"""Plants, margins and tuning: closed forms, SciPy, the control package, and loops in time."""
+r"""Plants, margins and tuning: closed forms, SciPy, the control package, and loops in time.
+
+Evidence (Instruments, twin, control): sampled drive (matrix exponentials): $10^{-6}$; margins
+(closed form): $5\cdot10^{-5}$, (package `control`): 0.2 %
+"""
 
 import math
 from dataclasses import replace

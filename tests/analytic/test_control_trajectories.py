@@ -1,4 +1,9 @@
-"""Trajectories: whole periods without a jump, round corners whose size is known in closed form."""
+"""Trajectories: whole periods without a jump, round corners whose size is known in closed form.
+
+Evidence (Instruments, twin, control): triangles and rasters (closed forms): speed $10^{-9}$ (steps
+$10^{-4}$), acceleration $10^{-5}$, jerk 0.2 %, overshoot rounding, ends 0.1 %, linear part 4
+samples
+"""
 
 import numpy as np
 import pytest

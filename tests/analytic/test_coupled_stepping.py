@@ -1,6 +1,9 @@
-"""Hysteresis and stage together: against 30 digits, and against integrators that split at events.
+r"""Hysteresis and stage together: against 30 digits, and against integrators that split at events.
 
 Displacements are in um here: a stroke of some 60, so that 5e-12 is the last digit but one.
+
+Evidence (Hysteresis and records): hysteresis with a mode, steps to 9.3 ms (30 digits, integrator,
+convolution): $5\cdot10^{-12}$ µm, fitted segments $6\cdot10^{-9}$ µm
 """
 
 import dataclasses

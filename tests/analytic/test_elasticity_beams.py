@@ -1,4 +1,8 @@
-"""Meshed beams against the closed solutions of beams, columns, the elastica and hot bars."""
+r"""Meshed beams against the closed solutions of beams, columns, the elastica and hot bars.
+
+Evidence (Finite elements): cantilever (Timoshenko): 0.028 h/L from the clamp; columns (Euler,
+Engesser): $2\cdot10^{-4}$; large bending (elastica): $4\cdot10^{-4}$; heated bars: $10^{-6}$
+"""
 
 import math
 

@@ -1,4 +1,8 @@
-"""Meshed plates and cylinders against Kirsch's hole and Lame's thick cylinder."""
+r"""Meshed plates and cylinders against Kirsch's hole and Lame's thick cylinder.
+
+Evidence (Finite elements): plate with hole (Kirsch): $3\cdot10^{-6}$, stress $2\cdot10^{-4}$;
+cylinder (Lamé): plane $1.3\cdot10^{-6}$, space $1.6\cdot10^{-4}$
+"""
 
 import math
 

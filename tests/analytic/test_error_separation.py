@@ -1,4 +1,8 @@
-"""Errors of a scale out of readings whose truth is known."""
+"""Errors of a scale out of readings whose truth is known.
+
+Evidence (Measuring and centring): scale tables: $10^{-9}$ arcsec, *consistency*; 100 turns with 1
+arcsec noise and 20 arcsec wander 0.02 arcsec rms, *simulated*
+"""
 
 import math
 

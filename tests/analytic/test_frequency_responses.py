@@ -1,4 +1,7 @@
-"""Frequency responses of a known discrete system from records of every kind of excitation."""
+"""Frequency responses of a known discrete system from records of every kind of excitation.
+
+Evidence (Measuring and centring): spectral densities, H1, H2, Hv (SciPy): $10^{-11}$
+"""
 
 from dataclasses import replace
 from typing import Any

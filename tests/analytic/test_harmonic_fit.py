@@ -1,4 +1,8 @@
-"""Harmonic fits, turns, outliers and what they are worth, against truth and plain least squares."""
+"""Harmonic fits, turns, outliers and what they are worth, against truth and plain least squares.
+
+Evidence (Measuring and centring): harmonic fit (weighted least squares): $10^{-9}$; its intervals
+cover 92.3 to 97.7 %, *simulated*, *slow*
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,11 @@
-"""Buckling of rigid bodies on springs and leaves, against columns whose load is known."""
+"""Buckling of rigid bodies on springs and leaves, against columns whose load is known.
+
+Evidence (Stages, tolerances, designs): buckling, lumped: leaf (Euler, Timoshenko) 0.02 %; block on
+leaves (beam elements) 0.01 %; notch ($k/h$) 0.1 %; bar on two notches ($2k/L$) 2 %
+
+Evidence (Stages, tolerances, designs): the same (`plane`): four leaf stages at full stroke 1.6 %,
+bar 0.6 and 1.7 %; *consistency* [*slow*]
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,8 @@
-"""Finite rotations: exact gradients, closed-form arcs, conserved energy, the linear limit."""
+r"""Finite rotations: exact gradients, closed-form arcs, conserved energy, the linear limit.
+
+Evidence (Stages, tolerances, designs): nonlinear model at rest (linear model): $10^{-12}$,
+*consistency*; energy over 1000 periods: $5\cdot10^{-13}$, *evidence*
+"""
 
 import numpy as np
 import pytest

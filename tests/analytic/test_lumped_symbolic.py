@@ -1,4 +1,8 @@
-"""The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form."""
+r"""The symbolic equations: equal to the numeric ones, reduced exactly, solved in closed form.
+
+Evidence (Stages, tolerances, designs): M and K (symbolic Lagrange equations): $5\cdot10^{-15}$,
+*consistency*
+"""
 
 import functools
 import math

@@ -1,4 +1,8 @@
-"""Modal fits: exact on responses of known modes, and honest about noise."""
+"""Modal fits: exact on responses of known modes, and honest about noise.
+
+Evidence (Measuring and centring): modes at 40 dB: frequency 0.05 %, damping 3 %; two 2 % apart: 0.1
+%, 6 %; *simulated*
+"""
 
 import functools
 import math

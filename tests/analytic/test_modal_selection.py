@@ -1,4 +1,8 @@
-"""Automatic modes on responses of stages: none that is not there, none missed that stands out."""
+"""Automatic modes on responses of stages: none that is not there, none missed that stands out.
+
+Evidence (Measuring and centring): automatic modes, 100 responses: in 95 none false or missed 20 dB
+above noise; *simulated* [*evidence*]
+"""
 
 import math
 import re

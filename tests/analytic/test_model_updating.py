@@ -1,4 +1,7 @@
-"""A stage fitted to measured figures: closed forms, sampling, coverage, and what cannot be told."""
+"""A stage fitted to measured figures: closed forms, sampling, coverage, and what cannot be told.
+
+Evidence (Measuring and centring): posterior of an updated model (integration): 2 % of spread
+"""
 
 import dataclasses
 import math

@@ -1,4 +1,7 @@
-"""Cycles, curves over the stroke, and the figures that are taken from them."""
+"""Cycles, curves over the stroke, and the figures that are taken from them.
+
+Evidence (Measuring and centring): minimum zone (brute force): $10^{-12}$
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""A notch out of its plane: closed forms of beams and of torsion."""
+"""A notch out of its plane: closed forms of beams and of torsion.
+
+Evidence (Hinges): notch out of plane (torsion table): printed digits; (beams): $10^{-8}$
+"""
 
 import math
 

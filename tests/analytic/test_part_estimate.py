@@ -1,4 +1,7 @@
-"""What a mesh is expected to be, beside what it becomes; and the triangles that tell it."""
+"""What a mesh is expected to be, beside what it becomes; and the triangles that tell it.
+
+Evidence (Finite elements): mesh size estimate: 0.7 to 1.4, shell 1.8
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""Universal files, arrays of controllers and reports of measuring machines, and what is read."""
+"""Universal files, arrays of controllers and reports of measuring machines, and what is read.
+
+Evidence (Measuring and centring): universal files (pyuff): exact
+"""
 
 import re
 from pathlib import Path

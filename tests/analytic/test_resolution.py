@@ -1,4 +1,8 @@
-"""Noise of a held stage, Allan deviation and staircases: closed forms, direct sums, coverage."""
+"""Noise of a held stage, Allan deviation and staircases: closed forms, direct sums, coverage.
+
+Evidence (Measuring and centring): Allan deviation (plain means): $10^{-11}$, drift $10^{-9}$, sine
+0.5 %; degrees of freedom (closed forms): 0.3 %, 500 records 25 %, *simulated*
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""The resonance that a record shows, against the mode that made it."""
+"""The resonance that a record shows, against the mode that made it.
+
+Evidence (Hysteresis and records): identified resonance 0.2 %, creep 0.15 points per decade, delay
+0.06 samples; *simulated*
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,9 @@
-"""What scatter does to the motion of a stage: closed forms, and the model in the plane."""
+r"""What scatter does to the motion of a stage: closed forms, and the model in the plane.
+
+Evidence (Stages, tolerances, designs): scattered stages (neck by neck): 0.2 %, *consistency*; yaw
+from unparallel legs ($(e_1-e_2)/(ls)$): 1 %, unequal legs ($d^2\delta l/(2l^2s)$): 3 %; Abbe error:
+$2\cdot10^{-11}$ m
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,8 @@
-"""The whole piezo stage, 60 coordinates: responses of its modes against its full matrices."""
+"""The whole piezo stage, 60 coordinates: responses of its modes against its full matrices.
+
+Evidence (Stages, tolerances, designs): time response of 60 coordinates (Runge–Kutta of order 8):
+$10^{-7}$; frequency response (dynamic stiffness): $10^{-9}$
+"""
 
 from dataclasses import replace
 

@@ -1,4 +1,8 @@
-"""Finite displacements of a meshed stage against rigid bodies; buckling of its bars."""
+"""Finite displacements of a meshed stage against rigid bodies; buckling of its bars.
+
+Evidence (Finite elements): parallelogram: path (rigid bodies on springs) 2 %; buckling ($2k/L$) 1.4
+%; *consistency*
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,8 @@
-"""Condensed bodies: what mechanics demands of each, and a whole stage against one mesh of it."""
+"""Condensed bodies: what mechanics demands of each, and a whole stage against one mesh of it.
+
+Evidence (Finite elements): superelements (`plane`): ratio 0.003 %, frequencies 0.01 %, stress 0.4
+%; *consistency*
+"""
 
 import math
 from dataclasses import replace

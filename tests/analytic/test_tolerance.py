@@ -1,4 +1,16 @@
-"""A lot of stages against the single analysis, closed forms of its spread, and known statistics."""
+"""A lot of stages against the single analysis, closed forms of its spread, and known statistics.
+
+Evidence (Stages, tolerances, designs): samples with ten kinds of deviations (single stages):
+$10^{-8}$, *consistency*, partly *slow*; scatter of leaf frequencies (beams): 3 %; yield (normal
+distribution): 1.2 percentage points; cheapest tolerances (Lagrange): 3 %; variance shares (known
+function): 0.01, (central differences): 0.003
+
+Evidence (Stages, tolerances, designs): 95 % intervals of percentiles (`scipy.stats.quantile_test`):
+identical; coverage, also of yields, 400 samples: at least 93 %, *simulated*
+
+Evidence (Stages, tolerances, designs): frequency, ratio with other necks (superelements of 5
+stages, 20 *evidence*): 0.1 of the spread, 0.3 with `--follow-necks`; *consistency* [*slow*]
+"""
 
 import math
 import sys

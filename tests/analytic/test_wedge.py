@@ -1,4 +1,7 @@
-"""The energy densities of tapered strips, and the exact solutions that they must reproduce."""
+"""The energy densities of tapered strips, and the exact solutions that they must reproduce.
+
+Evidence (Hinges): energy density of `wedge` (exact wedge and strip): rounding
+"""
 
 import numpy as np
 import pytest

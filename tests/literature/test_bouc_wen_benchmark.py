@@ -7,6 +7,9 @@ beta = 1e3 /m, gamma = 0.8, delta = -1.1, nu = 1, 750 Hz. Errors are rms in dB r
 
 What was published for models without knowledge of the equations: polynomial nonlinear state space
 -85.3 dB (34 parameters) to -98.3 dB (217 parameters) on the multisine (Esfahani et al., 2017).
+
+Evidence (Hysteresis and records): Bouc–Wen benchmark, multisine and sweep: true parameters −132,
+−112 dB (−250 dB with its integrator and filters); identified from noisy data −137, −112 dB
 """
 
 import functools

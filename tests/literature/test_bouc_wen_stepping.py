@@ -1,4 +1,8 @@
-"""Bouc-Wen stepping against 30-digit arithmetic, and against an integrator split at its events."""
+"""Bouc-Wen stepping against 30-digit arithmetic, and against an integrator split at its events.
+
+Evidence (Hysteresis and records): Bouc–Wen, exponents 1 to 6, generalised, Dahl (30 digits or
+integrator with events): $10^{-12}$ µm of 60 µm
+"""
 
 import math
 from collections.abc import Callable

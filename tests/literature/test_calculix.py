@@ -1,4 +1,11 @@
-"""A hinge and a whole stage in CalculiX: another code, other elements, other loads and readings."""
+"""A hinge and a whole stage in CalculiX: another code, other elements, other loads and readings.
+
+Evidence (Finite elements): reference hinge (CalculiX C3D20R): compliance 0.03 %, frequency 0.014 %,
+stress 0.2 %
+
+Evidence (Finite elements): piezo stage in space (CalculiX, 17 475 triangles, two layers of C3D15):
+ratio, two frequencies 0.3 % [*evidence*]
+"""
 
 import numpy as np
 import pytest

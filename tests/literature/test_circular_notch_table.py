@@ -2,6 +2,9 @@
 
 Columns ``*_fe`` are compliances by plane-stress finite elements, the others errors in per cent of a
 formula against them.
+
+Evidence (Hinges): circular notches, $t/R$ 0.05 to 0.8 (published plane-stress finite elements):
+error of the classical integral 0.3 percentage points, rotation by `wedge` 0.4 %
 """
 
 import csv

@@ -1,4 +1,7 @@
-"""Published closed forms against the quadrature, and against each other."""
+"""Published closed forms against the quadrature, and against each other.
+
+Evidence (Hinges): quadrature (closed forms of Paros and Weisbord, Lobontiu, others): $10^{-9}$
+"""
 
 import pytest
 

@@ -1,7 +1,10 @@
-"""The same mechanism in an independent multibody code.
+r"""The same mechanism in an independent multibody code.
 
 EXUDYN (J. Gerstmayr, Multibody Syst. Dyn. 2023) is given bodies, neck positions and hinge
 stiffness, and derives, assembles and linearises the equations by itself.
+
+Evidence (Stages, tolerances, designs): six frequencies of three stages (EXUDYN, given bodies,
+necks, stiffness): $1.1\cdot10^{-11}$; finite rotation of a parallelogram: $10^{-8}$ [*slow*]
 """
 
 import numpy as np

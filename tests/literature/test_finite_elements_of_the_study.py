@@ -1,4 +1,8 @@
-"""The study's two stages against the finite-element figures that it publishes."""
+"""The study's two stages against the finite-element figures that it publishes.
+
+Evidence (The two stages of the study): output, stress, frequency (finite elements of the study):
+`plane` 0.3, 1.0, 0.6 %; `solid` 0.2, 0.9, 0.2 %; *fitted* [`solid` *slow*, *evidence*]
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""The lumped figures of both stages, and the study's own, against what is printed elsewhere."""
+"""The lumped figures of both stages, and the study's own, against what is printed elsewhere.
+
+Evidence (The two stages of the study): lumped: 24 outputs, stresses, frequencies (earlier condensed
+hinges): 0.83 %, *fitted*
+"""
 
 import pytest
 

@@ -1,4 +1,7 @@
-"""Measured files of others are read as their descriptions say."""
+"""Measured files of others are read as their descriptions say.
+
+Evidence (Hysteresis and records): records of others (descriptions): given digits
+"""
 
 import numpy as np
 import pytest

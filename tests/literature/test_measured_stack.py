@@ -3,6 +3,13 @@
 The records are of a PICMA P-885.91 stack at 200 Hz (Y. N. Aye, W. T. Ang, ICSTSD 2018; files of the
 repository yan9a/DiscreteBacklashOperator). Nothing here ran on that bench: the figures of an
 inverse are what it would leave if the measured motion were the reference.
+
+Evidence (Hysteresis and records): measured PICMA stack, held-out cycles (whole; second; first
+half): Preisach 0.25; 0.35; 0.30 % of stroke, modified Prandtl–Ishlinskii 0.37; 0.42; 0.42 %,
+Bouc–Wen 0.71; 0.74; 0.67 %
+
+Evidence (Hysteresis and records): inverse Preisach of its displacement (applied voltage): 0.13 µm
+rms about a mean below half of that, loop 97 % narrower; no bench run
 """
 
 from functools import cache

@@ -18,6 +18,8 @@ wrote them: R is the larger of both unidirectional ones, and E takes its lower e
 direction. So R and E are compared with the largest R_i and the extreme means of the printed tables
 of targets. Of the third the readings are rounded to five decimals like the figures, which moves
 these by one in the last; its R_i has squares in it that the standard's has not, and is left out.
+
+Evidence (Measuring and centring): ISO 230-2 (printed tables of three machines): last digit
 """
 
 from dataclasses import dataclass, replace

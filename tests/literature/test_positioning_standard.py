@@ -1,4 +1,7 @@
-"""Positioning figures against ISO 230-2:2014: worked by hand, and by loops over its definitions."""
+"""Positioning figures against ISO 230-2:2014: worked by hand, and by loops over its definitions.
+
+Evidence (Measuring and centring): ISO 230-2 (example by hand, plain loops): $10^{-6}$
+"""
 
 import math
 import statistics

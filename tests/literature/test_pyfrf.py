@@ -1,4 +1,7 @@
-"""H1, H2, Hv and coherence against pyFRF on the same records."""
+"""H1, H2, Hv and coherence against pyFRF on the same records.
+
+Evidence (Measuring and centring): H1, H2, Hv, coherence, two inputs, hits (pyFRF): $10^{-9}$
+"""
 
 from typing import Any
 

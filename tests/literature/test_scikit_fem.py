@@ -1,4 +1,8 @@
-"""A hinge and a whole stage in scikit-fem: curved triangles, another assembly, another solver."""
+"""A hinge and a whole stage in scikit-fem: curved triangles, another assembly, another solver.
+
+Evidence (Finite elements): piezo stage in plane stress (scikit-fem, gmsh): ratio, two frequencies
+0.1 %, stress 2 % [*slow*]
+"""
 
 import numpy as np
 import pytest

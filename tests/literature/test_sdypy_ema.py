@@ -1,4 +1,8 @@
-"""Poles and residues beside those of sdypy-EMA, an independent implementation of both steps."""
+"""Poles and residues beside those of sdypy-EMA, an independent implementation of both steps.
+
+Evidence (Measuring and centring): poles, residues (sdypy-EMA): $10^{-8}$; noise-free frequency
+$10^{-6}$, damping $10^{-4}$; at 3 % noise at most half its damping error, *simulated*
+"""
 
 import math
 import warnings

@@ -1,4 +1,8 @@
-"""Finite elements hold linear fields exactly, and converge as their order promises."""
+"""Finite elements hold linear fields exactly, and converge as their order promises.
+
+Evidence (Finite elements): patch test, orders 1 to 5: $10^{-11}$; convergence ($p+1$, energy and
+eigenvalues $2p$): 0.3, curved ring 0.4
+"""
 
 import functools
 import math

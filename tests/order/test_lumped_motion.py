@@ -1,4 +1,8 @@
-"""The time integration reaches the order that its theory promises."""
+r"""The time integration reaches the order that its theory promises.
+
+Evidence (Stages, tolerances, designs): momentum of a driven free chain: $2\cdot10^{-15}$; order of
+time integration (twice its stages): 0.35
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""Identities of the Bouc-Wen family: splitting, inversion, scaling, symmetry, dissipation."""
+"""Identities of the Bouc-Wen family: splitting, inversion, scaling, symmetry, dissipation.
+
+Evidence (Hysteresis and records): split steps (whole step); inverse (input): rounding,
+*consistency*
+"""
 
 import dataclasses
 import math

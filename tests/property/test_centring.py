@@ -1,4 +1,8 @@
-"""Identities of eccentricity and its fits: turning the frame, scaling, order of samples."""
+"""Identities of eccentricity and its fits: turning the frame, scaling, order of samples.
+
+Evidence (Measuring and centring): eccentricity to 0.3 of the radius, exact readings: $10^{-9}$ of
+radius, *consistency*
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""Parametric designs stay possible stages when their dimensions change."""
+"""Parametric designs stay possible stages when their dimensions change.
+
+Evidence (Stages, tolerances, designs): random sizes: `check` finds no error in any that is accepted
+"""
 
 import importlib
 import itertools

@@ -1,4 +1,7 @@
-"""A stage seen in a mirror behaves like its mirror image, notches cut from one side included."""
+"""A stage seen in a mirror behaves like its mirror image, notches cut from one side included.
+
+Evidence (Stages, tolerances, designs): one-sided notches (mirror image): $10^{-9}$, *consistency*
+"""
 
 import math
 from dataclasses import replace

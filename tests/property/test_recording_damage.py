@@ -1,4 +1,7 @@
-"""Damage of any kind: what is read is what was written, and what is not read is told."""
+"""Damage of any kind: what is read is what was written, and what is not read is told.
+
+Evidence (Instruments, twin, control): damaged streams: nothing false read
+"""
 
 import itertools
 import json

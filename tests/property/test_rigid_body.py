@@ -1,4 +1,7 @@
-"""Rigid-body fits: against quaternions, frame invariance, round trips, coverage."""
+"""Rigid-body fits: against quaternions, frame invariance, round trips, coverage.
+
+Evidence (Measuring and centring): rigid motion (quaternions, Horn): $10^{-9}$
+"""
 
 import numpy as np
 import pytest

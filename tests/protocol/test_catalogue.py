@@ -1,4 +1,7 @@
-"""The catalogue, by the same tests on SQLite and on PostgreSQL."""
+"""The catalogue, by the same tests on SQLite and on PostgreSQL.
+
+Evidence (Instruments, twin, control): catalogue (SQLite, PostgreSQL): same
+"""
 
 import dataclasses
 import multiprocessing

@@ -1,4 +1,7 @@
-"""What leaves for a PI controller, byte for byte, for each job; and what is made of the answers."""
+"""What leaves for a PI controller, byte for byte, for each job; and what is made of the answers.
+
+Evidence (Instruments, twin, control): commands of client and twin (published set): exact
+"""
 
 import numpy as np
 import pytest

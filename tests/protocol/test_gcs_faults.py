@@ -1,4 +1,8 @@
-"""What goes wrong at a controller: what was sent then, what was not, and what is said of it."""
+"""What goes wrong at a controller: what was sent then, what was not, and what is said of it.
+
+Evidence (Instruments, twin, control): link and controller faults (scripted controllers): every
+case, *simulated*
+"""
 
 import socket
 import threading

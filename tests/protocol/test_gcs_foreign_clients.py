@@ -4,6 +4,9 @@ The lines are facts of Odemis' pigcs.py, EPICS motorPIGCS2, ESRF Bliss' pi_*.py,
 Micro-Manager's PI_GCS_2, an adaptor for the E-753, QCoDeS' Mercury, navigate and PyMoDAQ (both by
 PIPython); none of their code is here.
 `docs/explanation/twin.md` says which versions were run themselves.
+
+Evidence (Instruments, twin, control): [the twin](../explanation/twin.md) (six drivers of others):
+all but missing commands
 """
 
 import re

@@ -2,6 +2,9 @@
 
 What a motion command is, and where it leads, is said here by a grammar of its own: regular
 expressions on the whole line, without anything of the interpreter.
+
+Evidence (Instruments, twin, control): a million random lines (separate grammar): no false motion,
+*consistency* [*evidence*]
 """
 
 import random

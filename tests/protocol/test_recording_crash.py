@@ -1,4 +1,7 @@
-"""A writer that is killed at any moment: all that it had acknowledged can be read."""
+"""A writer that is killed at any moment: all that it had acknowledged can be read.
+
+Evidence (Instruments, twin, control): 50 kills (acknowledged samples): complete [*evidence*]
+"""
 
 import random
 import subprocess

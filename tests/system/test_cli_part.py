@@ -1,4 +1,8 @@
-"""The command for parts from STEP files, on a bar whose figures are known by hand."""
+"""The command for parts from STEP files, on a bar whose figures are known by hand.
+
+Evidence (Finite elements): STEP bar ($EA/L$) $10^{-6}$, contraction $10^{-4}$, bending (Timoshenko)
+0.2 %; two materials (springs) 1 %
+"""
 
 import json
 import math

@@ -1,4 +1,8 @@
-"""The command `flexstage tolerance`: what it prints, writes and refuses."""
+"""The command `flexstage tolerance`: what it prints, writes and refuses.
+
+Evidence (Stages, tolerances, designs): killed runs; one, two, four workers: identical,
+*consistency* [*slow*]
+"""
 
 import csv
 import json

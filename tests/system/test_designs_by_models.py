@@ -1,4 +1,8 @@
-"""Every built-in design by three models, against each other and against the table of the manual."""
+"""Every built-in design by three models, against each other and against the table of the manual.
+
+Evidence (Stages, tolerances, designs): built-in designs (three models):
+[Designs](../explanation/designs.md), *consistency* [elements *slow*]
+"""
 
 import pytest
 

@@ -1,4 +1,7 @@
-"""Refinement to an accuracy: what it promises, and what it refuses."""
+"""Refinement to an accuracy: what it promises, and what it refuses.
+
+Evidence (Finite elements): mesh error estimate (order 8): error within it, *consistency*
+"""
 
 import functools
 import math

@@ -1,4 +1,9 @@
-"""The errors that are printed beside figures of superelements: what they are made of, and hold."""
+"""The errors that are printed beside figures of superelements: what they are made of, and hold.
+
+Evidence (Finite elements): superelement error estimate (finer `plane`, 200 random stages): 99.9 %
+of 2375 figures within it, worst 1.13 times; (`solid`, 93 stages): all 975; *consistency* [*slow*,
+*evidence*]
+"""
 
 import json
 import re

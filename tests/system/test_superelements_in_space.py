@@ -1,4 +1,8 @@
-"""The model of superelements in space where a user meets it, and against the solid model."""
+"""The model of superelements in space where a user meets it, and against the solid model.
+
+Evidence (Finite elements): superelements in space (`solid`): ratio, frequencies 0.1 %, stress 3 %
+(mostly `solid`); *consistency* [mostly *slow*]
+"""
 
 import json
 
