@@ -3,7 +3,7 @@
 ``python -m tests.designs_by_models [NAME ...]`` prints the rows of the table.
 """
 
-import re
+import csv
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +15,7 @@ from flexstage.stage import Stage
 from flexstage.stage.designs import DESIGNS, design
 from flexstage.system import MechanicalSystem, analyse
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "designs.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "designs-by-models.csv"
 MODELS = ("lumped", "superelement", "plane")
 #: What the table has: natural frequency [Hz], ratio [1, rad/m], largest stress [MPa].
 COLUMNS = ("frequency", "ratio", "stress")
@@ -62,18 +62,17 @@ def computed(name: str) -> list[Figures]:
 def row(figures: Figures) -> str:
     """Write a row of the table."""
     cells = [" / ".join(f"{v:#.4g}".rstrip(".") for v in values) for values in figures.values]
-    return f"| {figures.design} | {figures.axis} | {' | '.join(cells)} |"
+    return ",".join([figures.design, figures.axis, *cells])
 
 
 def printed() -> dict[tuple[str, str], Figures]:
     """Return the rows of the table in the manual."""
-    found = {}
-    for line in PAGE.read_text(encoding="utf-8").splitlines():
-        cells = [c.strip() for c in line.strip("|").split("|")]
-        if line.startswith("|") and len(cells) == 2 + len(COLUMNS) and cells[0] in DESIGNS:
-            values = tuple(tuple(map(float, re.split("[ /]+", c))) for c in cells[2:])
-            found[cells[0], cells[1]] = Figures(cells[0], cells[1], values)
-    return found
+    _, *lines = PAGE.read_text(encoding="utf-8").splitlines()
+    rows = {}
+    for name, axis, *cells in csv.reader(lines):
+        values = tuple(tuple(map(float, cell.split(" / "))) for cell in cells)
+        rows[name, axis] = Figures(name, axis, values)
+    return rows
 
 
 def main(names: Iterable[str]) -> None:

@@ -22,7 +22,9 @@ PARTS = (
     "Finite elements",
     "Hysteresis and records",
     "Measuring and centring",
+    "Coverage of 95 % intervals",
     "Instruments, twin, control",
+    "Exported files",
 )
 _MARK = "Evidence ("
 

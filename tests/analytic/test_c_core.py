@@ -3,6 +3,8 @@
 gcc without contraction and LLVM without fast mathematics round each sum and product alike, and both
 call the C library of the machine for exp, log and sine; what numpy computes with its own kernels
 (tables, weights) is exported as numbers.
+
+Evidence (Exported files): C core, sample by sample (Python): same bits; fitted pieces $10^{-12}$
 """
 
 import ctypes

@@ -1,4 +1,7 @@
-"""Hysteresis in C against the models of flexstage: the same numbers, bit for bit."""
+"""Hysteresis in C against the models of flexstage: the same numbers, bit for bit.
+
+Evidence (Exported files): hysteresis in C (Python; DOP853 of `scipy`): same bits; $10^{-9}$
+"""
 
 import re
 

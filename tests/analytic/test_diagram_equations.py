@@ -1,4 +1,7 @@
-"""A structural diagram holds the equations of motion that it was drawn from."""
+"""A structural diagram holds the equations of motion that it was drawn from.
+
+Evidence (Exported files): diagram (M, C, K): $10^{-9}$
+"""
 
 from dataclasses import replace
 

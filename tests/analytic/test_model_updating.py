@@ -1,6 +1,9 @@
 """A stage fitted to measured figures: closed forms, sampling, coverage, and what cannot be told.
 
 Evidence (Measuring and centring): posterior of an updated model (integration): 2 % of spread
+
+Evidence (Coverage of 95 % intervals): parameters of an updated model (white), 600 repetitions: 93
+to 97 % required, *simulated*
 """
 
 import dataclasses

@@ -1,6 +1,12 @@
 """Cycles, curves over the stroke, and the figures that are taken from them.
 
 Evidence (Measuring and centring): minimum zone (brute force): $10^{-12}$
+
+Evidence (Coverage of 95 % intervals): ranges, loop, reversal, slope, drift of a curve (white;
+correlated 0.5, 0.9; 5, 10 cycles), 500 repetitions: 92.5 to 97.5 % required, *simulated*
+
+Evidence (Coverage of 95 % intervals): ranges, loop, slope, minimum zone, 150 repetitions: 90 to 99
+% required, *simulated*
 """
 
 import numpy as np

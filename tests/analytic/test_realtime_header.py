@@ -1,4 +1,7 @@
-"""The header for real-time targets compiles, and steps as the model does."""
+"""The header for real-time targets compiles, and steps as the model does.
+
+Evidence (Exported files): C header (sanitisers, optimisation levels, C++): same bits
+"""
 
 import csv
 import ctypes

@@ -1,4 +1,23 @@
-"""The simulated piezo stage against the models that it steps, and against its own equations."""
+r"""The simulated piezo stage against the models that it steps, and against its own equations.
+
+Evidence (Instruments, twin, control): twin, stacks, sample by sample (`VirtualStack.simulate`):
+$10^{-12}$
+
+Evidence (Instruments, twin, control): twin, stage with linear stacks (`DynamicModel.simulate`,
+exact): $10^{-11}$ of the stroke
+
+Evidence (Instruments, twin, control): twin, full strokes with hysteresis and creep (the same):
+$5\cdot10^{-7}$ at 1 Hz, $4\cdot10^{-5}$ at 50 Hz
+
+Evidence (Instruments, twin, control): twin, closed loop, 31 to 700 Hz (theory): $10^{-6}$
+
+Evidence (Instruments, twin, control): twin, small signals, to 640 Hz (modes in continuous time, 1.5
+samples of delay): 0.4 %
+
+Evidence (Instruments, twin, control): twin, amplifier (`solve_ivp`): $10^{-6}$ V
+
+Evidence (Instruments, twin, control): twin, control (`scipy.signal.lfilter`): $10^{-9}$ V
+"""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,8 @@
-"""Propagation, Monte Carlo, equations and sensors, against closed forms and GTC's own sums."""
+"""Propagation, Monte Carlo, equations and sensors, against closed forms and GTC's own sums.
+
+Evidence (Coverage of 95 % intervals): a stroke, all sensor errors, 3000 repetitions: 93 to 97 %
+required, *simulated*
+"""
 
 import functools
 import importlib

@@ -1,4 +1,7 @@
-"""The DXF file, read by libraries that did not write it."""
+r"""The DXF file, read by libraries that did not write it.
+
+Evidence (Exported files): DXF, read by GDAL (areas and necks): $3\cdot10^{-6}$
+"""
 
 import functools
 import io

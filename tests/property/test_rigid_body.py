@@ -1,6 +1,9 @@
 """Rigid-body fits: against quaternions, frame invariance, round trips, coverage.
 
 Evidence (Measuring and centring): rigid motion (quaternions, Horn): $10^{-9}$
+
+Evidence (Coverage of 95 % intervals): rigid motion, sensors (white), 300 repetitions: 92 to 98 %
+required, *simulated*
 """
 
 import numpy as np

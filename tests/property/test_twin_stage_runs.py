@@ -1,4 +1,7 @@
-"""However a run of a simulated stage is cut, its numbers are the same to the last bit."""
+"""However a run of a simulated stage is cut, its numbers are the same to the last bit.
+
+Evidence (Instruments, twin, control): twin, a run in parts (the same run whole): bit by bit
+"""
 
 from functools import cache
 from itertools import pairwise

@@ -1,4 +1,7 @@
-"""An FMU stepped by another program's importer gives the readings of the model in Python."""
+"""An FMU stepped by another program's importer gives the readings of the model in Python.
+
+Evidence (Exported files): co-simulation under FMPy (`DynamicModel.simulate`): $10^{-11}$
+"""
 
 from pathlib import Path
 

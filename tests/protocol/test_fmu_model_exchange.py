@@ -1,4 +1,7 @@
-"""An FMU under another program's solver gives the readings of the model in Python."""
+r"""An FMU under another program's solver gives the readings of the model in Python.
+
+Evidence (Exported files): model exchange, jumps, CVode (`DynamicModel`): $3\cdot10^{-6}$
+"""
 
 import ctypes
 import itertools

@@ -1,4 +1,7 @@
-"""The client on the simulated controller: what it reads and writes is what the device has."""
+"""The client on the simulated controller: what it reads and writes is what the device has.
+
+Evidence (Instruments, twin, control): twin, by network (the same job in memory): bit by bit
+"""
 
 import threading
 from collections.abc import Iterator

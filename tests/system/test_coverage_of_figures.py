@@ -1,4 +1,8 @@
-"""Every figure of a stage comes back within its stated 95 % interval as often as it should."""
+"""Every figure of a stage comes back within its stated 95 % interval as often as it should.
+
+Evidence (Coverage of 95 % intervals): every figure of a whole campaign, both stages of the study,
+all sensor errors, 1000 repetitions: 93 to 97 % required, *simulated*
+"""
 
 from collections import defaultdict
 

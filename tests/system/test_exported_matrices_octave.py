@@ -1,4 +1,8 @@
-"""Octave runs the exported matrices and scripts, and gets what flexstage gets."""
+"""Octave runs the exported matrices and scripts, and gets what flexstage gets.
+
+Evidence (Exported files): MATLAB files in Octave (`DynamicModel`; `expm`, `lsode`): $10^{-11}$;
+$10^{-8}$
+"""
 
 from dataclasses import replace
 from pathlib import Path

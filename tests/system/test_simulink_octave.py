@@ -1,4 +1,8 @@
-"""Octave builds the exported Simulink models with stand-ins that check the calls, and runs them."""
+"""Octave builds the exported Simulink models with stand-ins that check the calls, and runs them.
+
+Evidence (Exported files): Simulink script in Octave, stand-in blocks (diagram; M, C, K; modes):
+$10^{-8}$
+"""
 
 from dataclasses import replace
 from pathlib import Path
