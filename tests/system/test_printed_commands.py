@@ -267,7 +267,7 @@ def public(file: Path) -> None:
 GIVEN: dict[str, dict[str, Callable[[Path], None]]] = {
     "compensate.md": {"stack.yaml": model, "reference.csv": wanted},
     "identify.md": {"logged.csv": logged, "loop.csv": branches},
-    "identification.md": {"Test_Vi_Do_Di.dat": public, "Model_Vi_Do.dat": public},
+    "identification.md": {"Test_Vi_Do_Di.dat": public},
     "export.md": {"x.yaml": model, "y.yaml": model, "mine.yaml": stage("parallelogram")},
     "use-the-twin.md": {"mine.yaml": stage("vgtu-piezo")},
     # what the command before it has made, which is quick and was run apart
