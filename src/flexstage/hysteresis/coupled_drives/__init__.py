@@ -1,0 +1,1 @@
+"""Several drives that move several sensors: one model of all, resonances and levels included."""

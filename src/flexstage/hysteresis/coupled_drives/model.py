@@ -1,0 +1,214 @@
+"""A model of several drives that soften with their level, stepped sample by sample."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
+from flexstage.base.short_repr import short_repr
+from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.coupled_drives.softening import (
+    MEMORY_CORNERS_HZ,
+    VOLTAGE_EXPONENT,
+    Softening,
+    mode_poles,
+    straight_gains,
+)
+from flexstage.hysteresis.coupled_drives.state_space import ModalSystem
+
+#: Time constant of the levels [s]: on the records of a steering mirror, errors fall up to 0.4 s.
+LEVEL_TIME_CONSTANT = 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CoupledDriveState:
+    """State of the model at its last sample."""
+
+    system: Complex
+    """States of the linear system, complex, shape (n,)."""
+    modes: Complex
+    """States of the modes in the loop, complex, shape (M,)."""
+    total: Array
+    """Voltage and additional voltage at the last sample, shape (m,)."""
+    lags: Array
+    """States of the lags of the voltage, shape (2, m)."""
+    lagged: Array
+    """Their inputs at the last sample, shape (m,)."""
+    force_square: Array
+    """Slow mean square of w, shape (m,)."""
+    voltage_square: Array
+    """Slow mean square of the voltages, shape (m,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CoupledDriveModel:
+    """Several drives and sensors of a stage whose resonances soften with the level.
+
+    Validity: commands with the level, the band and the operating point of the records. Records
+    vary the level of broad-band signals; that a sine of the same level softens the stage equally is
+    an assumption. Voltages are deviations from the operating point.
+    """
+
+    drives: Softening
+    """Drives and the modes in their loop."""
+    system: ModalSystem
+    """The linear system from voltages to readings at the mean level."""
+    sample_rate_hz: float
+    """Sample rate [Hz]."""
+    inputs: tuple[str, ...]
+    """Names of the inputs."""
+    outputs: tuple[str, ...]
+    """Names of the outputs."""
+    input_unit: str
+    """Unit of the inputs."""
+    output_unit: str
+    """Unit of the outputs."""
+    level_range: tuple[tuple[float, float], ...]
+    """Smallest and largest rms of each input in the records."""
+
+    __repr__ = short_repr
+
+    def rest(self) -> CoupledDriveState:
+        """Return the state after a long rest at the operating point."""
+        m, k = len(self.inputs), self.drives.compliance.size
+        return CoupledDriveState(
+            system=np.zeros(self.system.poles.size, complex),
+            modes=np.zeros(k, complex),
+            total=np.zeros(m),
+            lags=np.zeros((len(MEMORY_CORNERS_HZ), m)),
+            lagged=np.zeros(m),
+            force_square=np.zeros(m),
+            voltage_square=np.zeros(m),
+        )
+
+    def simulate(
+        self,
+        voltages: Array,
+        state: CoupledDriveState | None = None,
+        *,
+        time_constant: float = LEVEL_TIME_CONSTANT,
+    ) -> tuple[Array, CoupledDriveState]:
+        """Return the readings under sequences of voltages, and the state at the last sample.
+
+        Parameters
+        ----------
+        voltages : array
+            Deviations of the voltages from the operating point, shape (n, m).
+        state : CoupledDriveState, optional
+            State before the first sample; after a long rest where not given.
+        time_constant : float
+            Time constant of the levels [s]; infinite keeps those of the state.
+
+        Returns
+        -------
+        tuple
+            Readings, deviations from those at the operating point, shape (n, p), and the state.
+
+        Raises
+        ------
+        ModelError
+            The voltages have another shape, or are not finite.
+
+        Notes
+        -----
+        Modes and lags are exact for inputs that are straight between samples. The loop through the
+        modes is solved at each sample, with the levels of the sample before.
+        """
+        u = np.ascontiguousarray(voltages, dtype=np.float64)
+        if u.ndim != 2 or u.shape[1] != len(self.inputs) or not np.isfinite(u).all():
+            raise ModelError(
+                f"voltages must be finite, in {len(self.inputs)} columns, got shape {u.shape}"
+            )
+        before = self.rest() if state is None else state
+        step, d = 1.0 / self.sample_rate_hz, self.drives
+        pole, residue = mode_poles(d.frequency_hz, d.damping_ratio)
+        lag_pole = -2.0 * np.pi * np.array(MEMORY_CORNERS_HZ)
+        system = self.system
+        # a pair of poles counts twice its real part
+        twice = np.where(system.poles.imag > 0.0, 2.0, 1.0)
+        state = CoupledDriveState(
+            system=before.system.copy(),
+            modes=before.modes.copy(),
+            total=before.total.copy(),
+            lags=before.lags.copy(),
+            lagged=before.lagged.copy(),
+            force_square=before.force_square.copy(),
+            voltage_square=before.voltage_square.copy(),
+        )
+        readings = np.empty((u.shape[0], len(self.outputs)))
+        _step_drives(
+            u,
+            (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
+            (d.exponent, VOLTAGE_EXPONENT, 1.0 - np.exp(-step / time_constant)),
+            (2.0 * residue, *straight_gains(pole, step)),
+            (d.compliance, d.input_shapes),
+            (-lag_pole, *straight_gains(lag_pole, step)),
+            (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
+            (state.system, state.modes, state.total, state.lags, state.lagged),
+            (state.force_square, state.voltage_square),
+            readings,
+        )
+        return readings, state
+
+
+@compiled
+def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares, readings):  # type: ignore[no-untyped-def]
+    """Step drives, modes in the loop and the linear system; states are changed in place."""
+    force_gains, strength, memory, force_reference, voltage_reference = drives
+    exponent, voltage_exponent, share = levels
+    gain, e, before, after = modes
+    compliance, b = shapes
+    lag_gain, lag_e, lag_before, lag_after = lags
+    poles, out, into, through = system
+    linear, modal, total, lagging, lagged = state
+    force_square, voltage_square = squares
+    m, k, p, n = u.shape[1], e.size, readings.shape[1], poles.size
+    # elongation at once, of a unit of voltage at the end of a step
+    direct = np.zeros((m, m))
+    for i in range(k):
+        at_once = compliance[i] * (gain[i] * after[i]).real
+        for a in range(m):
+            for c in range(m):
+                direct[a, c] += at_once * b[i, a] * b[i, c]
+    for t in range(u.shape[0]):
+        softening = strength * (force_square ** (0.5 * exponent) - force_reference)
+        level = voltage_square ** (0.5 * voltage_exponent) - voltage_reference
+        driven = np.empty(m)
+        for a in range(m):
+            value = level[a] * u[t, a]
+            driven[a] = u[t, a] + memory[0] * value
+            for q in range(lag_e.size):
+                lagging[q, a] = (
+                    lag_e[q] * lagging[q, a] + lag_before[q] * lagged[a] + lag_after[q] * value
+                )
+                driven[a] += memory[q + 1] * lag_gain[q] * lagging[q, a]
+            lagged[a] = value
+        force = force_gains @ u[t] + direct @ driven
+        for i in range(k):
+            free = e[i] * modal[i] + before[i] * np.dot(b[i], total)
+            modal[i] = free
+            force += compliance[i] * (gain[i] * free).real * b[i]
+        loop = np.eye(m)
+        for a in range(m):
+            for c in range(m):
+                loop[a, c] -= direct[a, c] * softening[c]
+        force = np.linalg.solve(loop, force)
+        for a in range(m):
+            total[a] = driven[a] + softening[a] * force[a]
+            force_square[a] += share * (force[a] ** 2 - force_square[a])
+            voltage_square[a] += share * (u[t, a] ** 2 - voltage_square[a])
+        for i in range(k):
+            modal[i] += after[i] * np.dot(b[i], total)
+        for a in range(p):
+            value = 0.0
+            for c in range(m):
+                value += through[a, c] * total[c]
+            for i in range(n):
+                value += (out[a, i] * linear[i]).real
+            readings[t, a] = value
+        for i in range(n):
+            following = poles[i] * linear[i]
+            for c in range(m):
+                following += into[i, c] * total[c]
+            linear[i] = following

@@ -1,0 +1,185 @@
+"""A linear system of several inputs and outputs from its frequency response."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexstage.base.arrays import Array, Complex, Integers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModalSystem:
+    r"""A discrete linear system as a sum of its modes.
+
+    .. math:: H(z) = D + \sum_i \left(\frac{c_i b_i^T}{z - \lambda_i}
+              + \frac{\bar c_i \bar b_i^T}{z - \bar\lambda_i}\right)
+
+    over complex poles with a positive imaginary part; a real pole has one term.
+    """
+
+    poles: Complex
+    """Poles with an imaginary part of at least 0, shape (n,)."""
+    output_shapes: Complex
+    """Output vectors c, shape (p, n)."""
+    input_shapes: Complex
+    """Input vectors b, shape (n, m)."""
+    feedthrough: Array
+    """Direct feedthrough D, shape (p, m)."""
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return len(self.poles) + int(np.sum(self.poles.imag > 0.0))
+
+    def response(self, z: Complex) -> Complex:
+        """Return the frequency response, shape (L, p, m)."""
+        total = np.broadcast_to(self.feedthrough, (len(z), *self.feedthrough.shape))
+        first = 1.0 / (z[:, None] - self.poles)
+        second = (self.poles.imag > 0.0) / (z[:, None] - np.conj(self.poles))
+        c, b = self.output_shapes, self.input_shapes
+        return (
+            total
+            + np.einsum("ln,pn,nm->lpm", first, c, b, optimize=True)
+            + np.einsum("ln,pn,nm->lpm", second, np.conj(c), np.conj(b), optimize=True)
+        )
+
+    def matrices(self) -> tuple[Array, Array, Array, Array]:
+        """Return real matrices A, B, C, D of the state space, A of blocks of one or two states."""
+        n = self.order
+        a, b = np.zeros((n, n)), np.zeros((n, self.input_shapes.shape[1]))
+        c = np.zeros((self.output_shapes.shape[0], n))
+        at = 0
+        for pole, out, into in zip(
+            self.poles, self.output_shapes.T, self.input_shapes, strict=True
+        ):
+            if pole.imag > 0.0:
+                pair = slice(at, at + 2)
+                a[pair, pair] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
+                b[pair] = into.real, into.imag
+                c[:, pair] = np.column_stack((2.0 * out.real, -2.0 * out.imag))
+                at += 2
+            else:
+                a[at, at], b[at], c[:, at] = pole.real, into.real, out.real
+                at += 1
+        return a, b, c, self.feedthrough
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Modes:
+    """Lightly damped modes of a system, by frequency."""
+
+    frequency_hz: Array
+    """Natural frequencies [Hz], shape (k,)."""
+    damping_ratio: Array
+    """Damping ratios [1], shape (k,)."""
+    input_shapes: Array
+    """Unit input vectors, real, shape (k, m)."""
+    imaginary_share: Array
+    """Imaginary over real part of each input vector: 0 for a normal mode, shape (k,)."""
+
+    def of(self, numbers: Integers) -> "Modes":
+        """Return some of the modes."""
+        return Modes(
+            frequency_hz=self.frequency_hz[numbers],
+            damping_ratio=self.damping_ratio[numbers],
+            input_shapes=self.input_shapes[numbers],
+            imaginary_share=self.imaginary_share[numbers],
+        )
+
+
+#: Poles of a higher damping ratio are no modes of a flexure stage.
+_LARGEST_DAMPING = 0.05
+
+
+def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> Modes:
+    """Return the modes of a system below a frequency."""
+    s = np.log(system.poles.astype(complex)) * sample_rate_hz
+    frequency = np.abs(s) / (2.0 * np.pi)
+    damping = -s.real / np.abs(s)
+    light = (system.poles.imag > 0.0) & (damping > 0.0) & (damping < _LARGEST_DAMPING)
+    order = np.argsort(frequency)
+    order = order[(light & (frequency < highest_hz))[order]]
+    shapes = system.input_shapes[order]
+    # the phase that makes a vector as real as it can be
+    shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=1)))[:, None]
+    real = np.linalg.norm(shapes.real, axis=1)
+    return Modes(
+        frequency_hz=frequency[order],
+        damping_ratio=damping[order],
+        input_shapes=shapes.real / real[:, None],
+        imaginary_share=np.linalg.norm(shapes.imag, axis=1) / real,
+    )
+
+
+def subspace_system(
+    response: Complex, lines: Integers, period: int, order: int, blocks: int = 70
+) -> ModalSystem:
+    """Return a stable linear system of an order from its response at some lines.
+
+    Parameters
+    ----------
+    response : array
+        Frequency response, shape (L, p, m).
+    lines : array
+        Numbers of the lines, rising, at most half of the period, shape (L,).
+    period : int
+        Samples in a period.
+    order : int
+        Number of states, at most ``blocks * min(p, m)``.
+    blocks : int
+        Rows and columns of the block Hankel matrix of impulse responses.
+
+    Notes
+    -----
+    T. McKelvey, H. Akçay and L. Ljung, IEEE Trans. Automat. Contr. 41 (1996) 960: poles and output
+    vectors from the Hankel matrix of the impulse response; input vectors and feedthrough from
+    linear least squares on the response. Between the lines, below the first one and above the last
+    one the response is bridged by straight lines. A pole outside the unit circle is mirrored.
+    """
+    p, m = response.shape[1:]
+    half = period // 2
+    ends = np.concatenate(([0], lines, [half]))
+    values = np.concatenate((response[:1].real, response, response[-1:].real))
+    dense = np.array(
+        [
+            [np.interp(np.arange(half + 1), ends, values[:, i, j]) for j in range(m)]
+            for i in range(p)
+        ]
+    )
+    impulse = np.moveaxis(np.fft.irfft(dense, period, axis=2), 2, 0)
+    hankel = np.block([[impulse[i + j + 1] for j in range(blocks)] for i in range(blocks)])
+    left, singular, _ = np.linalg.svd(hankel, full_matrices=False)
+    observability = left[:, :order] * np.sqrt(singular[:order])
+    shift = np.linalg.lstsq(observability[:-p], observability[p:], rcond=None)[0]
+    eigenvalues, vectors = np.linalg.eig(shift)
+    poles = eigenvalues.astype(np.complex128)
+    upper = poles.imag >= 0.0
+    poles, outputs = poles[upper], (observability[:p] @ vectors)[:, upper]
+    outside = np.abs(poles) > 1.0
+    poles[outside] = 1.0 / np.conj(poles[outside])
+    return with_inputs(poles, outputs, response, np.exp(2j * np.pi * lines / period))
+
+
+def with_inputs(poles: Complex, outputs: Complex, response: Complex, z: Complex) -> ModalSystem:
+    """Return the system of known poles and output vectors that fits a response best."""
+    lines, p, m = response.shape
+    pairs = poles.imag > 0.0
+    first = outputs[None] / (z[:, None] - poles)[:, None, :]
+    second = np.conj(outputs)[None] / (z[:, None] - np.conj(poles))[:, None, :] * pairs
+    at_once = np.broadcast_to(np.eye(p, dtype=complex), (lines, p, p))
+    columns = [first + second, (1j * (first - second))[:, :, pairs], at_once]
+    design = np.concatenate(columns, axis=2).reshape(lines * p, -1)
+    design = np.concatenate((np.real(design), np.imag(design)))
+    flat = response.reshape(lines * p, m)
+    target = np.concatenate((flat.real, flat.imag))
+    scale = np.linalg.norm(design, axis=0)
+    weights = np.linalg.lstsq(design / scale, target, rcond=None)[0] / scale[:, None]
+    n = len(poles)
+    inputs = weights[:n].astype(complex)
+    inputs[pairs] += 1j * weights[n : n + int(pairs.sum())]
+    return ModalSystem(
+        poles=poles,
+        output_shapes=outputs,
+        input_shapes=inputs,
+        feedthrough=weights[n + int(pairs.sum()) :],
+    )

@@ -1,0 +1,247 @@
+"""Coupled drives: their linear systems, steady state, steps, derivatives and identification."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError, RecordError
+from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
+from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
+from flexstage.hysteresis.coupled_drives.periodic import (
+    best_linear,
+    period_of,
+    periodic_spectra,
+)
+from flexstage.hysteresis.coupled_drives.softening import (
+    Softening,
+    SofteningFit,
+    rms_levels,
+    steady_state,
+)
+from flexstage.hysteresis.coupled_drives.state_space import ModalSystem, modes_of, subspace_system
+from flexstage.records import Channel, Record
+
+RATE, PERIOD = 2000.0, 1024
+FREQUENCY = np.array([130.0, 210.0, 340.0])
+DAMPING = np.array([0.01, 0.015, 0.012])
+SHAPES = np.array([[0.8, 0.6], [-0.6, 0.8], [0.96, -0.28]])
+
+
+def linear_system() -> ModalSystem:
+    """Return a system of three modes seen by three sensors, with a delay of one sample."""
+    omega = 2.0 * np.pi * FREQUENCY / RATE
+    poles = np.exp(omega * (-DAMPING + 1j * np.sqrt(1.0 - DAMPING**2)))
+    outputs = np.array([[1.0, 0.4, -0.5], [0.3, -0.9, 0.2], [-0.2, 0.5, 0.7]])
+    return ModalSystem(
+        poles=poles,
+        output_shapes=outputs * (0.5 - 0.3j),
+        input_shapes=SHAPES * (omega * 1j)[:, None],
+        feedthrough=np.array([[0.1, 0.02], [-0.03, 0.2], [0.0, 0.05]]),
+    )
+
+
+def softening_drives(strength: float = 1.0) -> Softening:
+    """Return drives that soften by some tenths of a per cent between the levels."""
+    return Softening(
+        compliance=np.array([0.06, 0.1, 0.04]),
+        force_gains=np.array([[-0.4, 0.05], [0.02, -0.6]]),
+        strength=strength * np.array([0.9, 0.5]),
+        exponent=0.5,
+        memory_gains=np.array([0.04, 0.06, 0.05]),
+        frequency_hz=FREQUENCY,
+        damping_ratio=DAMPING,
+        input_shapes=SHAPES,
+        force_reference=np.array([0.5, 0.55]),
+        voltage_reference=np.array([0.5, 0.5]),
+    )
+
+
+def coupled_model(strength: float = 1.0) -> CoupledDriveModel:
+    return CoupledDriveModel(
+        drives=softening_drives(strength),
+        system=linear_system(),
+        sample_rate_hz=RATE,
+        inputs=("a", "b"),
+        outputs=("x", "y", "z"),
+        input_unit="V",
+        output_unit="um",
+        level_range=((0.2, 0.6), (0.2, 0.6)),
+    )
+
+
+def multisine(rms: float, seed: int) -> Array:
+    """Return a period of two independent random-phase multisines to 450 Hz, shape (n, 2)."""
+    lines = np.arange(1, 230)
+    spectrum = np.zeros((PERIOD // 2 + 1, 2), complex)
+    spectrum[lines] = np.exp(2j * np.pi * np.random.default_rng(seed).random((lines.size, 2)))
+    signal = np.fft.irfft(spectrum, axis=0)
+    return signal * (rms / np.sqrt(np.mean(signal**2, axis=0)))
+
+
+def record_of(u: Array, y: Array, source: str = "") -> Record:
+    named = [*zip(("a", "b"), u.T, strict=True), *zip(("x", "y", "z"), y.T, strict=True)]
+    channels = tuple(
+        Channel(name=n, values=np.ascontiguousarray(v), unit="V" if n in "ab" else "um")
+        for n, v in named
+    )
+    return Record(channels=channels, time=np.arange(len(u)) / RATE, source=source)
+
+
+@cache
+def simulated_records() -> tuple[Record, ...]:
+    """Return two periods in steady state of four realisations at three levels, with noise."""
+    model, rng, records = coupled_model(), np.random.default_rng(7), []
+    for k, rms in enumerate((0.2, 0.4, 0.6)):
+        for seed in range(4):
+            u = np.tile(multisine(rms, 10 * k + seed), (8, 1))
+            y, _ = model.simulate(u, time_constant=1.0)
+            y += 1e-4 * rng.standard_normal(y.shape)
+            kept = slice(-2 * PERIOD, None)
+            records.append(record_of(u[kept], y[kept], f"level {k}, {seed}"))
+    return tuple(records)
+
+
+def test_a_subspace_system_is_the_one_whose_response_is_given() -> None:
+    system = linear_system()
+    lines = np.arange(1, PERIOD // 2)
+    z = np.exp(2j * np.pi * lines / PERIOD)
+    response = system.response(z)
+    a, b, c, d = system.matrices()
+    direct = c @ np.linalg.solve(z[:, None, None] * np.eye(6) - a, np.tile(b, (z.size, 1, 1))) + d
+    assert np.abs(response - direct).max() < 1e-12 * np.abs(response).max()
+    fit = subspace_system(response, lines, PERIOD, 6, blocks=40)
+    assert fit.order == 6
+    # the impulse response is longer than the period: poles are found to the ends of its tail
+    assert np.abs(fit.response(z) - response).max() < 2e-3 * np.abs(response).max()
+    modes = modes_of(fit, RATE, 0.5 * RATE)
+    assert modes.frequency_hz == pytest.approx(FREQUENCY, rel=1e-4)
+    assert modes.damping_ratio == pytest.approx(DAMPING, rel=0.02)
+    assert np.abs(np.sum(modes.input_shapes * SHAPES, axis=1)) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_steps_reach_the_steady_state_that_the_loop_at_each_line_has() -> None:
+    model, u = coupled_model(), multisine(0.5, 3)
+    spectra = periodic_spectra([record_of(u, np.zeros((PERIOD, 3)))], ["a", "b"], ["x", "y", "z"])
+    state = steady_state(model.drives, spectra, fitted=False)
+    steady = np.einsum("lpm,lm->lp", model.system.response(spectra.z), state.total[0])
+    start = replace(
+        model.rest(),
+        force_square=state.sigma[0] ** 2,
+        voltage_square=rms_levels(spectra.inputs)[0] ** 2,
+    )
+    y, after = model.simulate(np.tile(u, (20, 1)), start, time_constant=np.inf)
+    stepped = np.fft.rfft(y[-PERIOD:], axis=0)[spectra.lines] * np.sqrt(2.0) / PERIOD
+    assert np.abs(stepped - steady).max() < 1e-8 * np.abs(steady).max()
+    assert after.force_square == pytest.approx(start.force_square, rel=1e-14)
+    # in two parts as at once, and the loop matters
+    first, between = model.simulate(u[:300])
+    second, _ = model.simulate(u[300:], between)
+    at_once, _ = model.simulate(u)
+    assert np.array_equal(np.vstack((first, second)), at_once)
+    still = np.einsum("lpm,lm->lp", model.system.response(spectra.z), spectra.inputs[0])
+    assert np.abs(still - steady).max() > 0.02 * np.abs(steady).max()
+
+
+@pytest.mark.parametrize("modes", [False, True])
+def test_derivatives_are_those_of_the_residual(modes: bool) -> None:
+    spectra = periodic_spectra(simulated_records()[::2], ["a", "b"], ["x", "y", "z"])
+    fit = SofteningFit(spectra, np.array([1.2, 1.2, 1.0, 1.0, 0.7, 0.7]))
+    start = replace(softening_drives(0.8), voltage_reference=np.full(2, 0.45))
+    vector = start.vector(modes)
+    point = fit._point(start, None)
+    jacobian = fit._jacobian(start, point, modes).view(np.float32).astype(float)
+    weighted = np.moveaxis(point.residuals * fit._weights[:, None, None], 0, -1)
+    residual = np.ascontiguousarray(weighted).reshape(-1).view(float)
+    slope = 2.0 * (jacobian @ residual) / (6 * 3)
+    for i in range(vector.size):
+        changed = []
+        for sign in (1.0, -1.0):
+            moved = vector.copy()
+            moved[i] += sign * 1e-4
+            changed.append(fit._point(start.moved(moved), None).cost)
+        numerical = (changed[0] - changed[1]) / 2e-4
+        assert slope[i] == pytest.approx(numerical, rel=2e-3, abs=2e-3 * np.abs(slope).max()), i
+
+
+def test_a_simulated_stage_is_identified_at_all_levels() -> None:
+    records = simulated_records()
+    fitted = [r for k, r in enumerate(records) if k % 4]
+    result = identify_coupled_drives(fitted, ["a", "b"], ["x", "y", "z"], test_records=records[::4])
+    # one linear system of all levels is off by the softening
+    for level, held_out in zip(result.levels, result.held_out, strict=True):
+        assert level.records == 3
+        assert level.error < 0.01 * level.output_rms
+        assert held_out < 0.01 * level.output_rms
+    spectra = periodic_spectra(fitted, ["a", "b"], ["x", "y", "z"])
+    _, residuals = best_linear(spectra.inputs, spectra.outputs)
+    weakest = residuals[spectra.level == 0]
+    assert np.sqrt(np.sum(np.abs(weakest) ** 2) / 9) > 0.03 * result.levels[0].output_rms
+    for i, frequency in enumerate(FREQUENCY):
+        shown = [level.frequency_hz[i] for level in result.levels]
+        assert shown == sorted(shown, reverse=True)
+        assert shown[1] == pytest.approx(frequency, rel=0.01)
+    rows = result.to_dict()
+    assert [row["records"] for row in rows["levels"]] == [3, 3, 3]
+    assert rows["modes"][0]["imaginary_share"] < 0.05
+    assert not result.warnings
+
+
+def test_one_level_gives_a_linear_model_and_says_so() -> None:
+    result = identify_coupled_drives(simulated_records()[:4], ["a", "b"], ["x", "y", "z"])
+    assert result.warnings == (
+        "one level only: the model is linear; record at three levels to see the stage soften",
+    )
+    assert result.levels[0].error < 0.01 * result.levels[0].output_rms
+
+
+def test_a_record_that_has_not_settled_is_named_and_not_used() -> None:
+    model, records = coupled_model(), list(simulated_records()[:4])
+    u = np.tile(multisine(0.2, 0), (2, 1))
+    y, _ = model.simulate(u)
+    unsettled = record_of(u, y, "begun at rest")
+    result = identify_coupled_drives([*records, unsettled], ["a", "b"], ["x", "y", "z"])
+    assert result.levels[0].records == 4
+    assert result.warnings[0].startswith("not in steady state, and not used: begun at rest;")
+
+
+def test_the_period_is_found_in_the_inputs() -> None:
+    u = multisine(0.3, 5)
+    assert period_of(np.tile(u, (3, 1))) == PERIOD
+    assert period_of(u) == PERIOD
+    assert period_of(np.tile(u, (3, 1))[: 2 * PERIOD + 100]) == PERIOD
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: (r[:1], ["a", "b"]), "level 1 has 1 records, and 2 inputs need at least 2"),
+        (lambda r: (r, ["a"]), "coupled drives need two inputs or more, got 1"),
+        (lambda r: ([r[0], r[0], r[0]], ["a", "b"]), "inputs of level 1 are not independent"),
+        (
+            lambda r: ([r[0], replace(r[1], time=2.0 * r[1].time)], ["a", "b"]),
+            "need one sample rate, got 1000 and 2000 Hz",
+        ),
+    ],
+)
+def test_records_that_cannot_tell_are_refused(change, message: str) -> None:  # type: ignore[no-untyped-def]
+    records, inputs = change(list(simulated_records()[:4]))
+    with pytest.raises(RecordError, match=message):
+        identify_coupled_drives(records, inputs, ["x", "y", "z"])
+
+
+def test_outputs_that_do_not_follow_are_refused() -> None:
+    noise = np.random.default_rng(1)
+    records = [
+        record_of(np.tile(multisine(0.3, k), (2, 1)), noise.standard_normal((2 * PERIOD, 3)))
+        for k in range(6)
+    ]
+    with pytest.raises(RecordError, match="do not follow these inputs"):
+        identify_coupled_drives(records, ["a", "b"], ["x", "y", "z"])
+
+
+def test_voltages_of_another_shape_are_refused() -> None:
+    with pytest.raises(ModelError, match="finite, in 2 columns, got shape"):
+        coupled_model().simulate(np.zeros((5, 3)))
