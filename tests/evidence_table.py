@@ -7,7 +7,9 @@ table):``. The manual shows all of them; ``--evidence-page`` writes them with th
 import ast
 import platform
 import subprocess
+import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -37,6 +39,7 @@ class Evidence(NamedTuple):
     file: str
 
 
+@cache
 def rows() -> list[Evidence]:
     """Return the rows of all tests, by part and file."""
     every = [row for file in sorted(TESTS.glob("*/test_*.py")) for row in rows_of(file)]
@@ -46,7 +49,9 @@ def rows() -> list[Evidence]:
 def rows_of(file: Path) -> Iterator[Evidence]:
     """Yield the rows that the docstring of a test's module has."""
     name = file.relative_to(TESTS).as_posix()
-    for paragraph in (ast.get_docstring(ast.parse(file.read_text("utf-8"))) or "").split("\n\n"):
+    with file.open(encoding="utf-8") as stream:
+        docstring = next(tokenize.generate_tokens(stream.readline)).string
+    for paragraph in str(ast.literal_eval(docstring)).split("\n\n"):
         if paragraph.startswith(_MARK):
             part, _, text = " ".join(paragraph.split())[len(_MARK) :].partition("): ")
             yield Evidence(part, text, name)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
 from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
+from flexstage.hysteresis.coupled_drives.model_file import coupled_model_text, read_coupled_model
 from flexstage.hysteresis.coupled_drives.periodic import (
     best_linear,
     period_of,
@@ -38,7 +40,7 @@ def linear_system() -> ModalSystem:
     return ModalSystem(
         poles=poles,
         output_shapes=outputs * (0.5 - 0.3j),
-        input_shapes=SHAPES * (omega * 1j)[:, None],
+        input_shapes=np.asarray(SHAPES * (omega * 1j)[:, None], dtype=np.complex128),
         feedthrough=np.array([[0.1, 0.02], [-0.03, 0.2], [0.0, 0.05]]),
     )
 
@@ -245,3 +247,24 @@ def test_outputs_that_do_not_follow_are_refused() -> None:
 def test_voltages_of_another_shape_are_refused() -> None:
     with pytest.raises(ModelError, match="finite, in 2 columns, got shape"):
         coupled_model().simulate(np.zeros((5, 3)))
+
+
+def test_a_level_that_no_record_had_is_refused() -> None:
+    model = coupled_model()
+    u = np.tile(multisine(0.55, 2), (3, 1))
+    model.simulate(u)
+    with pytest.raises(ModelError, match=r"input 'a' reaches a level of 0\.\d+ V rms"):
+        model.simulate(1.6 * u)
+
+
+def test_a_model_file_holds_the_same_numbers(tmp_path: Path) -> None:
+    result = identify_coupled_drives(simulated_records()[:4], ["a", "b"], ["x", "y", "z"])
+    path = tmp_path / "model.yaml"
+    path.write_text(coupled_model_text(result), "utf-8")
+    model = read_coupled_model(path)
+    u = multisine(0.3, 8)
+    assert np.array_equal(model.simulate(u)[0], result.model.simulate(u)[0])
+    assert model.level_range == result.model.level_range
+    path.write_text(coupled_model_text(result).replace("imaginary:", "imag:", 1), "utf-8")
+    with pytest.raises(ModelError, match="expected 'real' and 'imaginary' parts"):
+        read_coupled_model(path)

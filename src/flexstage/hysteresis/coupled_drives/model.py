@@ -19,6 +19,8 @@ from flexstage.hysteresis.coupled_drives.state_space import ModalSystem
 
 #: Time constant of the levels [s]: on the records of a steering mirror, errors fall up to 0.4 s.
 LEVEL_TIME_CONSTANT = 0.4
+#: A level may exceed the largest of the records by this factor: levels of one setting scatter.
+_LEVEL_MARGIN = 1.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,7 +110,7 @@ class CoupledDriveModel:
         Raises
         ------
         ModelError
-            The voltages have another shape, or are not finite.
+            The voltages have another shape, are not finite, or reach a level that no record had.
 
         Notes
         -----
@@ -137,6 +139,7 @@ class CoupledDriveModel:
             voltage_square=before.voltage_square.copy(),
         )
         readings = np.empty((u.shape[0], len(self.outputs)))
+        largest = state.voltage_square.copy()
         _step_drives(
             u,
             (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
@@ -146,10 +149,21 @@ class CoupledDriveModel:
             (-lag_pole, *straight_gains(lag_pole, step)),
             (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
             (state.system, state.modes, state.total, state.lags, state.lagged),
-            (state.force_square, state.voltage_square),
+            (state.force_square, state.voltage_square, largest),
             readings,
         )
+        self._require_level(np.sqrt(largest))
         return readings, state
+
+    def _require_level(self, reached: Array) -> None:
+        for name, (low, high), level in zip(
+            self.inputs, self.level_range, reached.tolist(), strict=True
+        ):
+            if level > _LEVEL_MARGIN * high:
+                raise ModelError(
+                    f"input '{name}' reaches a level of {level:.3g} {self.input_unit} rms, and the "
+                    f"records had {low:.3g} to {high:.3g}: how the stage softens beyond is not known"
+                )
 
 
 @compiled
@@ -162,7 +176,7 @@ def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares,
     lag_gain, lag_e, lag_before, lag_after = lags
     poles, out, into, through = system
     linear, modal, total, lagging, lagged = state
-    force_square, voltage_square = squares
+    force_square, voltage_square, largest = squares
     m, k, p, n = u.shape[1], e.size, readings.shape[1], poles.size
     # elongation at once, of a unit of voltage at the end of a step
     direct = np.zeros((m, m))
@@ -171,12 +185,13 @@ def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares,
         for a in range(m):
             for c in range(m):
                 direct[a, c] += at_once * b[i, a] * b[i, c]
+    driven, force, softening = np.empty(m), np.empty(m), np.empty(m)
+    loop = np.empty((m, m))
     for t in range(u.shape[0]):
-        softening = strength * (force_square ** (0.5 * exponent) - force_reference)
-        level = voltage_square ** (0.5 * voltage_exponent) - voltage_reference
-        driven = np.empty(m)
         for a in range(m):
-            value = level[a] * u[t, a]
+            softening[a] = strength[a] * (force_square[a] ** (0.5 * exponent) - force_reference[a])
+            level = voltage_square[a] ** (0.5 * voltage_exponent) - voltage_reference[a]
+            value = level * u[t, a]
             driven[a] = u[t, a] + memory[0] * value
             for q in range(lag_e.size):
                 lagging[q, a] = (
@@ -184,22 +199,30 @@ def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares,
                 )
                 driven[a] += memory[q + 1] * lag_gain[q] * lagging[q, a]
             lagged[a] = value
-        force = force_gains @ u[t] + direct @ driven
-        for i in range(k):
-            free = e[i] * modal[i] + before[i] * np.dot(b[i], total)
-            modal[i] = free
-            force += compliance[i] * (gain[i] * free).real * b[i]
-        loop = np.eye(m)
         for a in range(m):
+            force[a] = 0.0
             for c in range(m):
-                loop[a, c] -= direct[a, c] * softening[c]
-        force = np.linalg.solve(loop, force)
+                force[a] += force_gains[a, c] * u[t, c] + direct[a, c] * driven[c]
+                loop[a, c] = (1.0 if a == c else 0.0) - direct[a, c] * softening[c]
+        for i in range(k):
+            projected = 0.0
+            for a in range(m):
+                projected += b[i, a] * total[a]
+            modal[i] = e[i] * modal[i] + before[i] * projected
+            free = compliance[i] * (gain[i] * modal[i]).real
+            for a in range(m):
+                force[a] += free * b[i, a]
+        _solve_in_place(loop, force)
         for a in range(m):
             total[a] = driven[a] + softening[a] * force[a]
             force_square[a] += share * (force[a] ** 2 - force_square[a])
             voltage_square[a] += share * (u[t, a] ** 2 - voltage_square[a])
+            largest[a] = max(largest[a], voltage_square[a])
         for i in range(k):
-            modal[i] += after[i] * np.dot(b[i], total)
+            projected = 0.0
+            for a in range(m):
+                projected += b[i, a] * total[a]
+            modal[i] += after[i] * projected
         for a in range(p):
             value = 0.0
             for c in range(m):
@@ -212,3 +235,19 @@ def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares,
             for c in range(m):
                 following += into[i, c] * total[c]
             linear[i] = following
+
+
+@compiled
+def _solve_in_place(matrix, values):  # type: ignore[no-untyped-def]
+    """Solve a linear system that is near the identity, without pivots."""
+    m = values.size
+    for i in range(m):
+        for row in range(i + 1, m):
+            factor = matrix[row, i] / matrix[i, i]
+            for c in range(i, m):
+                matrix[row, c] -= factor * matrix[i, c]
+            values[row] -= factor * values[i]
+    for i in range(m - 1, -1, -1):
+        for c in range(i + 1, m):
+            values[i] -= matrix[i, c] * values[c]
+        values[i] /= matrix[i, i]

@@ -1,0 +1,96 @@
+"""The file that holds an identified model of coupled drives: readable text, checked when read."""
+
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexstage.base.arrays import Array, Complex
+from flexstage.base.errors import ModelError
+from flexstage.files.decoder import Decoder, read_file
+from flexstage.files.format import Form, Format
+from flexstage.files.nodes import Node
+from flexstage.files.yaml_text import plain_dumper
+from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
+from flexstage.hysteresis.model_file import MODEL_FILE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Content:
+    model: CoupledDriveModel
+    errors: tuple[float, ...] = ()
+    """Error at each level, rms in the unit of the outputs."""
+    warnings: tuple[str, ...] = ()
+
+
+def _read_complex(decoder: Decoder, node: Node, path: str, _default: Any) -> Complex:
+    entry = decoder.mapping(node, path)
+    parts = {
+        name: MODEL_FILE.forms[Array].read(decoder, entry.items[name], f"{path}.{name}", None)
+        for name in ("real", "imaginary")
+        if name in entry.items
+    }
+    if len(parts) != 2 or parts["real"].shape != parts["imaginary"].shape:
+        decoder.refuse(node, path, "expected 'real' and 'imaginary' parts of one shape")
+    return parts["real"] + 1j * parts["imaginary"]
+
+
+#: The kind of file that holds a model of coupled drives.
+COUPLED_MODEL_FILE = Format(
+    noun="model of coupled drives from `flexstage identify --out`",
+    key="flexstage-coupled-drives",
+    error=ModelError,
+    only=True,
+    forms={**MODEL_FILE.forms, Complex: Form(read=_read_complex)},
+)
+
+
+def _written(value: Any) -> Any:
+    """Return descriptions and arrays as plain data."""
+    if is_dataclass(value):
+        return {f.name: _written(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, tuple):
+        return [_written(v) for v in value]
+    if isinstance(value, np.ndarray):
+        if np.iscomplexobj(value):
+            return {"real": value.real.tolist(), "imaginary": value.imag.tolist()}
+        return value.tolist()
+    return value
+
+
+def coupled_model_text(result: CoupledDriveIdentification) -> str:
+    """Return the model of an identification as YAML, which `read_coupled_model` reads."""
+    import yaml
+
+    content = _Content(
+        model=result.model,
+        errors=tuple(level.error for level in result.levels),
+        warnings=result.warnings,
+    )
+    return yaml.dump(
+        {COUPLED_MODEL_FILE.key: COUPLED_MODEL_FILE.version, **_written(content)},
+        Dumper=plain_dumper(),
+        sort_keys=False,
+        allow_unicode=True,
+        width=100,
+        default_flow_style=None,
+    )
+
+
+def read_coupled_model(path: Path) -> CoupledDriveModel:
+    """Read a model of coupled drives; a ModelError where the file is none."""
+    decoder, root = read_file(path, COUPLED_MODEL_FILE)
+    content: _Content = decoder.build(_Content, root, "")
+    model = content.model
+    shapes = (model.drives.input_shapes.shape, model.system.feedthrough.shape)
+    wanted = (
+        (model.drives.compliance.size, len(model.inputs)),
+        (len(model.outputs), len(model.inputs)),
+    )
+    if shapes != wanted:
+        raise ModelError(
+            f"{path}: arrays of shapes {shapes} do not fit inputs and outputs, {wanted}"
+        )
+    return model
