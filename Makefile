@@ -58,13 +58,14 @@ docs: env-dev ## the manual, as HTML, into out/docs
 	$(dev_run) sphinx-build -q -W --keep-going -b html -d $(OUT)/.doctrees docs $(OUT)/docs
 	@echo "the manual is in $(OUT)/docs/index.html"
 
-lint: style types ## style, format, types, layers, spelling
+lint: style types ## style, format, types, layers, spelling, words
 
 style: env-dev
 	$(dev_run) ruff check .
 	$(dev_run) ruff format --check .
 	$(dev_run) lint-imports
 	$(dev_run) codespell
+	$(dev_run) python scripts/words.py
 
 types: env-dev
 	$(dev_run) pyright

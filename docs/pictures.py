@@ -169,11 +169,11 @@ def card_centring() -> "Figure":
     from flexstage.virtual import scale_errors
 
     theta = np.linspace(0.0, 2.0 * np.pi, 721)
-    own = scale_errors(range(2, 20), 8.0 * ARCSEC, seed=3).at(theta)
+    graduation = scale_errors(range(2, 20), 8.0 * ARCSEC, seed=3).at(theta)
     figure = new_figure(*_CARD)
     axes = figure.add_subplot(projection="polar")
     for place, colour in (((50e-6, -20e-6), CYCLE[1]), ((0.0, 0.0), CYCLE[0])):
-        error = (exact_error(theta, place, 50e-3) + own) / ARCSEC
+        error = (exact_error(theta, place, 50e-3) + graduation) / ARCSEC
         axes.plot(theta, error, color=colour, linewidth=1.4)
     axes.plot(theta, 0.0 * theta, color=MUTED, linewidth=0.8, linestyle="--")
     axes.set(ylim=(-450.0, 280.0), xticklabels=[], yticklabels=[])
@@ -236,12 +236,12 @@ def _cut() -> dict[str, list[np.ndarray]]:
 
     (content,) = dxf_files(design("vgtu-piezo"), kerf=0.28e-3).values()
     drawing = ezdxf.read(io.StringIO(content.decode() if isinstance(content, bytes) else content))
-    found: dict[str, list[np.ndarray]] = {}
+    paths: dict[str, list[np.ndarray]] = {}
     for entity in drawing.modelspace():
         if entity.dxftype() in {"LWPOLYLINE", "LINE", "ARC", "CIRCLE"}:
             points = np.array([(p.x, p.y) for p in make_path(entity).flattening(0.01)])
-            found.setdefault(entity.dxf.layer, []).append(points)
-    return found
+            paths.setdefault(entity.dxf.layer, []).append(points)
+    return paths
 
 
 _LAYERS = {
@@ -349,10 +349,10 @@ def card_sweep() -> "Figure":
     ranges = ["x.lever_neck=0.35..0.75 mm", "x.lever_arm_input=8.1..12 mm"]
     family = Family(template=template, variables=variables_of(template, ranges))
     looked_at = [Figure(quantity=q, axis="x") for q in ("max_stress", "natural_frequency_hz")]
-    found = sweep(family, looked_at, SweepPlan(sampling="grid", samples=121))
-    x, y = (found.points[:, i].reshape(found.counts) * _MM for i in range(2))
-    axes.contourf(x, y, found.on_grid(0), levels=11, cmap=mpl.colormaps["YlGnBu"], alpha=0.75)
-    axes.contour(x, y, found.on_grid(1), levels=7, colors=INK, linewidths=1.1)
+    swept = sweep(family, looked_at, SweepPlan(sampling="grid", samples=121))
+    x, y = (swept.points[:, i].reshape(swept.counts) * _MM for i in range(2))
+    axes.contourf(x, y, swept.on_grid(0), levels=11, cmap=mpl.colormaps["YlGnBu"], alpha=0.75)
+    axes.contour(x, y, swept.on_grid(1), levels=7, colors=INK, linewidths=1.1)
     axes.plot(*(_MM * family.usual), "D", color=CYCLE[1], markersize=9, markeredgecolor="white")
     return figure
 
@@ -431,14 +431,14 @@ def write(name: str) -> None:
         return
     with in_new_folder() as folder:
         if name in PAGES:
-            made = from_page(name, folder)
+            picture = from_page(name, folder)
         else:
             *before, last = COMMANDS[name]
-            made = folder / name
+            picture = folder / name
             for command in before:
                 flexstage(*command.split())
-            flexstage(*last.split(), str(made))
-        shutil.copy(made, IMAGES / name)
+            flexstage(*last.split(), str(picture))
+        shutil.copy(picture, IMAGES / name)
 
 
 def main(names: list[str]) -> None:

@@ -262,7 +262,7 @@ def test_a_model_file_holds_the_same_numbers(tmp_path: Path) -> None:
     path = tmp_path / "model.yaml"
     path.write_text(coupled_model_text(result), "utf-8")
     model = read_coupled_model(path)
-    u = multisine(0.3, 8)
+    u = multisine(0.15, 8)
     assert np.array_equal(model.simulate(u)[0], result.model.simulate(u)[0])
     assert model.level_range == result.model.level_range
     path.write_text(coupled_model_text(result).replace("imaginary:", "imag:", 1), "utf-8")

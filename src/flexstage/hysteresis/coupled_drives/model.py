@@ -161,8 +161,9 @@ class CoupledDriveModel:
         ):
             if level > _LEVEL_MARGIN * high:
                 raise ModelError(
-                    f"input '{name}' reaches a level of {level:.3g} {self.input_unit} rms, and the "
-                    f"records had {low:.3g} to {high:.3g}: how the stage softens beyond is not known"
+                    f"input '{name}' reaches a level of {level:.3g} {self.input_unit} rms, and "
+                    f"the records had {low:.3g} to {high:.3g}: how the stage softens beyond is not "
+                    "known"
                 )
 
 
