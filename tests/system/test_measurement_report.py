@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.characterise_tables import print_measurement
+from flexstage.cli.characterise import print_measurement
 from flexstage.cli.output import console
 from flexstage.experiments.campaign.results import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
@@ -246,7 +246,7 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
     assert len(parsed.ids) == len(set(parsed.ids))
     assert {"measured", "virtual", "centring"} <= set(parsed.ids)
     virtual = study_page[study_page.index('<section id="virtual">') :]
-    assert "Nothing here was measured." in virtual[:2000]
+    assert "Simulated, not measured:" in virtual[:2000]
     assert "bench 7" in study_page
     rows = {(r.quantity, r.axis, r.origin): r for r in study.characteristics}
     row = rows["output_displacement", "x", "measured"]
