@@ -360,7 +360,7 @@ def test_a_stage_without_axes_says_what_is_missing(
     assert "3 of these modes, at 0 Hz" in out
     assert run("study", "plate.yaml") == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "names no axis" in out
+    assert "defines no axis" in out
     # finite elements need something that holds the stage, and say so
     assert "plane model skipped: no body of stage 'plate' is fixed" in out
     assert "superelement-3d model skipped: body 'plate' has no hinge" in out

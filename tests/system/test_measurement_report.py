@@ -450,7 +450,7 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     shown = {row[0].text for row in table.rows}
     assert not any("Straightness" in name for name in shown)
     assert any("Natural frequency" in name for name in shown)
-    assert "assumed, and left out" in table.caption
+    assert "Assumed straightness, without a measurement, is omitted" in table.caption
     print_measurement(console(), found, [])
     assert "Straightness in plane, assumed" in capsys.readouterr().out
     # a real stage whose figures are measured has none of it

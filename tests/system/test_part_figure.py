@@ -9,7 +9,7 @@ from matplotlib.text import Annotation
 from netgen import occ
 
 from flexstage.fem.part import Part
-from flexstage.report.figures.part import _spread, draw_part
+from flexstage.report.figures.part import _label_positions, draw_part
 
 
 def test_every_face_is_named_once_and_no_name_covers_another() -> None:
@@ -51,4 +51,4 @@ def test_every_face_is_named_once_and_no_name_covers_another() -> None:
     ],
 )
 def test_names_in_a_column_keep_apart(wanted: list[float], placed: list[float]) -> None:
-    assert _spread(wanted, 1.0, (0.0, 10.0)) == pytest.approx(np.array(placed))
+    assert _label_positions(wanted, 1.0, (0.0, 10.0)) == pytest.approx(np.array(placed))

@@ -91,7 +91,7 @@ def _root(
     verbose: Annotated[
         bool,
         typer.Option(
-            "--verbose", help="With --version: also those of Python, platform and libraries."
+            "--verbose", help="With --version: also the versions of Python, platform and libraries."
         ),
     ] = False,
 ) -> None:

@@ -92,8 +92,8 @@ def _write_files(
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            alone = replace(results, runs={name: run}, left_out={})
-            files += write_files(within, analysis_files(run.analysis, alone.to_dict()))
+            single = replace(results, runs={name: run}, left_out={})
+            files += write_files(within, analysis_files(run.analysis, single.to_dict()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
@@ -227,7 +227,7 @@ def _responses(screen: "Console", analysis: "Analysis") -> None:
         size = abs(response.value)
         peak = int(size.argmax())
         figures = (number(float(v)) for v in (size[0], size[peak], response.frequency_hz[peak]))
-        named = (response.drive, response.probe, response.input_kind, response.drives)
-        rows.append((*named, *figures, response.unit))
+        names = (response.drive, response.probe, response.input_kind, response.drives)
+        rows.append((*names, *figures, response.unit))
     title = "frequency responses (all points with --json or --folder)"
     print_table(screen, title, (*heads, "<unit"), rows)

@@ -80,5 +80,5 @@ def compensate(
         return
     for line in command_in_words(result.made, result.drive):
         console().print(line)
-    written = ([] if out is None else [out]) + pictures
-    print_notes(console(), result.notes, written, style="yellow")
+    files = ([] if out is None else [out]) + pictures
+    print_notes(console(), result.notes, files, style="yellow")

@@ -104,7 +104,7 @@ def _print(recognised: "DrawnStage", files: list[Path]) -> None:
     display_table(screen, necks_table(recognised, caption))
     notes = []
     if recognised.left_out:
-        ignored = ", ".join(f"{n} x {what}" for what, n in recognised.left_out)
+        ignored = ", ".join(f"{n} x {kind}" for kind, n in recognised.left_out)
         notes.append(f"ignored in the drawing: {ignored}")
     if recognised.blanks:
         notes.append(f"not stated in the drawing: {', '.join(recognised.blanks)}")

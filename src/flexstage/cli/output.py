@@ -129,7 +129,9 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        with listen(lambda what, done: bar.update(task, description=what, completed=done)):
+        with listen(
+            lambda phase, fraction: bar.update(task, description=phase, completed=fraction)
+        ):
             yield
 
 

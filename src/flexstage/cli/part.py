@@ -66,39 +66,39 @@ def part(
         screen.print(f"picture: {figure}", markup=False)
 
 
-def _millimetres(read: "Part", point: Sequence[float]) -> str:
-    smallest = _ROUNDING * math.dist(*read.bounding_box)
+def _millimetres(part: "Part", point: Sequence[float]) -> str:
+    smallest = _ROUNDING * math.dist(*part.bounding_box)
     return ", ".join(f"{0.0 if abs(c) < smallest else 1e3 * c:.4g}" for c in point)
 
 
-def _faces(screen: "Console", read: "Part") -> None:
-    several = len(read.bodies) > 1
+def _faces(screen: "Console", part: "Part") -> None:
+    several = len(part.bodies) > 1
     heads = ["face", "<kind", "area, mm²", "<centre, mm"]
     rows = [
-        [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
-        for face in read.faces
+        [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(part, face.centre)]
+        for face in part.faces
     ]
     if several:
         heads.append("<solid")
-        rows = [[*row, " and ".join(f.bodies)] for row, f in zip(rows, read.faces, strict=True)]
-    print_table(screen, f"faces of {read.source}", heads, rows)
+        rows = [[*row, " and ".join(f.bodies)] for row, f in zip(rows, part.faces, strict=True)]
+    print_table(screen, f"faces of {part.source}", heads, rows)
 
 
-def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> None:
-    if len(read.bodies) == 1:
+def _bodies(screen: "Console", part: "Part", of: Mapping[str, "Material"]) -> None:
+    if len(part.bodies) == 1:
         (material,) = of.values()
         screen.print(
-            f"volume {read.volume * 1e9:.6g} mm³; {material.name}: {read.mass(of) * 1e3:.5g} g",
+            f"volume {part.volume * 1e9:.6g} mm³; {material.name}: {part.mass(of) * 1e3:.5g} g",
             markup=False,
         )
         return
     rows = [
         (name, of[name].name, f"{solid.mass:.6g}", f"{of[name].density * solid.mass * 1e-6:.5g}")
-        for name, solid in zip(read.bodies, read.shape.solids, strict=True)
+        for name, solid in zip(part.bodies, part.shape.solids, strict=True)
     ]
-    rows.append(("all", "", f"{read.volume * 1e9:.6g}", f"{read.mass(of) * 1e3:.5g}"))
+    rows.append(("all", "", f"{part.volume * 1e9:.6g}", f"{part.mass(of) * 1e3:.5g}"))
     print_table(screen, "solids", ("solid", "<material", "volume, mm³", "mass, g"), rows)
-    joints = [f for f in read.faces if len(f.bodies) > 1]
+    joints = [f for f in part.faces if len(f.bodies) > 1]
     joints_text = "; ".join(f"{' and '.join(f.bodies)} at {f.name}" for f in joints)
     screen.print(f"bonded joints: {joints_text or 'none'}", markup=False)
 
@@ -126,13 +126,13 @@ def _print_analysis(screen: "Console", analysis: "PartAnalysis") -> None:
                 (name, *("≈ 0" if abs(v) < _ROUNDING * scale else number(v) for v in row))
                 for name, row in zip(_MOTIONS, result.stiffness, strict=True)
             ]
-            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
+            free_stiffness = 1.0 / np.diag(np.linalg.inv(result.stiffness))
             print_table(
                 screen,
                 f"stiffness matrix of {', '.join(analysis.moved)} about ({at}) mm, in N, m and "
                 f"rad, {kind} interfaces",
                 ("force \\ motion", *_MOTIONS),
-                (*matrix_rows, ("others free", *(number(float(v)) for v in alone))),
+                (*matrix_rows, ("others free", *(number(float(v)) for v in free_stiffness))),
             )
     _ratio(screen, analysis)
     advice = (

@@ -58,17 +58,17 @@ def run(
     from flexstage.experiments.plan import stage_source
 
     file = find_plan(plan)
-    steps = read_plan(file)
-    described = options.stage(stage if stage is not None else stage_source(steps, file.parent))
-    steps.chosen(request.only)
+    test_plan = read_plan(file)
+    described = options.stage(stage if stage is not None else stage_source(test_plan, file.parent))
+    test_plan.chosen(request.only)
     if dry_run:
         from flexstage.experiments import dry_run as tried
 
-        rehearsal = tried(steps, described, only=request.only)
+        rehearsal = tried(test_plan, described, only=request.only)
         if json:
             print_json(rehearsal.to_dict())
         else:
-            _print_dry(rehearsal, steps.title or file.stem)
+            _print_dry(rehearsal, test_plan.title or file.stem)
         if rehearsal.problems:
             typer.echo(f"flexstage: {rehearsal.problems[0]}", err=True)
             raise typer.Exit(2)
@@ -90,7 +90,7 @@ def run(
 
     catalogue = chosen_catalogue(bench.catalogue)
     result = _carry_out(
-        bench, steps, folder, request, stage=described, title=file.stem, catalogue=catalogue,
+        bench, test_plan, folder, request, stage=described, title=file.stem, catalogue=catalogue,
         quiet=quiet,
     )  # fmt: skip
     from flexstage.report.run import run_text

@@ -30,7 +30,8 @@ def study(
 ) -> None:
     """Compare models with published values, in a report.
 
-    Writes report.html and results.json, and virtual-measurement.html where --parts has virtual.
+    The folder receives report.html and results.json, and with --parts virtual also
+    virtual-measurement.html.
 
     Parameters
     ----------

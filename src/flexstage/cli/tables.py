@@ -121,8 +121,8 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
     if room < 0:
         return None
     # the name of a row stays on one line if possible; then the tightest column grows
-    if form.columns[0].kind != "long words" and (more := most[0] - sizes[0]) <= room:
-        sizes[0], room = most[0], room - more
+    if form.columns[0].kind != "long words" and (extra := most[0] - sizes[0]) <= room:
+        sizes[0], room = most[0], room - extra
     for _ in range(min(room, sum(most) - sum(sizes))):
         sizes[max(range(len(sizes)), key=lambda i: most[i] / max(sizes[i], 1))] += 1
     titles = [wrapped(head, size) for head, size in zip(heads, sizes, strict=True)]

@@ -89,7 +89,7 @@ def _render(template: str, **values: Any) -> str:
     # numbers of figures, tables and pictures begin at 1 in each page
     numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
     page = _environment().get_template(template)
-    return page.render(next=lambda what: next(numbers[what]), **values)
+    return page.render(next=lambda kind: next(numbers[kind]), **values)
 
 
 @cache

@@ -142,7 +142,7 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 
 def _plain(value: float) -> str:
-    """Write a number with up to four digits, and a long one without an exponent."""
+    """Return a number with up to four digits, a long one without an exponent."""
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 

@@ -111,10 +111,11 @@ def sensitivity_table(sensitivities: Sensitivities, *, in_units: bool = False) -
             value = float(changes[i, k])
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
-    what = "in their units" if in_units else "in per cent"
+    unit_text = "in their units" if in_units else "in per cent"
     steps = step_words(sensitivities)
     return table(
-        f"{sensitivities.stage}, {sensitivities.model}: change of the figures {what} for {steps}",
+        f"{sensitivities.stage}, {sensitivities.model}: change of the figures {unit_text} for "
+        f"{steps}",
         columns,
         rows,
         notes=tuple(_notes(sensitivities, idle, figure_indices)),
@@ -183,15 +184,15 @@ def left_out_notes(sensitivities: Sensitivities) -> Iterator[str]:
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
         yield f"slopes are {sensitivities.provenance.settings['slopes']}"
-    for one, other in combinations(sensitivities.figures, 2):
-        if one.quantity == other.quantity == "natural_frequency_hz":
+    for first, second in combinations(sensitivities.figures, 2):
+        if first.quantity == second.quantity == "natural_frequency_hz":
             values = [
-                float(sensitivities.values[sensitivities.figures.index(f)]) for f in (one, other)
+                float(sensitivities.values[sensitivities.figures.index(f)]) for f in (first, second)
             ]
             if abs(values[0] - values[1]) <= equal * max(values):
                 yield (
-                    f"{one.name} and {other.name} are equal: a parameter that separates them mixes "
-                    "their modes, and its effect cannot be assigned to one of them"
+                    f"{first.name} and {second.name} are equal: a parameter that separates them "
+                    "mixes their modes, and its effect cannot be assigned to one of them"
                 )
     reasons: dict[str, list[str]] = {}
     for name, reason in sensitivities.left_out.items():

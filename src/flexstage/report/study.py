@@ -366,7 +366,7 @@ CHAPTERS: dict[str, Chapter] = {
         sections={"centring": ("", lambda study: centring_section(study.centring))},
     ),
     "record": Chapter(
-        title="Validity and provenance",
+        title="Provenance",
         finding=findings.record,
         sections={
             "validity": ("Validity", _validity),

@@ -241,12 +241,12 @@ def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
             )
             for run in experiment.runs
         ]
-        width, left, reduction = published_loop(stage.published, axis)
+        width, compensated_width, reduction = published_loop(stage.published, axis)
         if width is not None:
             rows.append(_loop(f"{axis}, published, open loop", width, None, None))
-        if left is not None and reduction is not None:
+        if compensated_width is not None and reduction is not None:
             title = f"{axis}, published, inverse of Bouc-Wen"
-            rows.append(_loop(title, left, reduction, None))
+            rows.append(_loop(title, compensated_width, reduction, None))
     heads = (
         Column("", "title"), "loop width [µm]", "reduction [%]", "error [nm rms]",
         "largest error [nm]",

@@ -281,9 +281,9 @@ def _rows(sweep: Sweep) -> Table:
 
 def _ranges(sweep: Sweep) -> Table:
     """Return the range of each figure, and its most influential variables."""
-    one = len(sweep.variables) == 1
+    single = len(sweep.variables) == 1
     headings = ["figure", "<unit", "as described", "minimum", "maximum"]
-    headings.append("rank correlation" if one else "<main variables (rank correlation)")
+    headings.append("rank correlation" if single else "<main variables (rank correlation)")
     rows = []
     correlations, least, greatest = sweep.correlations, sweep.least, sweep.greatest
     for k, figure in enumerate(sweep.figures):

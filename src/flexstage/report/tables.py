@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def coupling_tables(coupling: CoupledAxes) -> Iterator[Table]:
-    """Show the Jacobian, the decoupling matrix and the workspace of all drives."""
+    """Yield the Jacobian, the decoupling matrix and the workspace of all drives."""
     turns = dict(zip(coupling.names, (unit == "rad" for unit in coupling.units), strict=True))
     yield table(
         "Jacobian: motion of each axis per elongation of each drive, other drives held",
@@ -80,8 +80,8 @@ def coupling_section(coupling: CoupledAxes | None) -> Iterator[Content]:
 
 def cause_words(analysis: Analysis) -> str:
     """Return the cause of a load or motion, to precede the name of an axis."""
-    alone = all(len(axis.drives) == 1 for axis in analysis.axes)
-    return "drive of" if alone else "motion of"
+    separate = all(len(axis.drives) == 1 for axis in analysis.axes)
+    return "drive of" if separate else "motion of"
 
 
 def full_stroke_words(axis: AxisAnalysis) -> str:
@@ -157,12 +157,12 @@ def published_loop(
 
     Measured and published values of an axis; None without.
     """
-    width, left = (
+    width, compensated = (
         measured_value(rows, f"{of}_loop_width", axis) for of in ("hysteresis", "compensated")
     )
-    if width is None or left is None:
-        return width, left, None
-    return width, left, 100.0 * (1.0 - left / width)
+    if width is None or compensated is None:
+        return width, compensated, None
+    return width, compensated, 100.0 * (1.0 - compensated / width)
 
 
 def characteristics_table(

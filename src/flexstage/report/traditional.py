@@ -158,8 +158,8 @@ def _errors(axis: "AxisErrors", straight: bool) -> Iterator[str]:
         yield _small(_UM * value)
     yield _small(_UM * axis.figures("straightness")[0]) if straight else "–"
     yield _small(_UM * axis.figures("normal")[0])
-    for what in ("yaw", "tilt"):
-        yield number(_UM * axis.figures(what)[0], 3)
+    for quantity in ("yaw", "tilt"):
+        yield number(_UM * axis.figures(quantity)[0], 3)
 
 
 def other_table(comparison: TraditionalComparison) -> Table:
@@ -223,7 +223,11 @@ def drift_table(comparison: TraditionalComparison) -> Table:
         "two-dimensional finite elements, drives removed, base fixed and without expansion.",
         (
             Column("Stage", "long words"),
-            *(Column(what, group=group) for group in groups for what in ("x", "y", "total", "yaw")),
+            *(
+                Column(component, group=group)
+                for group in groups
+                for component in ("x", "y", "total", "yaw")
+            ),
         ),
         [[Cell(text) for text in row] for row in rows],
     )

@@ -68,8 +68,8 @@ def elongation_words(result: AxisAnalysis) -> str:
 def full_stroke(analysis: Analysis, axis: AxisAnalysis) -> str:
     """Return the elongation of the drives at full stroke of an axis, and its reading."""
     unit = "µrad" if analysis.system.probe(axis.probe).unit == "rad" else "µm"
-    read = f"{number(axis.output_displacement * 1e6)} {unit}"
-    return f"{elongation_words(axis)}: '{axis.probe}' reads {read}"
+    reading = f"{number(axis.output_displacement * 1e6)} {unit}"
+    return f"{elongation_words(axis)}: '{axis.probe}' reads {reading}"
 
 
 def drawn_axis(analysis: Analysis, axis: str) -> AxisAnalysis:

@@ -116,8 +116,8 @@ def _polar(
     axes.grid(color=GRID, linewidth=0.6)
     axes.spines["polar"].set_color(MUTED)
     axes.spines["polar"].set_linewidth(0.6)
-    what = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
-    set_title(axes, f"{what} [{unit}]; dashed circle: zero")
+    title = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
+    set_title(axes, f"{title} [{unit}]; dashed circle: zero")
     if axes.get_legend_handles_labels()[0]:
         add_legend(axes, loc="upper left", bbox_to_anchor=(-0.22, 0.08))
 

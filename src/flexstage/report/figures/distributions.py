@@ -223,13 +223,13 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
         for part in of.contributions:
             total[part.kind] = max(total.get(part.kind, 0.0), part.share)
     ranked = [k for k in sorted(total, key=lambda k: -total[k]) if total[k] >= least]
-    named = ranked[:own_colours]
+    kinds = ranked[:own_colours]
     figure, axes = one_panel(_WIDTH, 1.3 + 0.34 * len(shares), grid=False)
     at = _rows(axes, [of.figure.label for of in shares])
     left = np.zeros(len(shares))
     by_kind = [{c.kind: c.share for c in of.contributions} for of in shares]
-    bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(named)]
-    others = [sum(v for kind, v in b.items() if kind not in named) for b in by_kind]
+    bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(kinds)]
+    others = [sum(v for kind, v in b.items() if kind not in kinds) for b in by_kind]
     if max(others, default=0.0) >= least:
         bars.append(("other deviations", CYCLE[own_colours], others))
     unexplained = [of.rest for of in shares]

@@ -75,15 +75,20 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
     per_inch = max(x1 - x0, y1 - y0) / (_LONGEST if key else _ALONE)
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
-    tall = max(height, 3.4)
+    figure_height = max(height, 3.4)
     width = max(width, 2.5)
     if key:
-        columns = _arrange(_entries(stage, shapes), tall)
+        columns = _arrange(_entries(stage, shapes), figure_height)
         key_width = len(columns) * _COLUMN
         figure, (axes, key_axes) = panels(
-            width + key_width + 0.7, tall + 0.8, 2, 2, grid=False, width_ratios=(width, key_width)
+            width + key_width + 0.7,
+            figure_height + 0.8,
+            2,
+            2,
+            grid=False,
+            width_ratios=(width, key_width),
         )
-        _draw_key(key_axes, columns, tall)
+        _draw_key(key_axes, columns, figure_height)
     else:
         figure, axes = one_panel(width + 0.7, height + 0.8, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
@@ -314,8 +319,8 @@ def _arrange(entries: list[_Entry], height: float) -> list[list[_Entry]]:
         entries = [*entries[: columns * fit - 1], _Entry(kind="gap", text=f"… and {omitted} more")]
     out: list[list[_Entry]] = [[]]
     for entry in entries:
-        alone = entry.kind == "heading" and len(out[-1]) == fit - 1
-        if len(out[-1]) == fit or (alone and len(out) < columns):
+        last_heading = entry.kind == "heading" and len(out[-1]) == fit - 1
+        if len(out[-1]) == fit or (last_heading and len(out) < columns):
             out.append([])
         if out[-1] or entry.kind != "gap" or entry.text:
             out[-1].append(entry)

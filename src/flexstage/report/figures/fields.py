@@ -237,7 +237,7 @@ def draw_fe_modes(
     x0, y0, x1, y1 = window(at_rest, margin)
     scales = [(bands, _SIZE)] if not all(lifted) else []
     scales += [(signed, _LIFT)] if any(lifted) else []
-    figure, grid, bars = _arranged((y1 - y0) / (x1 - x0), count, len(scales))
+    figure, grid, bars = _lay_out((y1 - y0) / (x1 - x0), count, len(scales))
     for k, axes in enumerate(grid):
         sample = sampler.read(shapes[k], stress=False)
         points, values = _mode_corners(sample, lifted=lifted[k])
@@ -256,7 +256,7 @@ def draw_fe_modes(
     return figure
 
 
-def _arranged(aspect: float, count: int, bars: int) -> "tuple[Figure, list[Axes], list[Axes]]":
+def _lay_out(aspect: float, count: int, bars: int) -> "tuple[Figure, list[Axes], list[Axes]]":
     """Lay out pictures of an aspect ratio, height to width, with colour bars."""
     widest = 3.3  # of a picture [inch]
     most_columns = 3
@@ -279,9 +279,11 @@ def _arranged(aspect: float, count: int, bars: int) -> "tuple[Figure, list[Axes]
         )
         for k in range(count)
     ]
-    tall = min(0.8 * max(high, 1.6), 4.5)
-    top = 0.5 * (max(high, 1.6) - tall)
-    scales = [place(figure, across + 0.1 + i * bar_width, top, 0.14, tall) for i in range(bars)]
+    bar_height = min(0.8 * max(high, 1.6), 4.5)
+    top = 0.5 * (max(high, 1.6) - bar_height)
+    scales = [
+        place(figure, across + 0.1 + i * bar_width, top, 0.14, bar_height) for i in range(bars)
+    ]
     return figure, grid, scales
 
 

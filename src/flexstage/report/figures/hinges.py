@@ -103,7 +103,7 @@ def draw_stress(analysis: Analysis) -> "Figure":
     furthest = max([*(value for value, *_ in limits), largest[names[0]] * MPA]) or 1.0
     limits.sort(key=lambda limit: limit[0])
     # labels of two limits close to each other are on either side
-    apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
+    far_apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
     for i, (limit, label, dashes) in enumerate(limits):
         axes.axvline(limit, color=INK, linestyle=dashes, linewidth=1.0)
         add_words(
@@ -112,7 +112,7 @@ def draw_stress(analysis: Analysis) -> "Figure":
             (limit, 1.0),
             (0, 3),
             xycoords=("data", "axes fraction"),
-            ha="center" if apart else ("right", "left")[i],
+            ha="center" if far_apart else ("right", "left")[i],
         )
     axes.set(xlim=(0.0, 1.08 * furthest), ylim=(len(names) - 0.4, -0.6))
     axes.set_yticks(
@@ -216,7 +216,7 @@ def draw_neck_stress(
     bands = Bands(0.0, necks[0].stress * MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
 
     x0, y0, x1, y1 = window(sample.points[:, :2], _MARGIN)
-    figure, overview, panels, bar = _arranged((y1 - y0) / (x1 - x0), len(necks))
+    figure, overview, panels, bar = _lay_out((y1 - y0) / (x1 - x0), len(necks))
     peaks = [sampler.neck_peak(result.static.q, n.hinge.name) for n in necks]
     factor = _overview(overview, sampler, sample, bands)
     _letters(overview, sample, necks, factor)
@@ -227,7 +227,7 @@ def draw_neck_stress(
     return figure
 
 
-def _arranged(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axes]":
+def _lay_out(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axes]":
     """Lay out the overview by its aspect ratio, the pictures of the necks, and the colour bar."""
     left, top, foot, title, gap = 0.62, 0.42, 0.5, 0.4, 0.15
     width = min(_OVERVIEW, _OVERVIEW / aspect)
@@ -312,9 +312,9 @@ def _neck(
     lengths = 2.6  # side of a picture of a neck, in lengths of its notch
     hinge = neck.hinge
     half = 0.5 * lengths * max(hinge.profile.length, 3.0 * hinge.profile.neck_thickness)
-    (x, y), still = hinge.at, _motion(sample, hinge.at)
+    (x, y), neck_motion = hinge.at, _motion(sample, hinge.at)
     near = np.abs(sample.points[:, :2] - hinge.at).max(axis=1) < half
-    relative = sample.displacement - still
+    relative = sample.displacement - neck_motion
     largest = float(np.linalg.norm(relative[near], axis=1).max())
     factor = exaggeration(6.0 * half, largest)
     moved = (sample.points + factor * relative)[:, :2]
@@ -326,7 +326,7 @@ def _neck(
     trace(axes, at_rest, sampler.outline, linewidths=0.5, colors=MUTED, linestyles=[(0, (3, 2))])
     trace(axes, moved, sampler.outline, linewidths=0.6)
     peak_motion = (
-        sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - still
+        sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - neck_motion
     )
     where = MM * (peak + factor * peak_motion)[:2]
     ring = {"fillstyle": "none", "markersize": 13, "zorder": 5}

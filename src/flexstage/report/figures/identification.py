@@ -52,8 +52,8 @@ def draw_identification(result: Identification) -> "Figure":
     heldout = (
         "" if result.heldout_rms_percent is None else f", held out {result.heldout_rms_percent:.2f}"
     )
-    more = len(sections) - count
-    beyond = f"; {more} more record{'s' if more > 1 else ''} not drawn" if more else ""
+    omitted = len(sections) - count
+    beyond = f"; {omitted} more record{'s' if omitted > 1 else ''} not drawn" if omitted else ""
     every = f" over {len(sections)} records" if len(sections) > 1 else ""
     add_heading(
         figure,
@@ -92,8 +92,8 @@ def _extent(result: Identification, section: int, within: np.ndarray) -> str:
     s = result.measurement.sections[section]
     first, last = (int(np.searchsorted(s.cycles.bounds, within[i])) for i in (0, -1))
     count = s.cycles.swing.size
-    which = f"cycle {last}" if last == first + 1 else f"cycles {first + 1} to {last}"
-    cycles = f"all {count} cycles" if last - first == count > 1 else f"{which} of {count}"
+    cycle_range = f"cycle {last}" if last == first + 1 else f"cycles {first + 1} to {last}"
+    cycles = f"all {count} cycles" if last - first == count > 1 else f"{cycle_range} of {count}"
     begin, end = s.begin + within[[0, -1]] * s.dt
     return f"{cycles}, {begin:.4g} to {end:.4g} s"
 

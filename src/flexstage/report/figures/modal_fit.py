@@ -103,8 +103,8 @@ def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
     # half width of a 95 % interval of a normal distribution
     normal = 1.959964
     output = strongest_output(fit) if output is None else output
-    one = fit.fitted[0]
-    measured = one.measured
+    first = fit.fitted[0]
+    measured = first.measured
     if not 0 <= output < len(measured.outputs):
         raise ModelError(f"the response has no output {output}")
     at = (slice(None), output, 0)
@@ -127,7 +127,7 @@ def draw_modal_fit(fit: ModalFit, *, output: int | None = 0) -> "Figure":
                        label="95 % band of the fit")  # fmt: skip
     upper.semilogy(fine, np.abs(value), color=CYCLE[0], linewidth=1.0, label="fit")
     upper.semilogy(f, np.maximum(residual, tiny), color=MUTED, linewidth=0.4, label="residual")
-    upper.semilogy(f, one.deviation[at], color=INK, linewidth=0.8, linestyle=LONG_DASHED,
+    upper.semilogy(f, first.deviation[at], color=INK, linewidth=0.8, linestyle=LONG_DASHED,
                    label="noise, rms")  # fmt: skip
     magnitudes = np.concatenate([np.abs(measured.response[at]), np.quantile(residual, [0.02, 1.0])])
     magnitudes = magnitudes[magnitudes > 0.0]
@@ -194,8 +194,8 @@ def draw_resonance(
     its total uncertainty [Hz]; a vertical line is a published one. `label` is that of the points.
     """
     output = strongest_output(fit)
-    one = fit.fitted[0].measured
-    f, measured = one.frequency_hz, np.abs(one.response[:, output, 0])
+    response = fit.fitted[0].measured
+    f, measured = response.frequency_hz, np.abs(response.response[:, output, 0])
     figure, axes = one_panel(5.0, 2.9)
     fine = np.linspace(f[0], f[-1], 1500)
     axes.semilogy(f, measured, ".", color=CYCLE[1], markersize=2.2, label=label)
@@ -206,7 +206,7 @@ def draw_resonance(
                      label=f"published, measured: {published_hz:.10g} Hz")  # fmt: skip
     axes.set_xlim(f[0], f[-1])
     axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"{one.outputs[output]} / {one.inputs[0]}", parse_math=False)
+    axes.set_ylabel(f"{response.outputs[output]} / {response.inputs[0]}", parse_math=False)
     axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
     title = f"{axis}, {label}"
     if frequency_hz is not None:

@@ -134,8 +134,8 @@ def draw_part(part: Part, *, fixed: Sequence[str] = (), moved: Sequence[str] = (
     for k, (axes, view, (title, _)) in enumerate(zip(places, views, _SIDES, strict=True)):
         _show(axes, view, wide, high)
         set_title(axes, title)
-        named = [f for f in range(count) if visible[f] and best[f] == k]
-        _name(axes, view, named, [shortened(f.name, letters) for f in part.faces])
+        faces = [f for f in range(count) if visible[f] and best[f] == k]
+        _name(axes, view, faces, [shortened(f.name, letters) for f in part.faces])
     figure.supxlabel(
         _caption(part, visible, fixed, moved), fontsize=_TYPE + 1, color=INK, parse_math=False
     )
@@ -216,7 +216,7 @@ def _name(axes: "Axes", view: _View, faces: Sequence[int], names: Sequence[str])
         room = (axes.get_ylim()[1] - axes.get_ylim()[0]) * 0.97
         each = min(1.45 * line, room / max(len(labels), 1))
         for (y, x, name), at in zip(
-            labels, _spread([y for y, _, _ in labels], each, axes.get_ylim()), strict=True
+            labels, _label_positions([y for y, _, _ in labels], each, axes.get_ylim()), strict=True
         ):
             axes.plot([x, column], [y, at], color=MUTED, linewidth=0.4, zorder=2)
             axes.plot([x], [y], ".", color=INK, markersize=1.8, zorder=3)
@@ -240,12 +240,14 @@ def _fits(mask: NDArray[np.bool_], x: float, y: float, wide: float, high: float)
     return bool(region.size == pixels and region.all())
 
 
-def _spread(preferred: Sequence[float], apart: float, limits: tuple[float, float]) -> Array:
+def _label_positions(
+    preferred: Sequence[float], spacing: float, limits: tuple[float, float]
+) -> Array:
     """Return positions in a column near preferred ones, in their order and at a distance."""
     if not preferred:
         return np.zeros(0)
-    low, high = limits[0] + 0.5 * apart, limits[1] - 0.5 * apart
-    steps = apart * np.arange(len(preferred))
+    low, high = limits[0] + 0.5 * spacing, limits[1] - 0.5 * spacing
+    steps = spacing * np.arange(len(preferred))
     # the least-squares nearest of all increasing sequences
     flat = isotonic_regression(np.array(preferred) - steps).x
     return np.asarray(np.clip(flat, low, max(low, high - steps[-1])) + steps, dtype=float)

@@ -161,11 +161,11 @@ def _resonances(
         if magnitude[at] < 1.02 * magnitude[near].min():
             continue
         where = (np.log(f[at]) / wide, np.log(magnitude[at]) / high)
-        apart = all(np.any(np.abs(np.subtract(where, other)) > label) for other in placed)
+        free = all(np.any(np.abs(np.subtract(where, other)) > label) for other in placed)
         if abs(nearest / f[at] - 1.0) > 0.03:
             continue
         axes.plot(f[at], magnitude[at], "o", color=CYCLE[0], markersize=3.5)
-        if apart and len(placed) < 8:
+        if free and len(placed) < 8:
             placed.append(where)
             add_words(
                 axes,

@@ -310,6 +310,6 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
         text = text.replace(colour, f"var({variable})")
     # coordinates of a picture of a few hundred points need no more digits; texts are unchanged
     text = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d+\.\d{2})\d+", r"\1", tag[0]), text)
-    opening, rest = text.split(">", 1)
+    opening, content = text.split(">", 1)
     opening = re.sub(r'\s(width|height|version)="[^"]*"', "", opening)
-    return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{rest}'
+    return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{content}'

@@ -85,12 +85,12 @@ def stage_surface(analysis: Analysis, mesh: "StageModel | None" = None) -> Stage
     triangles = triangles.reshape(-1, 3)
     count = len(analysis.axes) + sum(min(MOST_MODES, f.frequency_hz.size)
                                      for f in analysis.modes.values())  # fmt: skip
-    done = 0
+    finished = 0
 
     def report_progress() -> None:
-        nonlocal done
-        progress.update("shapes", done / max(count, 1))
-        done += 1
+        nonlocal finished
+        progress.update("shapes", finished / max(count, 1))
+        finished += 1
 
     statics = []
     for axis in analysis.axes:
@@ -175,10 +175,10 @@ class _Meshed:
         self._sampler: Sampler = Sampler(
             model=mesh, divisions=max(fine, default=1), extent="whole", seams=False
         )
-        rest: Sample = self._sampler.read(np.zeros(mesh.system.order), stress=False)
-        self.points = rest.points
+        at_rest: Sample = self._sampler.read(np.zeros(mesh.system.order), stress=False)
+        self.points = at_rest.points
         self.flat = not solid
-        self.triangles = outer_faces(rest.cells) if solid else rest.cells
+        self.triangles = outer_faces(at_rest.cells) if solid else at_rest.cells
 
     def static(self, axis: AxisAnalysis) -> tuple[Array, Array]:
         sample = self._sampler.read(axis.static.q)
@@ -206,10 +206,10 @@ def outer_faces(cells: Integers) -> Integers:
         _, first, count = np.unique(
             np.sort(stacked, axis=1), axis=0, return_index=True, return_counts=True
         )
-        alone = stacked[first[count == 1]]
-        faces_found.append(alone[:, :3])
+        outer = stacked[first[count == 1]]
+        faces_found.append(outer[:, :3])
         if corners == 4:
-            faces_found.append(alone[:, [0, 2, 3]])
+            faces_found.append(outer[:, [0, 2, 3]])
     return np.concatenate(faces_found)
 
 
@@ -238,8 +238,8 @@ def sharp_edges(points: Array, triangles: Integers) -> Integers:
     count = np.diff(np.append(starts, len(key)))
     pair = count == 2
     turn = np.ones(len(starts), dtype=bool)
-    one, other = of[starts[pair]], of[starts[pair] + 1]
-    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[one], normal[other])) < sharp
+    first_face, second_face = of[starts[pair]], of[starts[pair] + 1]
+    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[first_face], normal[second_face])) < sharp
     # more than two triangles at an edge: parts that touch
     turn[count > 2] = False
     return edges[starts[turn]]

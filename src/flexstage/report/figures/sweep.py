@@ -221,7 +221,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
         axes.set_xlabel(sweep.variables[i].heading, fontsize=7.5, parse_math=False)
     handles: list[Artist] = [
         _line(CYCLE[0], "-", "median"),
-        Patch(color=CYCLE[0], alpha=0.18, label="80 % of the stages"),
+        Patch(color=CYCLE[0], alpha=0.18, label="80 % range"),
         _line(MUTED, "none", "r: rank correlation"),
     ]
     if any(_includes_nominal(sweep.variables[i]) for i in strongest):

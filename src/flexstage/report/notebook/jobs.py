@@ -205,8 +205,8 @@ class StageStudy(Result):
         """Return the analysis by one of the models."""
         if model not in self.study.runs:
             why = self.study.left_out.get(model)
-            ran = f"the study ran {', '.join(self.study.runs)}"
-            raise ModelError(f"there is no analysis by '{model}': {why or ran}")
+            models = f"the study ran {', '.join(self.study.runs)}"
+            raise ModelError(f"there is no analysis by '{model}': {why or models}")
         # the study adds its results over the stroke to the analysis of the run
         analysis = self.study.analyses[model]
         return StageAnalysis(run=replace(self.study.runs[model], analysis=analysis))
@@ -361,8 +361,8 @@ def frf(
 
     record_list = list(records) if isinstance(records, Sequence) else [records]
     columns = {"input": input, "output": output}
-    named = {name: _columns(column) for name, column in columns.items() if column is not None}
-    return evaluated(record_list, request_of(FrfRequest, None, {**named, **fields}))
+    roles = {name: _columns(column) for name, column in columns.items() if column is not None}
+    return evaluated(record_list, request_of(FrfRequest, None, {**roles, **fields}))
 
 
 def _columns(column: str | int | Sequence[str | int]) -> tuple[str | int, ...]:
