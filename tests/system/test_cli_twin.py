@@ -250,4 +250,4 @@ def test_what_exceeds_limits_is_refused_before_anything_is_written(capsys, tmp_p
     assert not (tmp_path / "measured.csv").exists()
     with pytest.raises(SystemExit):
         main(["twin", "vgtu-piezo", "--out", str(tmp_path / "a.csv")])
-    assert "--play and --out go together" in capsys.readouterr().err
+    assert "--play and --out are used together" in capsys.readouterr().err

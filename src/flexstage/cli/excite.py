@@ -34,8 +34,8 @@ def excite(
     """Design the drive record for an identification.
 
     The record contains major loops, reversal curves and nested loops at two rates, a step and hold,
-    and a small multisine at the resonance, within the limits of stack and amplifier. It identifies
-    hysteresis, lag, creep and resonance.
+    and a small multisine at the resonance. It is within the limits of stack and amplifier, and
+    identifies hysteresis, lag, creep and resonance.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def _sections(result: PlanResult) -> Iterator[Section]:
         if section is None:
             continue
         if section.key == recording.key:
-            recording = section
+            recording = replace(section, title=recording.title)
         else:
             yield section
     identity = result.run.instrument
