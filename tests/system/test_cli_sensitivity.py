@@ -43,7 +43,7 @@ def test_the_table_has_what_moves_most_at_the_top(capsys: pytest.CaptureFixture[
     assert "leg.notch.kind" in printed
     assert "it is a choice" in printed
     assert "note: figures by the lumped model" in printed
-    assert "--model superelement has them" in printed.replace("\n", " ")
+    assert "--model superelement gives those" in printed.replace("\n", " ")
 
 
 def test_changes_by_a_length_in_the_units_of_the_figures(
@@ -89,7 +89,7 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(r"left-lower\.neck \(×\d\)", printed)
     words = " ".join(printed.split())
     assert "for +10 µm of each length" in words
-    assert "of all else" not in words
+    assert "of all other parameters" not in words
     # which no other model moves
     assert "note: figures by the lumped model" in printed
     assert "--model" not in printed

@@ -117,7 +117,7 @@ def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys,
     assert "the stage as drawn does not meet natural_frequency.x" in out
     page = (tmp_path / "lot" / "tolerance.html").read_text()
     assert "change the stage" in page
-    assert "Cheapest scatter" not in out + page
+    assert "Least expensive scatter" not in out + page
 
 
 def test_the_share_that_is_done_is_that_of_the_batches(monkeypatch):
