@@ -122,7 +122,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 def _without_progress() -> Iterator[None]:
     """Lines of progress come by the clock: what a test reads must not depend on the machine."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexstage.cli.output._SILENT", math.inf)
+        patch.setattr("flexstage.cli.output._QUIET_PERIOD", math.inf)
         yield
 
 

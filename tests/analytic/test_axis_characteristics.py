@@ -8,7 +8,7 @@ import pytest
 from flexstage.base.provenance import content_hash
 from flexstage.lumped import lumped_system
 from flexstage.quantities.material import material
-from flexstage.report.findings import verdict
+from flexstage.report.findings import summary
 from flexstage.report.notebook.show import headline
 from flexstage.stage import Axis, Body, Loop, PiezoStack, Probe, Stage
 from flexstage.stage.designs import design
@@ -432,7 +432,7 @@ def test_an_own_piezo_stage_has_its_frequency_without_and_with_stack() -> None:
     assert quantities[at + 1] == "natural_frequency_with_stack_hz"
     shown = {line.partition(":")[0].strip() for line in headline(made.characteristics)}
     assert {"natural frequency", "natural frequency with stack"} <= shown
-    motion = next(s for s in verdict(run_study(stage)) if s.startswith("Motion"))
+    motion = next(s for s in summary(run_study(stage)) if s.startswith("Motion"))
     assert (
         f"without stack {bare.value:.1f} Hz in y, with stack {driven.value:.0f} Hz in y" in motion
     )

@@ -160,4 +160,4 @@ def test_the_report_prints_how_far_a_figure_may_be_off() -> None:
     shown = characteristics_table(compare(rows), ["natural_frequency_hz"], "Frequencies.")
     assert shown is not None
     assert [row[-1].small for row in shown.rows] == ["± 1.1", ""]
-    assert "mesh leaves out" in shown.notes[0]
+    assert "estimated error of the mesh" in shown.notes[0]

@@ -99,7 +99,7 @@ def test_what_goals_exchange_is_nothing_that_is_required(front: Front) -> None:
     figures, rates, *_ = optimum_tables(optimum)
     required = {row[0].text: row[2].text for row in figures.rows}
     assert required["Largest stress x"] == "minimise"
-    assert rates.caption == "rates of exchange between goals at the chosen point"
+    assert rates.caption == "trade-off between goals at the selected point"
     (row,) = rates.rows
     stress = 1e6 * float(row[3].text.removeprefix("+"))
     assert float(row[4].text) == pytest.approx(optimum.exchange[0].rate * stress, rel=0.05)  # type: ignore[union-attr]

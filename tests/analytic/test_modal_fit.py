@@ -730,7 +730,7 @@ def test_figures_show_the_fit():
     diagram = draw_stabilisation(fit)
     left, right = diagram.axes
     assert left.get_ylabel() == "magnitude [m/N]"
-    upright = [line.get_xdata()[0] for line in right.lines if line.get_label() != "damping too"]
+    upright = [line.get_xdata()[0] for line in right.lines if line.get_label() != "damping stable"]
     for f, _ in MODES:
         assert min(abs(x - f) for x in upright if np.size(x)) < 0.5
     shown = draw_modal_fit(fit, output=1)

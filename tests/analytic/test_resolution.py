@@ -356,7 +356,7 @@ def test_the_figures_are_drawn() -> None:
         draw_hold(y, hold_noise(y, 1000.0), allan_deviation(y, 1000.0)),
     ]
     labels = [axes.get_ylabel() for figure in figures for axes in figure.axes]
-    assert "size of the step [nm]" in labels
+    assert "step size [nm]" in labels
     assert "Allan deviation [nm]" in labels
     for figure in figures:
         assert encode(figure, "png").startswith(b"\x89PNG")

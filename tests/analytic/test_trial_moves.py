@@ -113,7 +113,7 @@ def test_a_magnet_is_centred_from_records_at_known_positions(capsys, bench):
     assert centre["move_from_last"] == [centre["x"] - last[0], centre["y"] - last[1]]
     status, out, _ = run(capsys, *FILES, "--kind", "magnet", "--stage-at", AT)
     assert status == 0
-    assert "by order 4 the centre is at x +59." in out
+    assert "centre by order 4: x +59." in out
     assert "no move follows from one record" not in out
 
 

@@ -195,8 +195,8 @@ def test_both_results_where_many_are_set_aside(run, tmp_path):
     said = run(*words)[1]
     assert "with all samples" in said
     # one line tells of all of them
-    assert said.count("outliers: 20 set aside") == 1
-    assert "and 14 places more" in said
+    assert said.count("outliers: 20 rejected") == 1
+    assert "and 14 more angles" in said
 
 
 def test_clockwise_heads_are_mirrored(run, tmp_path):

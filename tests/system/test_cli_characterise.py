@@ -388,15 +388,15 @@ def test_bad_options(capsys, tmp_path):
     campaign = tmp_path / "c.yaml"
     campaign.write_text("campaign: 1\ntests: {}\n")
     for said, words in (
-        ("no file is given", ()),
+        ("no files: give measured files", ()),
         ("there is no file .*nothing.csv", (tmp_path / "nothing.csv", *ROLES)),
         ("nothing.yaml", (tmp_path / "nothing.yaml",)),
         ("the campaign has no test", (campaign,)),
-        ("stands alone", (campaign, path)),
-        ("--column has no meaning", (campaign, "--column", "along=1 um")),
+        ("takes no further files", (campaign, path)),
+        ("--column cannot be used", (campaign, "--column", "along=1 um")),
         ("--virtual-seed needs --stage", ("--virtual-seed", "3")),
         ("--virtual-seed needs --stage", (path, "--virtual-seed", "3", "--stage", "vgtu-piezo")),
-        ("--column has no meaning with --virtual-seed",
+        ("--column cannot be used with --virtual-seed",
          ("--virtual-seed", "3", "--stage", "parallelogram", "--column", "across=1")),
         ("no built-in design", (path, *ROLES, "--stage", "vgtu-pieso")),
         ("did you mean 'lumped'",

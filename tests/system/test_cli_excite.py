@@ -80,9 +80,9 @@ def test_a_stage_gives_the_limits(capsys):
 def test_the_table_says_what_is_run_and_what_is_not(capsys):
     status, out, err = run(capsys, *FREE, "--shape", "sine", "--frequency", "140 Hz")
     assert (status, err) == (0, "")
-    for part in ("sine", "conditioning", "nested loops about the middle", "turns", "left out:"):
+    for part in ("sine", "conditioning", "nested loops about the middle", "reversals", "omitted:"):
         assert part in out
-    assert "memory visited" in out
+    assert "memory covered" in out
     assert "warning: no limit of slope" in out
     assert "mA" not in out
 

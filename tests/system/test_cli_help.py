@@ -90,7 +90,7 @@ def test_without_a_command_a_terminal_is_offered_the_panel(
     monkeypatch.setattr(sys, "stdin", Terminal(typed))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     printed = said(capsys)
-    assert "flexstage --help   every command" in printed
+    assert "flexstage --help   list all commands" in printed
     assert "Open the front panel? [Y/n]" in printed
     assert len(printed.splitlines()) < 10
     assert served == ["served"] * opens

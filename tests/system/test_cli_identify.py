@@ -357,7 +357,7 @@ BAD_OPTIONS = [
     (("--figure", "loop.bmp"), "bmp"),
     (
         ("--figure", "loop"),
-        "must end in one of .svg, .png, .pdf, which says the format, got 'loop'",
+        "must end in one of .svg, .png, .pdf, which selects the format, got 'loop'",
     ),
     (("--out", ""), "--out"),
     (("--output", "0"), "same column"),

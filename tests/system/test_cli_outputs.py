@@ -129,7 +129,7 @@ def test_a_study_says_why_there_is_no_hysteresis(
             ]
         )
     said = " ".join(capsys.readouterr().out.split())
-    assert "the hysteresis of axis x was left out" in said
+    assert "hysteresis of axis x skipped" in said
     assert "voltage_range: [0 V, 120 V]" in said
     report = next(Path("out").rglob("report.html")).read_text(encoding="utf-8")
     assert "voltage_range: [0 V, 120 V]" in report.replace("&#x27;", "'")

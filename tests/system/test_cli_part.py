@@ -200,7 +200,7 @@ def test_an_assembly_of_two_materials(chain: str, capsys: pytest.CaptureFixture[
     assert series < mean < 1.01 * series
     assert run("part", chain, *which, "--order", "0") == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "joined, as if bonded: shell and stack at " in shown
+    assert "bonded joints: shell and stack at " in shown
 
 
 @pytest.mark.usefixtures("meshed_here")
@@ -256,7 +256,7 @@ def test_a_mesh_that_will_not_fit_is_refused_before_it_is_made(
     words = ("--hold", "y-min", "--ratio", "x-max:x-min:y-max", "--interfaces", "mean", "--force")
     assert run("part", bar, *words, "--size", "6", "--order", "2", "--modes", "0") == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "motion of the output for each metre that the ends move apart along (1, 0, 0)" in shown
+    assert "motion of the output per metre of relative motion of the ends along (1, 0, 0)" in shown
 
 
 def test_words_of_the_geometry_kernel_stay_off_standard_output(
@@ -279,4 +279,4 @@ def test_a_picture_with_the_names_of_faces(
     assert f"picture: {path}" in capsys.readouterr().out.replace("\n", "")
     text = path.read_text()
     assert all(f">{name}<" in text for name in (f"face{k}" for k in range(1, 7)))
-    assert "held, blue: face" in text
+    assert "fixed, blue: face" in text

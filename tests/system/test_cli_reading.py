@@ -190,7 +190,7 @@ def test_options_that_do_not_go_together(capsys, tmp_path, columns):
         (("--output", "y,u", "--curve", "time"), "--curve columns"),
         (("--output", "y", "--curve", "y"), "must be three columns"),
         (("--output", "y", "--curve", "time"), "does not number curves"),
-        (("--output", "y", "--curve", "files", "--test-record", file), "leave --test-record out"),
+        (("--output", "y", "--curve", "files", "--test-record", file), "omit --test-record"),
         (("--branches", "y,time"), "y in no unit, time in s"),
     ):
         assert said in refused(capsys, file, "--input", "u", *words)
@@ -212,7 +212,7 @@ def test_the_figure_says_which_files_and_cycles_are_drawn(capsys, tmp_path, colu
         drawn = svg.read_text("utf-8")
         assert [f.name in drawn for f in files] == [i < min(count, 4) for i in range(5)]
         assert re.search(r"cycles \d+ to \d+ of \d+, [\d.]+ to [\d.]+ s", drawn)
-        assert "shaded: the cycles at the left" in drawn
+        assert "shaded: cycles in the left diagram" in drawn
         assert beyond in drawn
         assert ("not drawn" in drawn) == bool(beyond)
 

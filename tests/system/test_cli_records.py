@@ -74,8 +74,8 @@ def test_it_ends_with_the_command_that_goes_on(capsys, tmp_path, content, goes_o
     path = tmp_path / "a b.csv"
     path.write_text(content)
     out = run(capsys, path)[1]
-    assert out.endswith(f"to go on: flexstage {goes_on} '{path}'\n") == bool(goes_on)
-    assert ("to go on" in out) == bool(goes_on)
+    assert out.endswith(f"next command: flexstage {goes_on} '{path}'\n") == bool(goes_on)
+    assert ("next command" in out) == bool(goes_on)
     if "Weg" in content:
         assert re.search(r"2 +Weg +µm +0 +41\.6 ", out)
 
@@ -97,7 +97,7 @@ def test_the_next_command_has_the_options_of_its_own_file(capsys, tmp_path):
         file.write_text("u (V),y (um)\n0,1\n1,2\n2,4\n1,3\n")
     status, out, err = run(capsys, *files, "--sample-rate", "200,12.5", "--resample", "median")
     assert (status, err) == (0, "")
-    lines = [line for line in out.splitlines() if line.startswith("to go on")]
+    lines = [line for line in out.splitlines() if line.startswith("next command")]
     for line, file, rate in zip(lines, files, ("200", "12.5"), strict=True):
         assert line.endswith(f"{file} --sample-rate {rate} --resample median")
-    assert out.count("--resample is for the next command") == 2
+    assert out.count("--resample applies to the next command") == 2

@@ -87,10 +87,10 @@ def test_tables_say_what_was_found_and_that_it_is_simulated(capsys, plan, tmp_pa
     assert "nothing was measured" in said
     assert f"wrote {tmp_path / 'run' / 'report.html'}" in said
     page = (tmp_path / "run" / "report.html").read_text()
-    assert "nothing on this page was measured on a real stage" in page
+    assert "no value on this page was measured on a real stage" in page
     # the figure of this run, and none of the publication, from which the twin is made
     assert "Output displacement" in page
-    assert "no figure is compared with a model or a publication" in page
+    assert "no value is compared with a model or a publication" in page
     for name in ("motion.h5", "blow.h5"):
         assert name in page
     # it loads nothing
@@ -136,7 +136,7 @@ def test_a_dry_run_of_what_cannot_be_done_fails(capsys, plan):
     ("words", "said"),
     [
         (("nothing.yaml",), "no ready plan and no file is called 'nothing.yaml'"),
-        (("PLAN",), "no instrument is named"),
+        (("PLAN",), "no instrument: give --instrument"),
         (("PLAN", "--instrument", "gsc://x"), "gcs://HOST:PORT"),
         (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --folder"),
         (("PLAN", "--instrument", TWIN, "--only", "motions"), "no step 'motions'"),

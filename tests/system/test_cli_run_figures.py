@@ -112,7 +112,7 @@ def test_a_folder_of_another_stage_is_refused(capsys, done):
     said = capsys.readouterr().err
     assert ended.value.code == 2
     assert "holds a run on the stage 'vgtu-mechanical', and this is 'vgtu-piezo'" in said
-    assert "take it up again" not in said
+    assert "complete steps are kept" not in said
 
 
 @pytest.mark.parametrize("address", ["mysql://host/name", "no-database://host", "", "sqlite://"])

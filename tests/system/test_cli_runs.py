@@ -80,7 +80,7 @@ def test_a_folder_is_added_listed_and_shown(capsys, catalogue, folder):
         file.write(b"!")
     assert result(capsys, "show", "a1a1")["file_is"] == "changed since it was entered"
     folder.records()[0].unlink()
-    assert result(capsys, "show", "a1a1")["file_is"] == "not there"
+    assert result(capsys, "show", "a1a1")["file_is"] == "missing"
 
 
 @pytest.mark.parametrize("words", [(), ("show", "a1"), ("calibrations",)])
@@ -97,7 +97,7 @@ def test_looking_makes_no_catalogue(capsys, tmp_path, words):
 def test_the_tables_for_people(capsys, catalogue, folder):
     status, out, err = run(capsys, "add", folder.path)
     assert (status, err) == (0, "")
-    assert "entered 2, known before 0" in out
+    assert "entered 2, already known 0" in out
     status, out, _ = run(capsys)
     assert status == 0
     assert "2 runs in sqlite:///" in out
@@ -140,7 +140,7 @@ def test_a_stream_is_recovered(capsys, catalogue, folder):
     assert stream.read_bytes() == before
     status, out, err = run(capsys, "recover", stream)
     assert (status, err) == (0, "")
-    assert "17 samples of 4 channels are safe: 0.002176 s at 7812.5 Hz" in out
+    assert "17 samples of 4 channels intact: 0.002176 s at 7812.5 Hz" in out
     assert "12 bytes that are no whole chunk" in out
     assert f"kept {stream}" in " ".join(out.split())
     assert_true(read_record(stream.with_suffix(".h5")), range(17))
@@ -215,8 +215,8 @@ BAD = [
     (("recover", "nowhere.stream"), 2, "cannot be read: No such file"),
     (("--catalogue", "mysql://u@h/d"), 2, "needs the driver 'MySQLdb'"),
     (("--catalogue", "postgresql://u@127.0.0.1:1/d"), 1, "runs add FOLDER"),
-    (("--json", "show", "12"), 2, "give --json behind 'show'"),
-    (("--stage", "s", "calibrations"), 2, "give --stage behind 'calibrations'"),
+    (("--json", "show", "12"), 2, "give --json after 'show'"),
+    (("--stage", "s", "calibrations"), 2, "give --stage after 'calibrations'"),
     (("nothing",), 2, "No such command 'nothing'"),
 ]
 
@@ -235,7 +235,7 @@ def test_bad_input_gets_one_sentence(capsys, catalogue, words, status, said, tmp
 def test_a_folder_without_records_is_told(capsys, catalogue, tmp_path):
     status, _, err = run(capsys, "add", tmp_path)
     assert status == 2
-    assert f"no record of a run is in '{tmp_path}'" in err
+    assert f"no records of runs in '{tmp_path}'" in err
 
 
 def test_what_cannot_be_read_is_told_beside_what_was_entered(capsys, catalogue, folder):

@@ -13,7 +13,7 @@ from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.quantities.section import Picture
 from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
-from flexstage.report.page import drawn, typeset
+from flexstage.report.page import draw_picture, typeset
 from flexstage.report.sensitivity import sensitivity_table
 from flexstage.stage.designs.template import StageTemplate
 from flexstage.studies.explore.family import Family, known_figures
@@ -39,11 +39,11 @@ def test_the_table_has_what_moves_most_at_the_top(capsys: pytest.CaptureFixture[
     ]
     # thickness of the neck, frequency, stress
     assert rows[0][1:] == ["0.5", "mm", "+1.21", "+0.49"]
-    assert "base_height" in printed.partition("move none of them")[0].rpartition("+")[2]
+    assert "base_height" in printed.partition("have no effect")[0].rpartition("+")[2]
     assert "leg.notch.kind" in printed
     assert "it is a choice" in printed
-    assert "note: figures are those of the lumped model" in printed
-    assert "--model superelement has them" in printed.replace("\n", " ")
+    assert "note: figures by the lumped model" in printed
+    assert "--model superelement gives those" in printed.replace("\n", " ")
 
 
 def test_changes_by_a_length_in_the_units_of_the_figures(
@@ -89,9 +89,9 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(r"left-lower\.neck \(×\d\)", printed)
     words = " ".join(printed.split())
     assert "for +10 µm of each length" in words
-    assert "of all else" not in words
+    assert "of all other parameters" not in words
     # which no other model moves
-    assert "note: figures are those of the lumped model" in printed
+    assert "note: figures by the lumped model" in printed
     assert "--model" not in printed
     found = json.loads(
         said(capsys, "parallelogram", "--hinges", "--by", "left*", "--of", "frequency", "--json")
@@ -167,6 +167,9 @@ def test_the_picture_shows_the_numbers_of_the_table() -> None:
     found = sensitivities(Family(template=template, variables=variables), figures)
     rows = sensitivity_table(found).rows[1:]
     shown = {typeset(cell.text) for row in rows for cell in row[2:]}
-    for figure in (draw_sensitivities(found), drawn(Picture(result=found, title="", caption=""))):
+    for figure in (
+        draw_sensitivities(found),
+        draw_picture(Picture(result=found, title="", caption="")),
+    ):
         texts = {text.get_text() for text in figure.axes[0].texts}
         assert texts == shown

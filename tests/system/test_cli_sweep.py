@@ -48,8 +48,8 @@ def test_one_parameter_is_a_table_of_rows(run):
     # by default what an engineer looks at first, as far as the stage has it
     for label in ("Transmission ratio x", "Output displacement x", "Natural frequency x"):
         assert label in out
-    assert "note: vary by less than 0.1 %: transmission_ratio.x, output_displacement.x" in out
-    assert "note: figures are those of the lumped model" in out
+    assert "note: variation below 0.1 %: transmission_ratio.x, output_displacement.x" in out
+    assert "note: figures by the lumped model" in out
 
 
 @pytest.mark.parametrize("command", ["sweep", "sensitivity"])
@@ -91,7 +91,7 @@ def test_the_folder_has_every_file(run, tmp_path):
     told = json.loads((tmp_path / "out" / "sweep.json").read_text("utf-8"))
     assert told["points"] == {"all": 20, "possible": 16}
     assert "columns" not in told
-    assert "note: 4 of 20 points are no possible stage" in out
+    assert "note: 4 of 20 points are infeasible" in out
     # bounds in the digits that were given, not in those of a number of a computer
     page = (tmp_path / "out" / "sweep.html").read_text("utf-8")
     assert "6 mm to 46 mm" in page
@@ -139,7 +139,7 @@ def test_a_stage_without_axes_is_told_what_it_lacks(run, tmp_path):
     status, out, _ = run(*words)
     assert status == 0
     assert "plate [mm]" not in out
-    assert "vary by less than 0.1 %: smallest_slot" in out
+    assert "variation below 0.1 %: smallest_slot" in out
 
 
 def test_a_seed_draws_the_same_points(run):

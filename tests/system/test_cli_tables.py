@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from flexstage.cli import app, main, tables
-from flexstage.cli.output import console, print_shown, print_text
+from flexstage.cli.output import console, display_table, print_text
 from flexstage.quantities.characteristic import Characteristic, shown_units
 from flexstage.quantities.comparison import compare
 from flexstage.quantities.quantity import beside, display
@@ -32,7 +32,7 @@ def test_a_name_is_beside_the_first_line_of_its_text() -> None:
     row = ("Thermal drift", "2.75", "drives in place, and a text that has to be broken")
     shown = table("drift", ("quantity", "published\nFEM", "<condition"), [row])
     written = io.StringIO()
-    print_shown(Console(width=48, file=written), shown)
+    display_table(Console(width=48, file=written), shown)
     lines = written.getvalue().splitlines()
     first = next(line for line in lines if "Thermal drift" in line)
     assert "2.75" in first
@@ -92,7 +92,7 @@ def test_a_figure_that_fails_its_criterion_is_marked_by_a_word_and_a_colour() ->
 
 def printed(shown: Table, width: int) -> list[str]:
     written = io.StringIO()
-    print_shown(Console(width=width, file=written), shown)
+    display_table(Console(width=width, file=written), shown)
     return [line.rstrip() for line in written.getvalue().splitlines()]
 
 
@@ -235,13 +235,13 @@ def test_every_command_prints_whole_numbers_at_80_columns(
     monkeypatch.setenv("COLUMNS", "80")
     data(tmp_path)
     shown: list[Table] = []
-    render = tables.Printed.__rich_console__
+    render = tables.TableLayout.__rich_console__
 
-    def seen(self: tables.Printed, *given: Any) -> Any:
-        shown.append(self.shown)
+    def seen(self: tables.TableLayout, *given: Any) -> Any:
+        shown.append(self.table)
         return render(self, *given)
 
-    monkeypatch.setattr(tables.Printed, "__rich_console__", seen)
+    monkeypatch.setattr(tables.TableLayout, "__rich_console__", seen)
     for line in lines:
         shown.clear()
         with pytest.raises(SystemExit) as end:
@@ -269,7 +269,7 @@ def test_a_path_stays_whole_and_what_tells_runs_apart_is_shown(
     both = [line.split("|") for line in words]
     columns = runs_table([], "").columns
     screen = console()
-    print_shown(screen, table(f"2 runs in {where}", columns, both, notes=(where,)))
+    display_table(screen, table(f"2 runs in {where}", columns, both, notes=(where,)))
     print_text(screen, f"kept {where}")
     said = capsys.readouterr().out
     assert said.count(where) == 3
@@ -360,7 +360,7 @@ def test_rest_of_a_scale_is_told_in_the_unit_of_its_harmonics(
         with pytest.raises(SystemExit):
             main(["centre", str(tmp_path / "scale.csv"), *words, *more])
         said = capsys.readouterr().out
-        assert re.search(rf"left over [\d.]+ {unit} rms", said), said
+        assert re.search(rf"residual [\d.]+ {unit} rms", said), said
 
 
 def test_noise_of_a_load_is_no_figure(

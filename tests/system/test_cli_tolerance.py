@@ -48,7 +48,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
         "--folder", str(tmp_path / "lot"),
     )  # fmt: skip
     assert code == 0
-    assert "parallelogram: 600 stages as they come from the machine." in out
+    assert "parallelogram: 600 simulated parts." in out
     assert "all necks alike (wire offset)" in out
     assert "natural_frequency.x >= 190 Hz" in out
     assert "stages are good" in out
@@ -67,7 +67,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
         "figures.svg", "samples.csv", "shares.svg", "tolerance.html", "tolerance.json",
     ]  # fmt: skip
     page = (tmp_path / "lot" / "tolerance.html").read_text()
-    assert "what the workshop makes of it" in page
+    assert "parallelogram: tolerance analysis" in page
     assert page.count("<svg") == 2
 
 
@@ -78,7 +78,7 @@ def test_what_is_not_known_is_not_written(capsys, tmp_path):
         "--folder", str(tmp_path / "few"),
     )  # fmt: skip
     assert (code, err) == (0, "")
-    assert "what 95 % lie between needs at least 40 samples" in out
+    assert "the 95 % range needs at least 40 samples" in out
     row = next(line for line in out.splitlines() if "Natural frequency" in line)
     assert row.split()[-6:-3] == ["194", "–", "–"]
     assert "needs at least 40 samples" in (tmp_path / "few" / "tolerance.html").read_text()
@@ -93,7 +93,7 @@ def test_changes_and_shares_have_the_same_decimals_in_each_figure(capsys, tmp_pa
     assert code == 0
     page = (tmp_path / "lot" / "tolerance.html").read_text()
     assert not re.search(r"\de\+\d+ ?%", out + page)
-    table = out[out.index("What spreads them") :]
+    table = out[out.index("Contributions to the scatter") :]
     changes = re.findall(r"-?\d+\.(\d+) Hz", table)
     assert len(changes) > 1
     assert {len(decimals) for decimals in changes} == {2}
@@ -121,7 +121,7 @@ def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys,
     assert "the stage as drawn does not meet natural_frequency.x" in out
     page = (tmp_path / "lot" / "tolerance.html").read_text()
     assert "change the stage" in page
-    assert "Cheapest scatter" not in out + page
+    assert "Least expensive scatter" not in out + page
 
 
 def test_the_share_that_is_done_is_that_of_the_batches(monkeypatch):

@@ -132,7 +132,7 @@ def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
                  "--axes", "X,Y")  # fmt: skip
     assert twin.line.startswith("twin of vgtu-mechanical at gcs://0.0.0.0:")
     assert "simulated" in twin.line
-    assert twin.line.endswith("Ctrl-C ends it\n")
+    assert twin.line.endswith("Ctrl-C stops it\n")
     port = int(twin.line.split(" at gcs://0.0.0.0:")[1].split(" ")[0])
     where = ("127.0.0.1", port)
     with socket.create_connection(where, timeout=TIMEOUT) as link:
@@ -154,7 +154,7 @@ def test_control_is_held_and_an_interrupt_ends_it_well_in_real_time(start):
         status, out, err = twin.end(signal.SIGINT)
     assert (status, out) == (0, "")
     warned, *more = err.splitlines()
-    assert warned == f"flexstage: anyone who reaches 0.0.0.0:{port} can move this stage"
+    assert warned == f"flexstage: anyone who can reach 0.0.0.0:{port} can move this simulated stage"
     assert not more or "too slow" in more[0]
 
 
@@ -198,7 +198,7 @@ def test_a_host_that_no_name_can_have_gets_a_sentence(capsys, host):
     said = capsys.readouterr()
     assert (ended.value.code, said.out) == (1, "")
     assert said.err.count("\n") == 1
-    assert "choose another port by --address" in said.err
+    assert "choose another host or port by --address" in said.err
 
 
 # ------------------------------------------------------------------ a record that is played
@@ -250,4 +250,4 @@ def test_what_exceeds_limits_is_refused_before_anything_is_written(capsys, tmp_p
     assert not (tmp_path / "measured.csv").exists()
     with pytest.raises(SystemExit):
         main(["twin", "vgtu-piezo", "--out", str(tmp_path / "a.csv")])
-    assert "--play and --out go together" in capsys.readouterr().err
+    assert "--play and --out are used together" in capsys.readouterr().err

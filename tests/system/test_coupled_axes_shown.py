@@ -30,7 +30,7 @@ def test_the_command_prints_and_writes_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # nine diagrams of frequency responses, which say nothing of coupled axes
-    monkeypatch.setattr("flexstage.report.analysis_files.bode_files", lambda *_: {})
+    monkeypatch.setattr("flexstage.report.result_files.bode_files", lambda *_: {})
     with pytest.raises(SystemExit) as end:
         main(["analyse", legs, "--model", "lumped", "--folder", str(tmp_path / "out")])
     assert not end.value.code

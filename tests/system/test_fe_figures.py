@@ -200,7 +200,7 @@ def test_the_worst_neck_carries_the_stress_of_the_analysis(
     model = request.getfixturevalue(name)
     analysis = request.getfixturevalue(f"{name}_analysis")
     (neck,) = worst_necks(analysis, "x")
-    assert neck.alike == 4
+    assert neck.count == 4
     assert neck.stress == max(analysis.hinge_stress["x"].values())
     q = analysis.axes[0].static.q
     at, stress = Sampler(model=model).neck_peak(q, neck.hinge.name)
@@ -211,7 +211,7 @@ def test_the_worst_neck_carries_the_stress_of_the_analysis(
     words = _words(draw_neck_stress(model, analysis, "x"))
     assert "von Mises stress [MPa]" in words
     assert any(f"{number(neck.stress * 1e-6)} MPa at (" in w for w in words)
-    assert any(f"{neck.hinge.name} · {neck.number}, 3 more alike" in w for w in words)
+    assert any(f"{neck.hinge.name} · {neck.number}, 3 more equal" in w for w in words)
     # the picture itself is as high there, but for elements that touch the point alone
     sample = Sampler(model=model).read(q)
     near = np.linalg.norm(sample.points[:, :2] - at[:2], axis=1).argmin()
@@ -229,7 +229,7 @@ def test_necks_of_another_stress_have_their_own_picture(plane_analysis: Analysis
     # one that bears less than a hundredth of the largest is left out
     assert [n.hinge.name for n in necks] == [names[1], names[0], names[2]]
     assert [n.number for n in necks] == [2, 1, 3]
-    assert [n.alike for n in necks] == [1, 1, 1]
+    assert [n.count for n in necks] == [1, 1, 1]
     assert len(worst_necks(changed, "x", most=2)) == 2
     still = replace(static, q=np.zeros(1))
     assert not worst_necks(replace(changed, axes=(replace(axis, static=still),)), "x")
@@ -302,7 +302,7 @@ def test_convergence_draws_the_changes_of_each_mesh(
         asked = [line for line in axes.lines if set(np.ravel(line.get_ydata())) == {2e-3}]
         assert len(asked) == 1
     text = encode(figure, "svg").decode()
-    assert "asked for: 0.2 %" in text
+    assert "requested: 0.2 %" in text
 
 
 # ------------------------------------------------------------------ the report

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexstage.cli import main
-from flexstage.cli.characterise_tables import print_measurement
+from flexstage.cli.characterise import print_measurement
 from flexstage.cli.output import console
 from flexstage.experiments.campaign.results import evaluate
 from flexstage.experiments.virtual_campaign import virtual_campaign
@@ -246,7 +246,7 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
     assert len(parsed.ids) == len(set(parsed.ids))
     assert {"measured", "virtual", "centring"} <= set(parsed.ids)
     virtual = study_page[study_page.index('<section id="virtual">') :]
-    assert "Nothing here was measured." in virtual[:2000]
+    assert "Simulated, not measured:" in virtual[:2000]
     assert "bench 7" in study_page
     rows = {(r.quantity, r.axis, r.origin): r for r in study.characteristics}
     row = rows["output_displacement", "x", "measured"]
@@ -450,7 +450,7 @@ def test_assumed_straightness_is_no_figure_of_the_stage(capsys: pytest.CaptureFi
     shown = {row[0].text for row in table.rows}
     assert not any("Straightness" in name for name in shown)
     assert any("Natural frequency" in name for name in shown)
-    assert "assumed, and left out" in table.caption
+    assert "Assumed straightness, without a measurement, is omitted" in table.caption
     print_measurement(console(), found, [])
     assert "Straightness in plane, assumed" in capsys.readouterr().out
     # a real stage whose figures are measured has none of it

@@ -346,7 +346,7 @@ def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     page = report_html(study, memo)
     assert len(memo.made) > 3
     with monkeypatch.context() as patch:
-        patch.setattr("flexstage.report.page.drawn", None)
+        patch.setattr("flexstage.report.page.draw_picture", None)
         again = memory(tmp_path)
         assert report_html(study, again) == page
     assert (again.made, again.read) == ((), memo.made)

@@ -120,7 +120,7 @@ def test_it_is_what_the_commands_find_and_write(
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
     (tmp_path / "mine.npz").write_bytes(waveform(follows, made.file.model, "npz"))
-    assert b"predicted less wanted" in (tmp_path / "c.svg").read_bytes()
+    assert "predicted − desired".encode() in (tmp_path / "c.svg").read_bytes()
     for name in ("command", "predicted"):
         own, other = (read_record(tmp_path / f).channel(name) for f in ("mine.npz", "command.npz"))
         np.testing.assert_array_equal(own.values, other.values)
@@ -320,7 +320,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         page.get_by_text("identifying example.csv").first.wait_for()
         # long work is found again after a reload
         page.reload()
-        page.get_by_text("explains the record").wait_for()
+        page.get_by_text("describes the record").wait_for()
         # of all models those that are tried unasked
         for name, rows in {"maxwell-slip": 1, "generalised-bouc-wen": 0}.items():
             assert page.get_by_role("row", name=name).count() == rows

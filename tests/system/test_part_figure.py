@@ -9,7 +9,7 @@ from matplotlib.text import Annotation
 from netgen import occ
 
 from flexstage.fem.part import Part
-from flexstage.report.figures.part import _spread, draw_part
+from flexstage.report.figures.part import _label_positions, draw_part
 
 
 def test_every_face_is_named_once_and_no_name_covers_another() -> None:
@@ -19,7 +19,7 @@ def test_every_face_is_named_once_and_no_name_covers_another() -> None:
         shape = shape - occ.Cylinder((x, y, -1), occ.Z, 1.0 + 0.1 * k, 10)
     inside = occ.Box((30, 20, 3), (36, 27, 5))  # a hollow that is seen from nowhere
     part = Part.from_shape((shape - inside).solids[0])
-    figure = draw_part(part, held=part.select("x", "min"), moved=part.select("x", "max"))
+    figure = draw_part(part, fixed=part.select("x", "min"), moved=part.select("x", "max"))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     names = {f.name for f in part.faces}
@@ -37,8 +37,8 @@ def test_every_face_is_named_once_and_no_name_covers_another() -> None:
     assert len(hidden) == 6
     assert sorted(shown) == sorted(names - hidden)
     caption = figure.get_supxlabel()
-    assert "seen from no side: " in caption
-    assert all(name in caption.split("seen from no side: ")[1] for name in hidden)
+    assert "hidden in all views: " in caption
+    assert all(name in caption.split("hidden in all views: ")[1] for name in hidden)
 
 
 @pytest.mark.parametrize(
@@ -51,4 +51,4 @@ def test_every_face_is_named_once_and_no_name_covers_another() -> None:
     ],
 )
 def test_names_in_a_column_keep_apart(wanted: list[float], placed: list[float]) -> None:
-    assert _spread(wanted, 1.0, (0.0, 10.0)) == pytest.approx(np.array(placed))
+    assert _label_positions(wanted, 1.0, (0.0, 10.0)) == pytest.approx(np.array(placed))

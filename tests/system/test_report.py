@@ -25,7 +25,7 @@ from flexstage.report.figures.hinges import draw_stress
 from flexstage.report.figures.responses import draw_bode
 from flexstage.report.figures.style import FORMATS, encode, inline_svg
 from flexstage.report.figures.tracking import draw_drive_fit
-from flexstage.report.findings import verdict
+from flexstage.report.findings import summary
 from flexstage.report.study import CHAPTERS, SECTIONS
 from flexstage.stage.designs import design
 from flexstage.stage.mass import mass_properties
@@ -191,7 +191,7 @@ def test_figures_and_tables_are_numbered_and_minus_signs_alike(page: str) -> Non
 
 
 def test_the_first_page_says_what_was_reproduced_and_what_was_not(study: Study) -> None:
-    reproduced, measured, missing = verdict(study)
+    reproduced, measured, missing = summary(study)
     rows = {(r.quantity, r.axis): r for r in study.comparison.rows}
 
     def value(quantity: str, axis: str, column: str) -> float:
@@ -220,14 +220,14 @@ def test_motion_across_of_one_reconstruction_is_no_finding() -> None:
     study = study_of("vgtu-piezo")
     # 0.11 and 0.20 um were measured
     compared = SimpleNamespace(own=SimpleNamespace(axis_errors={"x": 0.121e-6, "y": 0.17e-6}))
-    assert verdict(replace(study, traditional=compared)) == verdict(study)
+    assert summary(replace(study, traditional=compared)) == summary(study)
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_printed_ratio_that_its_own_displacements_contradict_is_named() -> None:
     study = study_of("vgtu-mechanical")
-    reproduced, _, missing = verdict(study)
-    assert "the printed FEM ratio 0.308 (its own displacements of x give 0.3187)" in missing
+    reproduced, _, missing = summary(study)
+    assert "the printed FEM ratio 0.308 (the published displacements of x give 0.3187)" in missing
     assert "transmission ratio" not in reproduced
     page = report_html(study)
     assert "0.308 †" in page
@@ -248,7 +248,7 @@ def test_the_line_of_fatigue_and_its_safety_factor_agree(study: Study) -> None:
         safety = study.main.characteristics.value("fatigue_safety", axis)
         assert safety * stress == pytest.approx(allowed, rel=1e-12)
     svg = encode(draw_stress(study.main), "svg").decode()
-    assert f"fatigue, 0 to peak, allows {allowed / 1e6:.0f} MPa" in svg
+    assert f"pulsating fatigue limit {allowed / 1e6:.0f} MPa" in svg
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -258,7 +258,7 @@ def test_a_stack_without_a_voltage_range_says_why_it_is_not_tried() -> None:
     study = run_study(replace(stage, drives=drives), model=["lumped"], parts="identification")
     assert set(study.experiments_left_out) == {"x", "y"}
     page = report_html(study)
-    assert "Axis x was left out: drive 'x' has no voltage range" in html.unescape(page)
+    assert "Axis x was skipped: drive 'x' has no voltage range" in html.unescape(page)
 
 
 def test_the_largest_error_of_a_drive_model_is_that_of_what_is_not_grey() -> None:
@@ -281,14 +281,14 @@ def test_the_largest_error_of_a_drive_model_is_that_of_what_is_not_grey() -> Non
 @pytest.mark.usefixtures("undrawn")
 def test_a_stage_of_which_nothing_is_published_says_what_is_known() -> None:
     study = study_of("parallelogram")
-    size, motion, stress, nothing = verdict(study)
+    size, motion, stress, nothing = summary(study)
     mass = sum(found.mass for found in mass_properties(study.stage).values())
     assert f"{mass:.3g} kg" in size
     assert "mm" in size
     frequency = study.analyses["lumped"].characteristics.value("natural_frequency_hz", "x")
     assert f"natural frequency {frequency:.1f} Hz in x" in motion
     assert "safety against yield" in stress
-    assert nothing.startswith("Nothing was published")
+    assert nothing == "No reference data for this stage."
     page = report_html(study)
     assert "published, measured" not in page
 

@@ -177,7 +177,7 @@ def test_the_report_opens_and_its_modes_move(browser: Browser, tmp_path: Path) -
     assert browser.run('document.querySelector("#dynamics > details").open')
     pages = base64.b64decode(browser.call("Page.printToPDF")["data"])
     assert 2 <= len(re.findall(rb"/Type /Page\b", pages)) <= 10
-    browser.run('press("Unfold all")')
+    browser.run('press("Expand all")')
     assert browser.run(closed) == 0
 
     # nothing is wider than the window, nothing but the page was asked for, nobody complained

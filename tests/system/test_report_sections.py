@@ -140,7 +140,7 @@ def test_a_row_of_another_length_is_refused() -> None:
 def test_a_result_that_nothing_draws_is_refused() -> None:
     for view in ("", "upside down"):
         shown = Picture(result=object(), view=view, title="t", caption="c")
-        with pytest.raises(ModelError, match=r"no drawing shows a object.*there are drawings of"):
+        with pytest.raises(ModelError, match=r"a object cannot be drawn.*there are drawings of"):
             sections_html(Section(title="", key="s", content=(shown,)))
 
 

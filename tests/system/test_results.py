@@ -292,7 +292,7 @@ def test_another_view_is_named() -> None:
     found = fs.tolerance("parallelogram", model="lumped", samples=300)
     shown, usual = (encode(figure, "svg") for figure in (found.plot("shares"), found.plot()))
     assert shown != usual
-    with pytest.raises(ModelError, match="no drawing shows a ToleranceStudy as 'slices'"):
+    with pytest.raises(ModelError, match="a ToleranceStudy cannot be drawn as 'slices'"):
         found.plot("slices")
 
 

@@ -518,7 +518,7 @@ def test_the_command_prints_findings_and_exits_with_their_status(
 ) -> None:
     status, out, err = told(capsys, str(EXAMPLE))
     assert (status, err) == (0, "")
-    assert "nothing wrong" in out
+    assert "no problems found" in out
 
     thin = tmp_path / "thin.yaml"
     thin.write_text(TEXT.replace("neck_thickness: 0.5", "neck_thickness: 0.2"), encoding="utf-8")

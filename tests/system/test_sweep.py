@@ -96,7 +96,7 @@ def test_what_is_found_in_short(over_neck):
     assert over_neck.possible.all()
     assert over_neck.advice == ""
     assert sweep_notes(over_neck) == (
-        "vary by less than 0.1 %: cross_coupling.x",
+        "variation below 0.1 %: cross_coupling.x",
         LUMPED_NOTE,
     )
     assert sweep_notes(replace(over_neck, model="superelement")) == sweep_notes(over_neck)[:1]
@@ -150,7 +150,7 @@ def test_what_is_no_stage_stays_with_its_reason(over_legs):
     assert reason.text.startswith("leg_spacing must be at least 11 mm")
     assert over_legs.advice == "leg_spacing from 11 mm on leaves out 100 % of the impossible ones"
     assert sweep_notes(over_legs)[:2] == (
-        "4 of 36 points are no possible stage",
+        "4 of 36 points are infeasible",
         f"4 of them: {reason.text}",
     )
     assert over_legs.on_grid(0).shape == (9, 4)
@@ -196,7 +196,8 @@ def test_an_interval_beyond_1_is_told_and_not_cut(with_indices):
             for parts in (inside, inside | {name: changed})
         )
         said = [
-            any("an index lies from 0 to 1" in n for n in sweep_notes(s)) for s in (within, beyond)
+            any("an index is between 0 and 1" in n for n in sweep_notes(s))
+            for s in (within, beyond)
         ]
         assert said == [False, True]
         table = list(sweep_tables(beyond))[-1]
@@ -373,7 +374,7 @@ def test_maps_leave_out_what_is_no_stage(over_legs):
     assert min(map(np.min, (x for x in shown if len(x)))) == pytest.approx(11.0)
     assert [patch.get_hatch() for patch in axes.patches] == ["////"]
     words = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert words == {"stage as described", "no possible stage"}
+    assert words == {"stage as described", "infeasible"}
 
 
 def test_many_variables_are_a_matrix(with_indices):
@@ -401,8 +402,8 @@ def test_the_page_needs_nothing_else(over_legs):
     pytest.importorskip("plotly")
     page = sweep_html(over_legs)
     assert page.count('<section id="') == 3
-    assert "A line for each of 32 stages." in page
-    assert "4 points that are no possible stage are left out." in page
+    assert "Each line is one of 32 stages." in page
+    assert "4 infeasible points are omitted." in page
     # what a library would load from elsewhere is not asked for
     assert " src=" not in page.replace("<script", "\n<script").split("Plotly.newPlot")[1]
     assert "default-src 'none'" in page

@@ -132,5 +132,5 @@ def test_an_axis_that_cannot_be_tried_leaves_the_rest(monkeypatch: pytest.Monkey
     study = run_study(design("vgtu-piezo"), model=["lumped"], parts="identification")
     assert study.experiments == {}
     page = report_html(study)
-    assert "Axis x was left out: axis x &amp; its &lt;record&gt; cannot serve." in page
+    assert "Axis x was skipped: axis x &amp; its &lt;record&gt; cannot serve." in page
     assert '<section id="characteristics">' in page

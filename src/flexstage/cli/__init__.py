@@ -47,19 +47,19 @@ from flexstage.cli.uncertainty import uncertainty
 __all__ = ["app", "main"]
 
 _INTERRUPTED = 130
-#: Extras that no user installs.
-_TOOLS = ("dev", "docs", "verify")
-_WAYS = """
-  flexstage serve    the front panel, in a browser
-  flexstage new      designs to start from
-  flexstage --help   every command
+#: Extras for developers.
+_DEVELOPER_EXTRAS = ("dev", "docs", "verify")
+_FIRST_COMMANDS = """
+  flexstage serve    open the front panel in a browser
+  flexstage new      list the built-in designs
+  flexstage --help   list all commands
 """
 
-# The threads of the matrix library wait by turning in circles, beside those of the finite elements,
-# which do the same: an analysis takes twice as long with both. Read when NumPy is loaded.
+# Threads of OpenBLAS spin while they wait, and so do those of the finite elements: with both, an
+# analysis takes twice as long. NumPy reads this variable when it is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-#: The commands. Their modules import what is heavy only when a command runs.
+#: The commands. Their modules import heavy libraries only when a command runs.
 app = typer.Typer(
     name="flexstage",
     cls=CliGroup,
@@ -90,7 +90,9 @@ def _root(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
     verbose: Annotated[
         bool,
-        typer.Option("--verbose", help="With --version: those of Python, system and libraries."),
+        typer.Option(
+            "--verbose", help="With --version: also the versions of Python, platform and libraries."
+        ),
     ] = False,
 ) -> None:
     """Design, verify, identify and drive flexure-based micropositioning stages."""
@@ -100,13 +102,13 @@ def _root(
             _print_environment()
         raise typer.Exit
     if verbose:
-        raise typer.BadParameter("--verbose goes with --version")
+        raise typer.BadParameter("--verbose needs --version")
     if context.invoked_subcommand is None:
-        _without_command(context)
+        _offer_panel(context)
 
 
 def _print_environment() -> None:
-    """Print what a report of a fault should say: Python, system, and version of each library."""
+    """Print the environment for a bug report: Python, platform, and version of each library."""
     import platform
     from importlib import metadata
 
@@ -119,28 +121,28 @@ def _print_environment() -> None:
         except metadata.PackageNotFoundError:
             number = "not installed"
         extra = re.search(r"extra == ['\"]([\w-]+)", condition)
-        if extra is None or (extra[1] not in _TOOLS and number != "not installed"):
+        if extra is None or (extra[1] not in _DEVELOPER_EXTRAS and number != "not installed"):
             typer.echo(f"{name} {number}")
 
 
-def _without_command(context: typer.Context) -> None:
-    """Offer the front panel at a terminal; else print the help, with how to get the panel."""
-    # looked for and not imported, which takes a second
+def _offer_panel(context: typer.Context) -> None:
+    """Offer the front panel at a terminal; else print the help and the command of the panel."""
+    # the import itself takes a second
     has_panel = find_spec("nicegui") is not None
     if has_panel and sys.stdin.isatty() and sys.stdout.isatty():
-        typer.echo(f"{context.command.help}\n{_WAYS}")
+        typer.echo(f"{context.command.help}\n{_FIRST_COMMANDS}")
         if typer.confirm("Open the front panel?", default=True):
             serve()
         return
-    first = "" if has_panel else 'pip install "flexstage[web]", then '
-    typer.echo(f"{context.get_help()}\n\nThe front panel, in a browser: {first}flexstage serve")
+    install = "" if has_panel else 'pip install "flexstage[web]", then '
+    typer.echo(f"{context.get_help()}\n\nThe front panel, in a browser: {install}flexstage serve")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line, and end the process with the status of the outcome.
 
-    The words after the program's name are those of the process where none are given. Always raises
-    SystemExit: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
+    The arguments default to those of the process. Always raises SystemExit: 0 done, 1 the work
+    failed, 2 bad input, 130 interrupted.
     """
     sys.exit(_run(None if arguments is None else list(arguments)))
 
@@ -148,15 +150,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _run(arguments: list[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            # a terminal that cannot show a letter shows a question mark, and nothing fails
+            # a terminal that cannot show a letter shows a question mark instead
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     words = sys.argv[1:] if arguments is None else arguments
-    # a command line that cannot be parsed says by this word alone what its reader is
+    # also of a command line that cannot be parsed, whose error is an object then
     if words[:1] == ["help"]:
         arguments = [*words[1:], "--help"]
     as_json = "--json" in words[: words.index("--") if "--" in words else None]
     if any("\0" in word for word in words):
-        message = "an argument holds a character of code 0, which no text or path has"
+        message = "an argument contains a NUL character, which no text or path can contain"
         return _fail("UsageError", message, 2, as_json)
     # every misuse of the command line is one of these, whichever library parses it
     misuse = cast(type[Exception], typer.BadParameter.__mro__[2])
@@ -172,9 +174,9 @@ def _run(arguments: list[str] | None) -> int:
             raise
         return _fail("ModelError", NO_FINITE_ELEMENTS, 2, as_json)
     except OSError as error:
-        # nobody reads on where the pipe is broken
-        read_on = as_json and not isinstance(error, BrokenPipeError)
-        return _fail(type(error).__name__, _file_error(error), 1, read_on)
+        # a broken pipe has no reader for the object
+        has_reader = as_json and not isinstance(error, BrokenPipeError)
+        return _fail(type(error).__name__, _file_error(error), 1, has_reader)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("KeyboardInterrupt", "interrupted", _INTERRUPTED, as_json)
     if status == _INTERRUPTED:
@@ -183,7 +185,7 @@ def _run(arguments: list[str] | None) -> int:
 
 
 def _fail(kind: str, message: str, status: int, as_json: bool) -> int:
-    """Say what went wrong in a sentence, and as an object where the reader is a program."""
+    """Print one sentence about the error, and an object where the reader is a program."""
     sentence = " ".join(message.split())
     if as_json:
         print_json({"error": {"kind": kind, "message": sentence, "status": status}})
@@ -192,12 +194,12 @@ def _fail(kind: str, message: str, status: int, as_json: bool) -> int:
 
 
 def _usage(error: Exception) -> str:
-    said = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
+    message = error.format_message() if hasattr(error, "format_message") else str(error)  # type: ignore[attr-defined]
     command = getattr(getattr(error, "ctx", None), "command_path", "flexstage")
-    said = said.removesuffix(".")
-    if "extra argument" in said and command.endswith(" hinges"):
-        said += ": a profile is named by --profile"
-    return f"{said}{' See' if said.endswith('?') else '; see'} '{command} --help'"
+    message = message.removesuffix(".")
+    if "extra argument" in message and command.endswith(" hinges"):
+        message += ": name the profile by --profile"
+    return f"{message}{' See' if message.endswith('?') else '; see'} '{command} --help'"
 
 
 def _file_error(error: OSError) -> str:

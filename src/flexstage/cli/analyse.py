@@ -1,4 +1,4 @@
-"""`flexstage analyse`: models of a stage: characteristics, modes, stress, Bode data."""
+"""`flexstage analyse`: characteristics, modes, stress and Bode data of a stage."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +10,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     print_table,
     progress_bar,
 )
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from flexstage.studies.models import ModelRuns
     from flexstage.system import Analysis
 
-#: Motion under a load that is rounding, in parts of the largest of all loads and probes [1].
-_NOTHING = 1e-5
+#: Motion under a load, relative to the largest one, below which it is rounding [1].
+_ROUNDING = 1e-5
 
 
 @from_docstring
 def analyse(
     stage: StageArgument,
     request: AnalyseRequest,
-    taken: DrawnStageOptions = AS_DRAWN,
+    options: DrawnStageOptions = AS_DRAWN,
     folder: OutputFolder = None,
     vtu: bool = False,
     figure: FigureFile = None,
@@ -46,51 +46,54 @@ def analyse(
 ) -> None:
     """Compute characteristics, modes, stress and responses.
 
-    Several models are printed in sequence; all leaves out, with a note, those that are impossible.
+    Several models are printed one after the other. With all, models that do not apply to the stage
+    are skipped with a note.
 
     Parameters
     ----------
     folder
-        Write analysis.json, with the Bode data, a Bode diagram of each axis, and a picture of what
-        all drives reach together.
+        Write analysis.json with the Bode data, a Bode diagram of each axis, and the workspace of
+        all drives together.
     vtu
-        Also write the states at full stroke and the modes for ParaView, into vtu/ of --folder
+        Also write static shapes at full stroke and mode shapes for ParaView, to vtu/ in --folder
         (plane and solid models).
     figure
-        Draw the Bode diagram of each axis, in files NAME-AXIS. (.svg, .png or .pdf)
+        Draw the Bode diagram of each axis to a file NAME-AXIS (.svg, .png or .pdf).
     """
     from flexstage.studies.models import run_models
 
-    described = taken.stage(stage)
+    described = options.stage(stage)
     if vtu and (folder is None or not {"plane", "solid"} & set(models_of(request.model))):
         raise ModelError("--vtu needs --folder and a model with a mesh: plane or solid")
     with progress_bar("analyse", quiet=quiet):
-        found = run_models(described, request)
-    files = _written(found, folder, figure, vtu=vtu)
+        runs = run_models(described, request)
+    files = _write_files(runs, folder, figure, vtu=vtu)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(runs.to_dict(), files)
         return
     screen = console()
-    for run in found.runs.values():
+    for run in runs.runs.values():
         _print(screen, run)
-    left = (f"the {name} model was left out: {why}" for name, why in found.left_out.items())
-    print_notes(screen, left, files)
+    skipped = (f"{name} model skipped: {why}" for name, why in runs.left_out.items())
+    print_notes(screen, skipped, files)
 
 
-def _written(
-    found: "ModelRuns", folder: Path | None, figure: Path | None, *, vtu: bool
+def _write_files(
+    results: "ModelRuns", folder: Path | None, figure: Path | None, *, vtu: bool
 ) -> list[Path]:
-    """Write what was asked for: of several models each into a folder of its name."""
+    """Write the requested files; each of several models has a folder of its name."""
+    if folder is None and figure is None:
+        return []
     from flexstage.files.write import write_files
-    from flexstage.report.analysis_files import analysis_files, bode_files
+    from flexstage.report.result_files import analysis_files, bode_files
 
     files: list[Path] = []
-    runs = found.runs
+    runs = results.runs
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            alone = replace(found, runs={name: run}, left_out={})
-            files += write_files(within, analysis_files(run.analysis, alone.to_dict()))
+            single = replace(results, runs={name: run}, left_out={})
+            files += write_files(within, analysis_files(run.analysis, single.to_dict()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files
 
@@ -121,21 +124,21 @@ def _characteristics(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.report.tables import characteristics_table
 
     title = f"{analysis.stage.name}: {analysis.system.model}"
-    shown = characteristics_table(compare(analysis.characteristics), QUANTITIES, title)
-    if shown is not None:
-        print_shown(screen, shown)
+    comparison_table = characteristics_table(compare(analysis.characteristics), QUANTITIES, title)
+    if comparison_table is not None:
+        display_table(screen, comparison_table)
 
 
 def _modes(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.quantities.quantity import number, within_digits
 
     heads, columns = ["mode"], []
-    for name, found in analysis.modes.items():
+    for name, modes in analysis.modes.items():
         heads.append(f"drives {name}")
-        columns.append(texts := [number(float(f)) for f in found.frequency_hz[:6]])
-        if found.uncertainty_hz is not None:
+        columns.append(texts := [number(float(f)) for f in modes.frequency_hz[:6]])
+        if modes.uncertainty_hz is not None:
             heads.append("± mesh")
-            pairs = zip(texts, found.uncertainty_hz[:6], strict=True)
+            pairs = zip(texts, modes.uncertainty_hz[:6], strict=True)
             columns.append([within_digits(text, float(u)) for text, u in pairs])
     print_table(
         screen,
@@ -169,32 +172,33 @@ def _stress(screen: "Console", analysis: "Analysis") -> None:
 def _coupling(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.report.tables import coupling_tables
 
-    for shown in coupling_tables(analysis.coupling) if analysis.coupling is not None else ():
-        print_shown(screen, shown)
+    if analysis.coupling is not None:
+        for table in coupling_tables(analysis.coupling):
+            display_table(screen, table)
 
 
 def _loads(screen: "Console", analysis: "Analysis") -> None:
     from flexstage.quantities.quantity import number
     from flexstage.studies.results import analysis_results
 
-    found = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
-    if not found or not any(found.values()):
+    motion_by_load = {k: v["readings"] for k, v in analysis_results(analysis)["loads"].items()}
+    if not motion_by_load or not any(motion_by_load.values()):
         return
-    probes = list(next(iter(found.values())))
-    # beside gravity and temperature, what is far below them is rounding
-    largest = max(abs(read[p]) for read in found.values() for p in probes)
+    probes = list(next(iter(motion_by_load.values())))
+    # a motion far below those by gravity and temperature is rounding
+    largest = max(abs(motion[p]) for motion in motion_by_load.values() for p in probes)
     turns = any(analysis.system.probe(probe).unit == "rad" for probe in probes)
     rows = []
     for load in analysis.system.loads:
-        if (read := found.get(load.name)) is not None:
-            seen = (read[p] if abs(read[p]) >= _NOTHING * largest else 0.0 for p in probes)
-            cells = (number(1e6 * v, 3) if v else "≈ 0" for v in seen)
+        if (motion := motion_by_load.get(load.name)) is not None:
+            values = (motion[p] if abs(motion[p]) >= _ROUNDING * largest else 0.0 for p in probes)
+            cells = (number(1e6 * v, 3) if v else "≈ 0" for v in values)
             rows.append((load.name, load.unit, *cells))
     print_table(
         screen,
-        "motion of the probes under loads on the whole stage, drives removed, in µm"
+        "displacement of the probes per unit load on the stage, drives removed, in µm"
         + (" and µrad" if turns else ""),
-        ("one unit of", "<unit", *probes),
+        ("load", "<unit", *probes),
         rows,
     )
 
@@ -206,7 +210,7 @@ def _bars(screen: "Console", bars: "Mapping[str, float]") -> None:
         return
     print_table(
         screen,
-        "axial load at which bars between two notches buckle",
+        "buckling load of bars between two notches",
         ("body", "load in N"),
         ((body, number(load)) for body, load in bars.items()),
     )
@@ -217,13 +221,13 @@ def _responses(screen: "Console", analysis: "Analysis") -> None:
 
     if not analysis.responses:
         return
-    heads = "drive", "<probe", "<input", "<drives", "at the lowest frequency", "largest", "at, Hz"
+    heads = "drive", "<probe", "<input", "<drives", "at the lowest frequency", "peak", "peak at, Hz"
     rows = []
     for response in analysis.responses:
         size = abs(response.value)
         peak = int(size.argmax())
         figures = (number(float(v)) for v in (size[0], size[peak], response.frequency_hz[peak]))
-        named = (response.drive, response.probe, response.input_kind, response.drives)
-        rows.append((*named, *figures, response.unit))
+        names = (response.drive, response.probe, response.input_kind, response.drives)
+        rows.append((*names, *figures, response.unit))
     title = "frequency responses (all points with --json or --folder)"
     print_table(screen, title, (*heads, "<unit"), rows)

@@ -1,15 +1,22 @@
-"""`flexstage characterise`: the figures of a stage from measured records."""
+"""`flexstage characterise`: characteristics of a stage from measured records."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from flexstage.base.errors import ModelError
-from flexstage.cli.characterise_tables import print_measurement
 from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refuse
-from flexstage.cli.output import OutputFolder, console, print_result, progress_bar
+from flexstage.cli.output import (
+    OutputFolder,
+    console,
+    display_table,
+    print_notes,
+    print_result,
+    print_table,
+    progress_bar,
+)
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions
 from flexstage.experiments.campaign.requests import CharacteriseRequest
 from flexstage.files.plain import json_text
@@ -18,7 +25,10 @@ from flexstage.studies.requests import ComparisonRequest
 from flexstage.system.requests import models_of
 
 if TYPE_CHECKING:
-    from flexstage.experiments.campaign.results import Characterisation
+    from rich.console import Console
+
+    from flexstage.experiments.campaign.results import Characterisation, TestResult
+    from flexstage.studies import MeasurementComparison
 
 _PLANS = (".yaml", ".yml")
 
@@ -30,16 +40,16 @@ def characterise(
     stage: str | None = None,
     virtual_seed: Annotated[int | None, typer.Option(min=0)] = None,
     request: CharacteriseRequest,
-    beside: ComparisonRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    comparison: ComparisonRequest,
+    options: StageOptions = AS_DESCRIBED,
     out: OutputFolder = None,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
     """Evaluate stroke, resolution, straightness and modes.
 
-    Every value has its uncertainty, and its difference from models of the stage and published
-    values.
+    Each value is reported with its uncertainty and its difference from models of the stage and from
+    published values.
 
     Parameters
     ----------
@@ -49,7 +59,7 @@ def characterise(
         STAGE: A stage file, or the name of a built-in design, to compare with its models and
         published values.
     virtual_seed
-        SEED: Instead of files: simulate the measurements of --stage, with this random seed.
+        SEED: Simulate the measurements of --stage with this random seed, in place of files.
     out
         Write report.html and results.json, and the records of a virtual stage.
     """
@@ -61,62 +71,62 @@ def characterise(
     from flexstage.studies import compare_measurement
 
     files = records or []
-    written: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     plans = [file for file in files if file.suffix.lower() in _PLANS]
     if plans and len(files) > 1:
         raise ModelError(
-            f"'{plans[0]}' describes tests and stands alone: give it without other files, or the "
+            f"'{plans[0]}' is a test description and takes no further files: give it alone, or the "
             "measured files of one test"
         )
     if virtual_seed is not None or plans:
-        _no_columns("--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'", request)
+        _refuse_columns("--virtual-seed" if virtual_seed is not None else f"'{plans[0]}'", request)
     folder = Path()
     with progress_bar("characterise", quiet=quiet):
         if virtual_seed is not None:
             if files or stage is None:
                 raise ModelError(
-                    "--virtual-seed needs --stage and no files: it makes its own records"
+                    "--virtual-seed needs --stage and no files: it simulates its own records"
                 )
-            found, written = _virtual(stage, taken, virtual_seed)
+            measurement, contents = _simulate(stage, options, virtual_seed)
         elif plans:
             folder = plans[0].parent
-            found = run(read_campaign(plans[0]), folder)
+            measurement = run(read_campaign(plans[0]), folder)
         else:
             refuse(
                 not files,
-                "no file is given: give measured files or a test description (.yaml), or "
+                "no files: give measured files or a test description (.yaml), or "
                 "--virtual-seed with --stage",
             )
-            found = characterise_files(files, request)
-        described = stage or _beside(found.stage, folder)
-        taken.require_stage(described or None, "--stage")
+            measurement = characterise_files(files, request)
+        stage_name = stage or _stage_path(measurement.stage, folder)
+        options.require_stage(stage_name or None, "--stage")
         result = compare_measurement(
-            found,
-            taken.stage(described) if described else None,
-            models_of(beside.model) if described else (),
+            measurement,
+            options.stage(stage_name) if stage_name else None,
+            models_of(comparison.model) if stage_name else (),
         )
     if out is not None:
-        written["report.html"] = measurement_text(result).encode()
-        written["results.json"] = json_text(result.to_dict()).encode()
-    saved = [] if out is None else write_files(out, written)
+        contents["report.html"] = measurement_text(result).encode()
+        contents["results.json"] = json_text(result.to_dict()).encode()
+    saved = [] if out is None else write_files(out, contents)
     if json:
         print_result(result.to_dict(), saved)
         return
     print_measurement(console(), result, saved)
 
 
-def _no_columns(source: str, request: CharacteriseRequest) -> None:
-    """Refuse options on columns and files where a description says all that."""
-    idle = [word for word in option_words(request) if word.startswith("--")]
+def _refuse_columns(source: str, request: CharacteriseRequest) -> None:
+    """Refuse options on columns and files that a test description already states."""
+    unused = [word for word in option_words(request) if word.startswith("--")]
     refuse(
-        idle,
-        f"{', '.join(idle)} has no meaning with {source}, which says what its records hold: "
-        "leave it out",
+        unused,
+        f"{', '.join(unused)} cannot be used with {source}, which describes its own records: "
+        "omit it",
     )
 
 
-def _beside(stage: str, folder: Path) -> str:
-    """Return the stage that a description names: its files are named from its own folder."""
+def _stage_path(stage: str, folder: Path) -> str:
+    """Return the stage of a test description; its path is relative to the description."""
     from flexstage.stage.designs import DESIGNS
 
     if not stage or stage.casefold() in DESIGNS:
@@ -124,8 +134,8 @@ def _beside(stage: str, folder: Path) -> str:
     return str(folder / stage)
 
 
-def _virtual(
-    stage: str, taken: StageOptions, seed: int
+def _simulate(
+    stage: str, options: StageOptions, seed: int
 ) -> "tuple[Characterisation, dict[str, bytes]]":
     from flexstage.experiments.campaign.plan import campaign_text
     from flexstage.experiments.virtual_campaign import virtual_campaign
@@ -133,15 +143,76 @@ def _virtual(
     from flexstage.stage.designs import DESIGNS
     from flexstage.virtual.as_built import as_built
 
-    described = taken.stage(stage)
-    made = virtual_campaign(as_built(described, seed=seed), seed=seed)
-    files = {name: record_bytes(record, "csv") for name, record in made.records.items()}
-    campaign = made.campaign
-    if stage.casefold() not in DESIGNS or taken != AS_DESCRIBED:
-        # the description must find the stage that it belongs to, wherever the folder is taken
+    described = options.stage(stage)
+    simulated = virtual_campaign(as_built(described, seed=seed), seed=seed)
+    files = {name: record_bytes(record, "csv") for name, record in simulated.records.items()}
+    campaign = simulated.campaign
+    if stage.casefold() not in DESIGNS or options != AS_DESCRIBED:
+        # the description must find its stage wherever the folder is moved
         from flexstage.stage.file import stage_to_text
 
         files["stage.yaml"] = stage_to_text(described).encode()
         campaign = replace(campaign, stage="stage.yaml")
     files["campaign.yaml"] = campaign_text(campaign).encode()
-    return made.evaluated(), files
+    return simulated.evaluated(), files
+
+
+def print_measurement(
+    screen: "Console", result: "MeasurementComparison", saved: list[Path]
+) -> None:
+    """Print figures, tests of positioning, notes, and the files that were written."""
+    from flexstage.quantities.characteristic import shown_units
+    from flexstage.quantities.quantity import beside
+    from flexstage.quantities.table import Column
+    from flexstage.report.measurement import stroke_ranges
+    from flexstage.report.tables import column_title
+
+    columns = list(result.references)
+    groups = {c: "published" for c in columns if c.startswith("published")}
+    main_columns = ("published-measured", *columns[-1:])
+    titles = [
+        Column(column_title(c), "figures", groups.get(c, ""), c not in main_columns)
+        for c in columns
+    ]
+    rows = []
+    units = shown_units(row.figure for row in result.rows)
+    for row in result.rows:
+        quantity = units[row.figure.quantity]
+        estimate = row.figure.estimate
+        cells = [
+            *beside(estimate.value * quantity.factor, estimate.expanded * quantity.factor),
+            quantity.shown_unit,
+        ]
+        for name in columns:
+            difference = row.differences.get(name)
+            cells.append("" if difference is None else _difference(difference))
+        label = f"{quantity.label}, assumed" if row.assumed else quantity.label
+        rows.append((label, row.figure.axis, *cells))
+    heads = "quantity", "<axis", "value", "± (95 %)", "<unit"
+    print_table(screen, result.title, (*heads, *titles), rows)
+    if columns:
+        screen.print("Differences from each model and publication; * significant at 95 %.")
+    for measured in result.found.results:
+        if (ranges := stroke_ranges(measured)) is not None:
+            display_table(screen, ranges)
+        if "positioning" in measured.details:
+            _print_positioning(screen, measured)
+    print_notes(screen, result.notes, saved)
+
+
+def _print_positioning(screen: "Console", result: "TestResult") -> None:
+    from flexstage.report.measurement import positioning_tables
+
+    tables = positioning_tables(result.details["positioning"])
+    title = f"{result.test.name}, axis {result.test.axis}: ISO 230-2, values in {tables.unit}"
+    for part in (tables.axis, tables.targets):
+        print_table(screen, title, part.columns, part.rows)
+        title = ""
+
+
+def _difference(difference: Any) -> str:
+    mark = "*" if difference.significant else ""
+    # relative to a value near zero a percentage has no meaning
+    if difference.percent is None or abs(difference.percent) > 1e4:
+        return f"–{mark}"
+    return f"{difference.percent:+.2f} %{mark}".replace("-", "−")

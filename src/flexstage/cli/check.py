@@ -1,4 +1,4 @@
-"""`flexstage check`: say what is wrong with a stage."""
+"""`flexstage check`: errors and warnings about a stage."""
 
 import re
 from dataclasses import asdict
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 @from_docstring
 def check(
     stage: StageArgument,
-    taken: DrawnStageOptions = AS_DRAWN,
+    options: DrawnStageOptions = AS_DRAWN,
     json: JsonOption = False,
 ) -> None:
     """Check a stage: geometry, hinges, supports and drives."""
     from flexstage.stage.checks import check as check_stage
 
-    described = taken.stage(stage)
+    described = options.stage(stage)
     issues = check_stage(described)
-    errors = sum(f.severity == "error" for f in issues)
+    errors = sum(issue.severity == "error" for issue in issues)
     if json:
         rows = [asdict(issue) for issue in issues]
         print_json({"stage": described.name, "ok": errors == 0, "findings": rows})
@@ -41,26 +41,26 @@ def check(
 
 
 def _lines(issues: "Sequence[Issue]") -> list[str]:
-    """A line for each issue; of several that differ in names and numbers alone, the first one."""
-    alike: dict[tuple[str, str], list[Issue]] = {}
+    """Return a line for each issue; issues that differ only in names and numbers share one."""
+    groups: dict[tuple[str, str], list[Issue]] = {}
     for issue in issues:
         sentence = re.sub(r"'[^']*'|[-\d.]+", "", issue.message)
-        alike.setdefault((issue.severity, sentence), []).append(issue)
-    made = []
-    for (severity, _), found in alike.items():
-        made.append(f"{severity}: {found[0].message}")
-        if len(found) > 1:
-            others = "; ".join(" at ".join(issue.what) for issue in found[1:])
-            made.append(f"  the same for {len(found) - 1} more: {others}")
-    return made
+        groups.setdefault((issue.severity, sentence), []).append(issue)
+    lines = []
+    for (severity, _), group in groups.items():
+        lines.append(f"{severity}: {group[0].message}")
+        if len(group) > 1:
+            others = "; ".join(" at ".join(issue.what) for issue in group[1:])
+            lines.append(f"  the same for {len(group) - 1} more: {others}")
+    return lines
 
 
 def _summary(stage: "Stage", warnings: int) -> str:
-    found = "nothing wrong" if not warnings else f"no errors, {count(warnings, 'warning')}"
+    outcome = "no problems found" if not warnings else f"no errors, {count(warnings, 'warning')}"
     parts = {
         "body": len(stage.bodies),
         "hinge": len(stage.hinges),
         "drive": len(stage.drives),
         "probe": len(stage.probes),
     }
-    return f"{stage.name}: {found} ({', '.join(count(n, noun) for noun, n in parts.items())})"
+    return f"{stage.name}: {outcome} ({', '.join(count(n, noun) for noun, n in parts.items())})"

@@ -1,4 +1,4 @@
-"""How commands show their help, and the reference for the manual."""
+"""Help of the commands, and their reference for the manual."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -36,7 +36,7 @@ class CliCommand(TyperCommand):
 
 
 class CliGroup(TyperGroup):
-    """The program, or a command that has some of its own: they are listed in whole sentences."""
+    """The program, or a command with subcommands: the help lists them with whole sentences."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _with_help(super().get_params(ctx), self.callback)
@@ -62,19 +62,19 @@ def _with_help(parameters: list[Any], command: Any) -> list[Any]:
 
 
 def arguments(parameters: list[Any]) -> list[Any]:
-    """Return the arguments of some parameters."""
+    """Return the arguments among parameters."""
     return [p for p in parameters if p.param_type_name == "argument"]
 
 
 def section_of(command: Any) -> str:
     """Return the section of the help that a command is listed in."""
     section = getattr(command, "rich_help_panel", None)
-    # what is not set is a placeholder of the library, and no text
+    # an unset section is a placeholder of the library, not a text
     return section if isinstance(section, str) else "Commands"
 
 
 def name_of(argument: Any) -> str:
-    """Return what an argument is called in the help, in capitals."""
+    """Return the name of an argument in the help, in capitals."""
     name = argument.metavar or argument.name.upper()
     return name.removeprefix("[").removesuffix("]")
 
@@ -86,36 +86,35 @@ def _in_usage(argument: Any) -> str:
 _HEAD = """\
 # The command line
 
-Every command, with its options and their defaults. `flexstage COMMAND --help` (or `-h`) prints
-the same. `flexstage --install-completion` makes the shell complete commands, options, designs and
-files.
+All commands with their options and defaults. `flexstage COMMAND --help` (or `-h`) prints the same
+text. `flexstage --install-completion` lets the shell complete commands, options, designs and files.
 
-**Values.** A quantity is a number with its unit, such as `"0.5 mm"`, `"2 kHz"` or `"1 mrad"`;
-where the text of an option names a unit, a bare number has that one. A range is `LOW:HIGH`.
-Several values are separated by commas; `NAME=VALUE,...` are parts of one thing, which the text of
-the option lists, such as `skip=3,decimal=,`. `STAGE` is a stage file or the name of a built-in
-design; `COLUMN` is the number of a column, from 0, or its name, with its unit behind it where the
-file does not say it, `"2 um"`. A name that holds commas stands in quotes, `'"x, raw",2'`.
+**Values.** A quantity is a number with its unit, such as `"0.5 mm"`, `"2 kHz"` or `"1 mrad"`. If
+the text of an option names a unit, a bare number has that unit. A range is `LOW:HIGH`. Several
+values are separated by commas. `NAME=VALUE,...` sets the parts that the text of the option lists,
+such as `skip=3,decimal=,`. `STAGE` is a stage file or the name of a built-in design. `COLUMN` is
+the number of a column, from 0, or its name. If the file does not state the unit, append it:
+`"2 um"`. Put a name that contains commas in quotes: `'"x, raw",2'`.
 
-**Files.** `--out FILE` writes the one file that a command makes, `--folder FOLDER` several files,
-`--figure FILE` a picture of the result. Files are complete or not there; a place that takes no
-file is refused before the work.
+**Files.** `--out FILE` writes a single file, `--folder FOLDER` several files, `--figure FILE` a
+picture of the result. Files are written completely or not at all. A path that cannot be written is
+refused before the work begins.
 
-**JSON.** With `--json` a command prints one JSON object on standard output: its result in SI
-units, which holds as `request` the options that differ from the usual, or
+**JSON.** With `--json` a command prints one JSON object on standard output. It contains the result
+in SI units, and under `request` the options that differ from their defaults. After an error it is
 `{"error": {"kind": ..., "message": ..., "status": ...}}`, where `kind` is the class of the error in
-Python (`UsageError` for a command line that is wrong).
+Python (`UsageError` for an invalid command line).
 
-**Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). Where
-there is no room, what is alike in all rows is said once above, and lesser columns are left out by
-name. A figure that fails its criterion, such as a safety factor below 1, is followed by the word
-*fails*.
+**Tables.** They fit the width of the terminal, or `COLUMNS` in a file or pipe (else 140). If a
+table is too wide, values common to all rows are printed once above it, and minor columns are
+omitted and named. A value that fails its criterion, such as a safety factor below 1, is followed by
+the word *fails*.
 
-**Exit status.** 0: done. 1: the work failed, or a file could not be read or written. 2: wrong
-input. 130: interrupted. The reason is one sentence on standard error.
+**Exit status.** 0: done. 1: the work failed, or a file could not be read or written. 2: invalid
+input. 130: interrupted. The reason is printed as one sentence on standard error.
 
-**Progress.** A bar on a terminal; else a line where a long part of the work begins and one every
-ten seconds, on standard error. `--quiet` (`-q`), which every command takes, prints none.
+**Progress.** On a terminal a bar shows the progress. Otherwise standard error gets a line when a
+long step begins, and one every ten seconds. `--quiet` (`-q`) of every command suppresses them.
 """
 
 
@@ -126,7 +125,7 @@ def command_line_page(app: typer.Typer) -> str:
     sections: dict[str, list[Any]] = {}
     for command in root.commands.values():
         sections.setdefault(section_of(command), []).append(command)
-    # with the settings of the command: what is made here of its parameters is kept by them
+    # with the settings of the command, which keeps the parameters that are made here
     context = typer.Context(root, info_name="flexstage", **root.context_settings)
     for title, commands in sections.items():
         parts.append(f"## {title}\n")
@@ -147,12 +146,12 @@ def _command(command: Any, parent: Any) -> Iterator[str]:
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
         if record is not None and parameter.name != "help":
-            own = arguments([parameter])
-            name = name_of(parameter) if own else record[0]
-            rows["argument" if own else "option"].append((name, record[1]))
-    for kind, found in rows.items():
-        if found:
-            yield "\n".join((f"| {kind} | meaning |", "|---|---|", *map(_row, found), ""))
+            is_argument = arguments([parameter])
+            name = name_of(parameter) if is_argument else record[0]
+            rows["argument" if is_argument else "option"].append((name, record[1]))
+    for kind, records in rows.items():
+        if records:
+            yield "\n".join((f"| {kind} | meaning |", "|---|---|", *map(_row, records), ""))
     for inner in getattr(command, "commands", {}).values():
         yield from _command(inner, context)
 

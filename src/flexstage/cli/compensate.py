@@ -1,4 +1,4 @@
-"""`flexstage compensate`: the command that makes a drive follow a reference."""
+"""`flexstage compensate`: the drive signal by which a stage follows a reference."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,10 +15,10 @@ from flexstage.cli.output import (
     console,
     print_json,
     print_notes,
+    record_format,
     write_file,
     write_picture,
 )
-from flexstage.cli.reading import record_format
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records.read_options import ReadOptions, read_column
 
@@ -30,7 +30,7 @@ def compensate(
     *,
     column_: str | None = None,
     request: CompensateRequest,
-    how: ReadOptions,
+    read_options: ReadOptions,
     out: OutputFile = None,
     figure: FigureFile = None,
     json: JsonOption = False,
@@ -44,15 +44,15 @@ def compensate(
     model
         MODEL: A model file written by `flexstage identify --out`.
     reference
-        FILE: Record of the wanted readings over time.
+        FILE: Record of the desired position over time.
     column_
-        --column COLUMN: Number or name of its column (default: the only one in a unit of length or
-        angle, or called position, output...), with its unit behind where the file does not say it,
-        such as "1 um".
+        --column COLUMN: Number or name of its column (default: the only column in a unit of length
+        or angle, or named position, output...). Append the unit if the file does not state it, such
+        as "1 um".
     out
         Write time, command, reference and prediction (.csv, .npz, .h5 or .mat).
     figure
-        Draw command, loop and what is left. (.svg, .png or .pdf)
+        Draw command, hysteresis loop and residual error (.svg, .png or .pdf).
     """
     from flexstage.hysteresis.compensation import compensate as run
     from flexstage.hysteresis.inversion import command_record
@@ -65,18 +65,20 @@ def compensate(
     kind = record_format(out)
     file = read_model_file(model)
     if column_ is None:
-        _, (wanted,), _ = taken_drive(reference, (("none",), ()), how, options=("input", "column"))
+        _, (column,), _ = taken_drive(
+            reference, (("none",), ()), read_options, options=("input", "column")
+        )
     else:
-        wanted = read_column(column_)
-    (record,) = read_files([reference], [wanted], options=how, even=True)
-    found = run(file, record, wanted, request)
+        column = read_column(column_)
+    (record,) = read_files([reference], [column], options=read_options, even=True)
+    result = run(file, record, column, request)
     if out is not None:
-        write_file(out, record_bytes(command_record(found.made, found.drive), kind))
-    drawn = write_picture(figure, found.plot)
+        write_file(out, record_bytes(command_record(result.made, result.drive), kind))
+    pictures = write_picture(figure, result.plot)
     if json:
-        print_json(found.to_dict() | {"file": None if out is None else str(out)})
+        print_json(result.to_dict() | {"file": None if out is None else str(out)})
         return
-    for line in command_in_words(found.made, found.drive):
+    for line in command_in_words(result.made, result.drive):
         console().print(line)
-    written = ([] if out is None else [out]) + drawn
-    print_notes(console(), found.notes, written, style="yellow")
+    files = ([] if out is None else [out]) + pictures
+    print_notes(console(), result.notes, files, style="yellow")

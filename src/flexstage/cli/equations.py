@@ -1,4 +1,4 @@
-"""`flexstage equations`: the dynamic model of a stage in symbols."""
+"""`flexstage equations`: equations of motion of a stage in symbols."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ def equations(
     stage: StageArgument,
     request: EquationsRequest,
     out: OutputFile = None,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     json: JsonOption = False,
 ) -> None:
     """Derive the equations of motion in symbols.
@@ -32,24 +32,24 @@ def equations(
     out
         Write the equations to a file instead of the terminal.
     """
-    described = taken.stage(stage)
+    described = options.stage(stage)
     if request.axis is not None:
         described.axis(request.axis)
     if request.to == "svg":
-        drawing = _drawing(described, request.axis)
-        _put({"stage": described.name, "diagram": drawing} if json else None, drawing, out)
+        drawing = _diagram(described, request.axis)
+        _write({"stage": described.name, "diagram": drawing} if json else None, drawing, out)
         return
     from flexstage.lumped.derivation import derive
     from flexstage.lumped.latex import latex_document, plain_text
 
-    found = derive(described, request)
+    derivation = derive(described, request)
     title = f"Equations of motion of {described.name}"
-    text = (latex_document if request.to == "latex" else plain_text)(title, found.sheet)
-    _put(found.to_dict() if json else None, text, out)
+    text = (latex_document if request.to == "latex" else plain_text)(title, derivation.sheet)
+    _write(derivation.to_dict() if json else None, text, out)
 
 
-def _put(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
-    """Write the text where it is wanted, and print it, or the content as JSON, or where it is."""
+def _write(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
+    """Write the text to a file, if one is named; print it, or the content as JSON, or its path."""
     if out is not None:
         write_file(out, text.encode())
     if content is not None:
@@ -60,12 +60,12 @@ def _put(content: dict[str, Any] | None, text: str, out: Path | None) -> None:
         typer.echo(f"wrote {out}")
 
 
-def _drawing(stage: "Stage", axis: str | None) -> str:
-    """The equations of an axis as blocks and lines."""
+def _diagram(stage: "Stage", axis: str | None) -> str:
+    """Return the structural diagram of an axis as SVG."""
     axes = [a.name for a in stage.axes if a.drive is not None]
     if axis is None and len(axes) != 1:
         raise StageError(
-            "a structural diagram is that of one axis: "
+            "a structural diagram shows one axis: "
             + (f"--axis is one of {', '.join(axes)}" if axes else "no axis has a drive of its own")
         )
     from flexstage.export.diagram.stage_diagram import stage_diagram

@@ -1,4 +1,4 @@
-"""`flexstage excite`: the drive record that a piezo stage is identified from."""
+"""`flexstage excite`: the drive record for the identification of a piezo stage."""
 
 from typing import Annotated, Any
 
@@ -12,9 +12,9 @@ from flexstage.cli.output import (
     print_json,
     print_notes,
     print_table,
+    record_format,
     write_file,
 )
-from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageOptions, designs_like
 from flexstage.hysteresis.requests import ExciteRequest
 
@@ -26,7 +26,7 @@ def excite(
     ] = None,
     *,
     request: ExciteRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     axis: AxisOption = None,
     out: OutputFile = None,
     json: JsonOption = False,
@@ -34,33 +34,33 @@ def excite(
     """Design the drive record for an identification.
 
     The record contains major loops, reversal curves and nested loops at two rates, a step and hold,
-    and a small multisine at the resonance, within the limits of stack and amplifier. It identifies
-    hysteresis, lag, creep and resonance.
+    and a small multisine at the resonance. It is within the limits of stack and amplifier, and
+    identifies hysteresis, lag, creep and resonance.
 
     Parameters
     ----------
     stage
-        [STAGE]: A stage file, or the name of a built-in design. It gives the voltage range and
-        capacitance of the stack and the lowest natural frequency.
+        [STAGE]: A stage file, or the name of a built-in design: the source of the voltage range and
+        capacitance of the stack, and of the lowest natural frequency.
     out
         Write the record (.csv, .npz, .h5 or .mat).
     """
     from flexstage.hysteresis.excitations.design import excitation
 
     format = record_format(out)
-    taken.require_stage(stage, "a STAGE")
+    options.require_stage(stage, "a STAGE")
     refuse(stage is None and axis is not None, "--axis needs a STAGE: name it before the options")
     if stage is None:
-        made = excitation(request=request)
+        record = excitation(request=request)
     else:
         from flexstage.experiments.excitations.cycles import excitation_of
 
-        made = excitation_of(taken.stage(stage), request, axis)
+        record = excitation_of(options.stage(stage), request, axis)
     if out is not None:
         from flexstage.records.write import record_bytes
 
-        write_file(out, record_bytes(made.record(), format))
-    result = made.to_dict() | {"file": None if out is None else str(out)}
+        write_file(out, record_bytes(record.record(), format))
+    result = record.to_dict() | {"file": None if out is None else str(out)}
     if json:
         print_json(result)
     else:
@@ -82,7 +82,7 @@ def _print(result: dict[str, Any]) -> None:
         screen,
         f"{where}{low:g} V to {high:g} V in {result['duration']:.4g} s, {result['shape']}, "
         f"{count(result['samples'], 'sample')} at {result['sample_rate_hz']:g} Hz",
-        ("part", "start, s", "time, s", "rate, Hz", "from, V", "to, V", "turns", "slope, V/s"),
+        ("part", "start, s", "time, s", "rate, Hz", "from, V", "to, V", "reversals", "slope, V/s"),
         rows,
     )
     if result["sampled_for"]:
@@ -93,9 +93,9 @@ def _print(result: dict[str, Any]) -> None:
             f"current         {1e3 * result['largest_current']:.3g} mA at most, "
             f"{1e3 * result['rms_current']:.3g} mA rms"
         )
-    screen.print(f"memory visited  {100.0 * result['coverage']:.0f} %")
+    screen.print(f"memory covered  {100.0 * result['coverage']:.0f} %")
     if result["left_out"]:
-        screen.print(f"left out: {'; '.join(result['left_out'])}", markup=False)
+        screen.print(f"omitted: {'; '.join(result['left_out'])}", markup=False)
     for warning in result["warnings"]:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
     print_notes(screen, (), filter(None, [result["file"]]))

@@ -1,4 +1,4 @@
-"""`flexstage export`: a stage for other programs."""
+"""`flexstage export`: files of a stage for other programs."""
 
 from itertools import islice
 from pathlib import Path
@@ -19,14 +19,14 @@ from flexstage.export.request import FORMATS, ExportRequest
 if TYPE_CHECKING:
     from flexstage.export.request import StageExport
 
-_SHOWN = 8  # files of a format in the table
+_MOST_FILES = 8  # files of a format in the table
 
 
 @from_docstring
 def export(
     stage: StageArgument,
     request: ExportRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     out: Annotated[Path, FOLDER] = Path("exported"),
     quiet: QuietOption = False,
     json: JsonOption = False,
@@ -42,40 +42,40 @@ def export(
     from flexstage.files.write import write_files
     from flexstage.studies.models import stage_export
 
-    given = stage_export(taken.stage(stage), request)
+    stage_files = stage_export(options.stage(stage), request)
     with progress_bar("export", quiet=quiet):
-        made = given.files()
-    # all formats at once: where one cannot be written, none is
-    written = iter(write_files(out, in_folders(made)))
-    files = {name: list(islice(written, len(contents))) for name, contents in made.items()}
+        contents = stage_files.files()
+    # all formats at once: if one cannot be written, none is
+    written = iter(write_files(out, in_folders(contents)))
+    files = {name: list(islice(written, len(data))) for name, data in contents.items()}
     if json:
-        print_json(_results(given, made, files))
+        print_json(_results(stage_files, contents, files))
         return
     screen = console()
     print_table(
         screen,
-        f"{given.stage.name} for other programs",
-        ("format", "<what", "<files"),
-        ((name, FORMATS[name].about, _shown(paths)) for name, paths in files.items()),
+        f"{stage_files.stage.name}: exported files",
+        ("format", "<contents", "<files"),
+        ((name, FORMATS[name].about, _file_lines(paths)) for name, paths in files.items()),
     )
-    print_notes(screen, given.notes)
+    print_notes(screen, stage_files.notes)
 
 
-def _shown(paths: list[Path]) -> str:
-    """A line for each file, and where there are very many for the first ones."""
+def _file_lines(paths: list[Path]) -> str:
+    """Return a line for each file, at most for the first ones."""
     lines = [str(path) for path in paths]
-    if len(lines) > _SHOWN:
-        lines[_SHOWN - 1 :] = [f"and {len(lines) - _SHOWN + 1} more beside these"]
+    if len(lines) > _MOST_FILES:
+        lines[_MOST_FILES - 1 :] = [f"and {len(lines) - _MOST_FILES + 1} more"]
     return "\n".join(lines)
 
 
 def _results(
-    given: "StageExport", made: dict[str, dict[str, bytes]], files: dict[str, list[Path]]
+    stage_files: "StageExport", contents: dict[str, dict[str, bytes]], files: dict[str, list[Path]]
 ) -> dict[str, Any]:
     import hashlib
 
     return {
-        "stage": given.stage.name,
+        "stage": stage_files.stage.name,
         "files": [
             {
                 "format": name,
@@ -84,7 +84,7 @@ def _results(
                 "sha256": hashlib.sha256(content).hexdigest(),
             }
             for name, paths in files.items()
-            for path, content in zip(paths, made[name].values(), strict=True)
+            for path, content in zip(paths, contents[name].values(), strict=True)
         ],
-        "notes": list(given.notes),
+        "notes": list(stage_files.notes),
     }

@@ -14,10 +14,10 @@ from flexstage.cli.output import (
     print_result,
     print_table,
     progress_bar,
+    record_format,
     write_file,
     write_picture,
 )
-from flexstage.cli.reading import record_format
 from flexstage.measure.requests import RING_DOWN, FrfRequest
 from flexstage.records.read_options import ReadOptions
 
@@ -32,7 +32,7 @@ def frf(
     records: Annotated[list[Path], typer.Argument()],
     *,
     request: FrfRequest,
-    how: ReadOptions,
+    read_options: ReadOptions,
     out: OutputFile = None,
     figure: FigureFile = None,
     quiet: QuietOption = False,
@@ -47,43 +47,44 @@ def frf(
     out
         Write the response (.csv, .npz, .h5 or .mat).
     figure
-        Draw response and fit, and the stabilisation diagram in a second file, NAME-stabilisation.
-        (.svg, .png or .pdf)
+        Draw response and fit, and the stabilisation diagram to a second file, NAME-stabilisation
+        (.svg, .png or .pdf).
     """
     from flexstage.measure.frf import frf_of_files
 
     record_format(out)
     refuse(
         request.excitation == RING_DOWN and out,
-        "--out has no meaning with --excitation ring-down, of which outputs alone are fitted: "
-        "leave it out",
+        "--out cannot be used with --excitation ring-down, which fits outputs alone: omit it",
     )
     with progress_bar("frf", quiet=quiet):
-        found = frf_of_files(records, request, how)
-    files = _written(out, figure, found)
+        result = frf_of_files(records, request, read_options)
+    files = _write_files(out, figure, result)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(result.to_dict(), files)
         return
-    print_modes(console(), found.to_dict(), files)
+    print_modes(console(), result.to_dict(), files)
 
 
-def _written(out: Path | None, figure: Path | None, found: "FrfResult | DecayResult") -> list[Path]:
-    """Write what was asked for, when all of it is computed and drawn."""
+def _write_files(
+    out: Path | None, figure: Path | None, result: "FrfResult | DecayResult"
+) -> list[Path]:
+    """Write the requested files, after all of them are computed and drawn."""
     from flexstage.measure.frf_result import FrfResult
     from flexstage.records.write import record_bytes
 
-    content, drawn = None, {}
-    if out is not None and isinstance(found, FrfResult):
-        content = record_bytes(found.record(), record_format(out))
+    content, figures = None, {}
+    if out is not None and isinstance(result, FrfResult):
+        content = record_bytes(result.record(), record_format(out))
     if figure is not None:
-        # a picture that cannot be made leaves no response beside an error
-        drawn[figure] = found.plot()
-        if isinstance(found, FrfResult) and found.fit is not None and found.fit.stabilisation:
-            other = figure.with_stem(f"{figure.stem}-stabilisation")
-            drawn[other] = found.plot("stabilisation")
+        # drawn first: if a figure fails, no response is written
+        figures[figure] = result.plot()
+        if isinstance(result, FrfResult) and result.fit is not None and result.fit.stabilisation:
+            diagram = figure.with_stem(f"{figure.stem}-stabilisation")
+            figures[diagram] = result.plot("stabilisation")
     files: list[Path] = []
-    for path, picture in drawn.items():
-        files += write_picture(path, lambda picture=picture: picture)
+    for path, drawing in figures.items():
+        files += write_picture(path, lambda drawing=drawing: drawing)
     if out is not None and content is not None:
         write_file(out, content)
         files.insert(0, out)
@@ -91,7 +92,7 @@ def _written(out: Path | None, figure: Path | None, found: "FrfResult | DecayRes
 
 
 def print_modes(screen: "Console", result: dict[str, Any], files: list[Path]) -> None:
-    """Print the modes, how the response was estimated, notes and files."""
+    """Print the modes, the estimator of the response, notes and files."""
     for warning in result.get("warnings", ()):
         screen.print(f"warning: {warning}", style="bold", markup=False)
     rows = []

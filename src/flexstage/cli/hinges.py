@@ -1,4 +1,4 @@
-"""`flexstage hinges`: the stiffness of a notch profile by every method, and how far it may turn."""
+"""`flexstage hinges`: stiffness of a notch profile by every method, and its largest rotation."""
 
 import math
 from typing import Any
@@ -16,9 +16,9 @@ def hinges(
 ) -> None:
     """Compute stiffness and range of a hinge by every method.
 
-    A profile takes these sizes beside --neck: circular --radius; corner-filleted --length --radius;
+    Each profile has --neck and these sizes: circular --radius; corner-filleted --length --radius;
     leaf, elliptical, parabolic and hyperbolic --length --depth; v --depth --half-angle --radius;
-    power --length --depth --exponent. Without any of them the notch is circular, of radius 1 mm.
+    power --length --depth --exponent. Without sizes the notch is circular, of radius 1 mm.
     """
     from flexstage.hinges.hinge_figures import notch_of
 
@@ -69,7 +69,7 @@ def _print(result: dict[str, Any]) -> None:
             )
         )
         last = row["quantity"]
-    heads = "quantity", "<method", "stiffness", "<unit", "to wedge"
+    heads = "quantity", "<method", "stiffness", "<unit", "difference to wedge"
     print_table(out, "Stiffness about the neck", heads, rows)
     factors = result["concentration"]
     print_table(
@@ -79,14 +79,14 @@ def _print(result: dict[str, Any]) -> None:
         ((load, *(f"{v:.4f}" for v in factors[load])) for load in ("axial", "bending")),
     )
     out.print(f"source: {factors['source']}", markup=False)
-    out.print(f"valid: {factors['validity']}\n", markup=False)
+    out.print(f"validity: {factors['validity']}\n", markup=False)
     turn = result["largest_rotation"]
     cycles = turn["fatigue_cycles"]
     fatigue = "fatigue limit" + (f" ({cycles:.0e} cycles)" if cycles else "")
     print_table(
         out,
         "Largest rotation under a pure moment",
-        ("before", "mrad", "deg"),
+        ("limit", "mrad", "deg"),
         (
             (name, "-", "-")
             if value is None

@@ -1,4 +1,4 @@
-"""`flexstage identify`: a model of a drive from measured records."""
+"""`flexstage identify`: identification of a drive model from measured records."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +12,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFile,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
     write_file,
     write_picture,
@@ -29,32 +29,31 @@ from flexstage.records.read_options import DriveColumns, ReadOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
     from flexstage.hysteresis.identification.result import Identification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ComparedWith(Request):
-    """What an identified model is compared with."""
+class ModelComparison(Request):
+    """Data to compare an identified model with."""
 
     heading: ClassVar[str] = "Comparison of the model"
 
     test_record: Annotated[tuple[Path, ...], Written("FILE")] = ()
-    """Another record, read with the same options, on which the model is tested without another
-    fit.
-    """
+    """Another record, read with the same options, to test the model on without refitting it."""
     stage: Annotated[str, Written("STAGE")] | None = None
-    """A stage file, or the name of a built-in design: the record is compared with its voltage range
+    """A stage file, or the name of a built-in design, to compare the record with its voltage range
     and stroke.
     """
     axis: Annotated[str, Written("NAME")] | None = None
     """Axis of the stage (default: the first)."""
-    taken: StageOptions = AS_DESCRIBED
-    """How the stage is taken."""
+    options: StageOptions = AS_DESCRIBED
+    """Options of the stage."""
 
     def __post_init__(self) -> None:
-        super(ComparedWith, self).__post_init__()
-        refuse(self.axis and not self.stage, "--axis needs --stage: it names an axis of that")
-        self.taken.require_stage(self.stage, "--stage")
+        super(ModelComparison, self).__post_init__()
+        refuse(self.axis and not self.stage, "--axis needs --stage, whose axis it names")
+        self.options.require_stage(self.stage, "--stage")
 
 
 @from_docstring
@@ -63,8 +62,8 @@ def identify(
     *,
     columns: DriveColumns,
     request: IdentifyRequest,
-    beside: ComparedWith,
-    how: ReadOptions,
+    comparison: ModelComparison,
+    read_options: ReadOptions,
     out: OutputFile = None,
     figure: FigureFile = None,
     quiet: QuietOption = False,
@@ -78,45 +77,109 @@ def identify(
         RECORD...: Measured files of one drive. Files at two or more rates separate lag and creep
         from hysteresis.
     out
-        Write the model, as readable text.
+        Write the model file, a readable text.
     figure
-        Draw measured and modelled loops, of four records at most. (.svg, .png or .pdf)
+        Draw measured and modelled loops of up to four records (.svg, .png or .pdf).
     """
+    if len(columns.input) > 1 and not columns.is_table:
+        refuse(
+            request != IdentifyRequest() or comparison.stage is not None,
+            "several inputs are identified without options of a single drive or --stage: omit them",
+            RecordError,
+        )
+        result, text = _coupled_drives(
+            records, columns, comparison.test_record, read_options, quiet
+        )
+        files = write_picture(figure, result.plot)
+        if out is not None:
+            write_file(out, text.encode())
+            files.insert(0, out)
+        if json:
+            print_result(result.to_dict(), files)
+        else:
+            print_coupled_drives(console(), result, files)
+        return
     from flexstage.hysteresis.identification.identify import identified_file
     from flexstage.hysteresis.identification.identify import identify as run
     from flexstage.hysteresis.model_file import model_text
     from flexstage.hysteresis.prediction import predict_each
     from flexstage.records.drives import read_drive
 
-    one = "--curve files makes one record of all files: leave --test-record out"
-    refuse(beside.test_record and columns.curve == "files", one, RecordError)
-    given, driven, follows = read_drive([*records, *beside.test_record], columns, how)
-    read, others = given[: len(records)], given[len(records) :]
-    if columns.is_table and not how.sample_rate:
+    message = "--curve files joins all files into one record: omit --test-record"
+    refuse(comparison.test_record and columns.curve == "files", message, RecordError)
+    records_read, driven, follows = read_drive(
+        [*records, *comparison.test_record], columns, read_options
+    )
+    training, tests = records_read[: len(records)], records_read[len(records) :]
+    if columns.is_table and not read_options.sample_rate:
         request = rowwise(request)
     with progress_bar("identify", quiet=quiet):
-        found = run(read, driven, follows, request)
-    if beside.stage is not None:
+        result = run(training, driven, follows, request)
+    if comparison.stage is not None:
         from flexstage.studies.measurement import against_description
 
-        said = against_description(found, beside.taken.stage(beside.stage), beside.axis)
-        found = replace(found, warnings=(*said, *found.warnings))
-    found = replace(found, tested=tuple(predict_each(found.model, others, driven, follows)))
-    # a picture that cannot be made leaves no model beside an error
-    files = write_picture(figure, found.plot)
+        warnings = against_description(
+            result, comparison.options.stage(comparison.stage), comparison.axis
+        )
+        result = replace(result, warnings=(*warnings, *result.warnings))
+    result = replace(result, tested=tuple(predict_each(result.model, tests, driven, follows)))
+    # drawn first: if the figure fails, no model is written
+    files = write_picture(figure, result.plot)
     if out is not None:
-        write_file(out, model_text(identified_file(found, read)).encode())
+        write_file(out, model_text(identified_file(result, training)).encode())
         files.insert(0, out)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(result.to_dict(), files)
         return
-    print_identification(console(), found, files)
-    if found.tested:
-        print_predictions(console(), found.tested, found.model, "on other records")
+    print_identification(console(), result, files)
+    if result.tested:
+        print_predictions(console(), result.tested, result.model, "test on other records")
 
 
-def print_identification(screen: "Console", found: "Identification", files: list[Path]) -> None:
-    """Print candidates, how well the best one fits, parameters, warnings and files."""
+def _coupled_drives(
+    files: list[Path],
+    columns: DriveColumns,
+    tests: tuple[Path, ...],
+    read_options: ReadOptions,
+    quiet: bool,
+) -> "tuple[CoupledDriveIdentification, str]":
+    """Return the identification of several drives, and the text of its model file."""
+    from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
+    from flexstage.hysteresis.coupled_drives.model_file import coupled_model_text
+    from flexstage.records.read import read_files
+
+    refuse(not columns.output, "several inputs need --output: name the columns", RecordError)
+    names = [*columns.input, *columns.output]
+    records = read_files([*files, *tests], names, options=read_options, even=True)
+    training, test_records = records[: len(files)], records[len(files) :]
+    with progress_bar("identify", quiet=quiet):
+        result = identify_coupled_drives(
+            training, columns.input, columns.output, test_records=test_records
+        )
+    return result, coupled_model_text(result)
+
+
+def print_coupled_drives(
+    screen: "Console", result: "CoupledDriveIdentification", files: list[Path]
+) -> None:
+    """Print levels, modes and the validity of a model of several drives."""
+    from flexstage.report.coupled_drives import (
+        coupled_drives_in_words,
+        coupled_modes_table,
+        levels_table,
+    )
+
+    display_table(screen, levels_table(result, "coupled drives"))
+    for line in coupled_drives_in_words(result):
+        screen.print(line, markup=False)
+    display_table(screen, coupled_modes_table(result))
+    for warning in result.warnings:
+        screen.print(f"warning: {warning}", style="yellow", markup=False)
+    print_notes(screen, result.notes, files)
+
+
+def print_identification(screen: "Console", result: "Identification", files: list[Path]) -> None:
+    """Print candidates, the quality of the best fit, parameters, warnings and files."""
     from flexstage.report.identification import (
         candidates_table,
         failures,
@@ -124,13 +187,13 @@ def print_identification(screen: "Console", found: "Identification", files: list
         parameters_table,
     )
 
-    caption = f"{found.kind}: {', '.join(found.records)}"
-    print_shown(screen, candidates_table(found, caption))
-    for failed in failures(found):
-        screen.print(failed, style="yellow", markup=False)
-    for line in identification_in_words(found):
+    caption = f"{result.kind}: {', '.join(result.records)}"
+    display_table(screen, candidates_table(result, caption))
+    for failure in failures(result):
+        screen.print(failure, style="yellow", markup=False)
+    for line in identification_in_words(result):
         screen.print(line, markup=False)
-    print_shown(screen, parameters_table(found))
-    for warning in found.warnings:
+    display_table(screen, parameters_table(result))
+    for warning in result.warnings:
         screen.print(f"warning: {warning}", style="yellow", markup=False)
-    print_notes(screen, found.notes, files)
+    print_notes(screen, result.notes, files)

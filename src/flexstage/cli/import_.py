@@ -1,4 +1,4 @@
-"""`flexstage import`: make a stage file of a drawing."""
+"""`flexstage import`: a stage file from a drawing."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +11,9 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
+    display_table,
     print_json,
     print_notes,
-    print_shown,
     stage_file,
     write_file,
     write_picture,
@@ -32,10 +32,10 @@ def import_(
     out: OutputFile = None,
     force: bool = False,
     figure: FigureFile = None,
-    taken: DrawingOptions,
+    options: DrawingOptions,
     json: JsonOption = False,
 ) -> None:
-    """Make a stage file of a drawing: find its bodies and necks.
+    """Make a stage file from a drawing: find bodies and necks.
 
     Parameters
     ----------
@@ -47,28 +47,28 @@ def import_(
     force
         Replace a file that exists.
     figure
-        Draw what was found: bodies, and necks with how sure each is. (.svg, .png or .pdf)
+        Draw the bodies, and each neck with its certainty (.svg, .png or .pdf).
     """
-    from flexstage.report.figures.drawn_stage import draw_found
+    from flexstage.report.figures.drawn_stage import draw_recognised
     from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 
-    drawn = read_drawing(drawing, taken)
-    path = stage_file(out, f"{file_name(drawn.stage.name)}.yaml", force=force)
-    write_file(path, stage_file_text(drawn).encode("utf-8"))
-    files = [path, *write_picture(figure, lambda: draw_found(drawn))]
+    recognised = read_drawing(drawing, options)
+    path = stage_file(out, f"{file_name(recognised.stage.name)}.yaml", force=force)
+    write_file(path, stage_file_text(recognised).encode("utf-8"))
+    files = [path, *write_picture(figure, lambda: draw_recognised(recognised))]
     if json:
-        print_json(_plain(drawn, files))
+        print_json(_result(recognised, files))
     else:
-        _printed(drawn, files)
+        _print(recognised, files)
 
 
-def _plain(drawn: "DrawnStage", files: list[Path]) -> dict[str, Any]:
+def _result(recognised: "DrawnStage", files: list[Path]) -> dict[str, Any]:
     from flexstage.files.plain import picked
 
-    stage = drawn.stage
+    stage = recognised.stage
     return {
         "stage": stage.name,
-        "unit": drawn.unit_name,
+        "unit": recognised.unit_name,
         "bodies": [
             {"name": b.name, "fixed": b.fixed, "mounting_holes": len(b.mounting_holes)}
             for b in stage.bodies
@@ -84,28 +84,28 @@ def _plain(drawn: "DrawnStage", files: list[Path]) -> dict[str, Any]:
                 "neck_thickness": hinge.profile.neck_thickness,
                 **picked(neck, "certainty", "ratio", "off"),
             }
-            for hinge, neck in zip(stage.hinges, drawn.necks, strict=True)
+            for hinge, neck in zip(stage.hinges, recognised.necks, strict=True)
         ],
-        "blanks": list(drawn.blanks),
-        "left_out": dict(drawn.left_out),
+        "blanks": list(recognised.blanks),
+        "left_out": dict(recognised.left_out),
         "files": [str(f) for f in files],
     }
 
 
-def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
+def _print(recognised: "DrawnStage", files: list[Path]) -> None:
     from flexstage.report.tables import necks_table
 
-    stage, screen = drawn.stage, console()
-    held = ", ".join(b.name for b in stage.bodies if b.fixed)
+    stage, screen = recognised.stage, console()
+    fixed = ", ".join(b.name for b in stage.bodies if b.fixed)
     caption = (
-        f"{stage.name}: {count(len(stage.bodies), 'body')} (held: {held}), "
+        f"{stage.name}: {count(len(stage.bodies), 'body')} (fixed: {fixed}), "
         f"{count(len(stage.hinges), 'neck')}"
     )
-    print_shown(screen, necks_table(drawn, caption))
+    display_table(screen, necks_table(recognised, caption))
     notes = []
-    if drawn.left_out:
-        left = ", ".join(f"{n} x {what}" for what, n in drawn.left_out)
-        notes.append(f"left out of the drawing: {left}")
-    if drawn.blanks:
-        notes.append(f"the drawing does not say: {', '.join(drawn.blanks)}")
+    if recognised.left_out:
+        ignored = ", ".join(f"{n} x {kind}" for kind, n in recognised.left_out)
+        notes.append(f"ignored in the drawing: {ignored}")
+    if recognised.blanks:
+        notes.append(f"not stated in the drawing: {', '.join(recognised.blanks)}")
     print_notes(screen, notes, files)

@@ -1,4 +1,4 @@
-"""`flexstage new`: the designs that are built in, and a stage file to start from."""
+"""`flexstage new`: the built-in designs, and a stage file of one to start from."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from flexstage.stage import Stage
     from flexstage.stage.designs.parameters import ParameterSet
 
-#: The picture with all of them on it.
+#: Name of the picture of all designs.
 _SHEET = "designs"
 
 
@@ -44,26 +44,26 @@ def new(
     Parameters
     ----------
     design
-        [DESIGN]: Name of a built-in design, whose dimensions are written with comments, as a stage
-        file; without one, all designs are listed.
+        [DESIGN]: Name of a built-in design: its dimensions are written to a stage file, with
+        comments. Without a name, all designs are listed.
     out
         Write the stage file (default: DESIGN.yaml).
     spelled_out
-        Describe the whole stage in the file: bodies, hinges, drives, probes.
+        Write the full description to the file: bodies, hinges, drives, probes.
     force
         Replace a file that exists.
     folder
-        Draw DESIGN into this folder, or each design, and all of them on one sheet.
+        Draw DESIGN to this folder; without a name, each design and one sheet of all.
     """
     from flexstage.stage.designs.registry import DESIGNS, PARAMETER_SETS, known_design
-    from flexstage.stage.designs.registry import design as built
+    from flexstage.stage.designs.registry import design as build_design
 
     if design is None:
         refuse(
             out or spelled_out or force, "--out, --spelled-out and --force need a DESIGN: name one"
         )
-        stages = {name: built(name) for name in DESIGNS}
-        files = [] if folder is None else _drawn(stages, folder)
+        stages = {name: build_design(name) for name in DESIGNS}
+        files = [] if folder is None else _draw(stages, folder)
         _list(PARAMETER_SETS, stages, files, json=json)
         return
     from flexstage.stage.designs.template import design_text, spelled_out_text
@@ -72,7 +72,7 @@ def new(
     path = stage_file(out, f"{name}.yaml", force=force)
     text = spelled_out_text(name) if spelled_out else design_text(name)
     write_file(path, text.encode("utf-8"))
-    files = [path, *([] if folder is None else _drawn({name: built(name)}, folder))]
+    files = [path, *([] if folder is None else _draw({name: build_design(name)}, folder))]
     if json:
         print_json({"design": name, "files": [str(file) for file in files]})
         return
@@ -80,7 +80,7 @@ def new(
 
 
 def _list(
-    known: "Mapping[str, ParameterSet]",
+    parameter_sets: "Mapping[str, ParameterSet]",
     stages: "Mapping[str, Stage]",
     files: list[Path],
     *,
@@ -91,8 +91,8 @@ def _list(
             {
                 "design": name,
                 "title": stage.title,
-                "family": known[name].topology.name,
-                "source": known[name].topology.source,
+                "family": parameter_sets[name].topology.name,
+                "source": parameter_sets[name].topology.source,
                 "bodies": len(stage.bodies),
                 "hinges": len(stage.hinges),
                 "drives": len(stage.drives),
@@ -105,7 +105,7 @@ def _list(
     screen = console()
     print_table(
         screen,
-        "Built-in designs; 'flexstage new DESIGN' writes a stage file of one",
+        "Built-in designs; 'flexstage new DESIGN' writes a stage file",
         ("<design", "<title", "~bodies", "~hinges", "~drives", "<axes"),
         [
             (
@@ -122,8 +122,8 @@ def _list(
     print_notes(screen, (), files)
 
 
-def _drawn(stages: "Mapping[str, Stage]", folder: Path) -> list[Path]:
-    """Draw stages, and where there are several all of them on one sheet."""
+def _draw(stages: "Mapping[str, Stage]", folder: Path) -> list[Path]:
+    """Draw stages, and one sheet of all if there are several."""
     from flexstage.files.write import write_files
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.drawn_stage import draw_contact_sheet

@@ -1,4 +1,4 @@
-"""`flexstage optimise`: the best stage of a family, or the one that has stated figures."""
+"""`flexstage optimise`: optimal dimensions of a stage under requirements."""
 
 from functools import partial
 
@@ -13,9 +13,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
     write_folder,
     write_picture,
@@ -30,51 +30,56 @@ def optimise(
     request: OptimiseRequest,
     folder: OutputFolder = None,
     figure: FigureFile = None,
-    taken: ParameterOptions = NOTHING_SET,
+    options: ParameterOptions = NOTHING_SET,
     sharing: WorkerRequest = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the best dimensions, or those of stated figures.
+    """Optimise dimensions under requirements, or match targets.
 
-    The lumped model is searched, finer ones correct it and confirm what is found. Printed are the
-    figures before and after, which limit holds the best stage, and what it would give to relax it.
+    The search uses the lumped model; finer models correct it and confirm the optimum. The output
+    compares the figures of start and optimum, and lists the active constraints with their
+    sensitivities.
 
     Parameters
     ----------
     folder
-        Write the best stage as best.yaml, its dimensions rounded to 0.001 mm, the result as
+        Write the best stage as best.yaml (dimensions rounded to 0.001 mm), the result as
         optimise.json, and pictures.
     figure
-        Draw the stage before and after, or the Pareto front. (.svg, .png or .pdf)
+        Draw the stage before and after, or the Pareto front (.svg, .png or .pdf).
     """
-    from flexstage.report.explored_files import front_files, optimum_files
     from flexstage.report.optimise import (
         front_notes,
         front_tables,
         optimum_notes,
         optimum_tables,
     )
+    from flexstage.report.result_files import front_files, optimum_files
     from flexstage.studies.explore.optimise.front import Front
     from flexstage.studies.explore.prepare import ready_optimise
 
-    run = ready_optimise(request, taken.template(stage))
+    run = ready_optimise(request, options.template(stage))
     with progress_bar("optimise", quiet=quiet), sharing.open() as workers:
-        found = run(workers)
-    if isinstance(found, Front):
-        make, tables, notes = partial(front_files, found), front_tables(found), front_notes(found)
-        best = found.optimum
+        result = run(workers)
+    if isinstance(result, Front):
+        make, tables, notes = (
+            partial(front_files, result),
+            front_tables(result),
+            front_notes(result),
+        )
+        best = result.optimum
     else:
-        make, best = partial(optimum_files, found), found
-        tables, notes = optimum_tables(found), optimum_notes(found)
+        make, best = partial(optimum_files, result), result
+        tables, notes = optimum_tables(result), optimum_notes(result)
     files = write_folder(folder, make)
-    files += write_picture(figure, found.plot)
+    files += write_picture(figure, result.plot)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(result.to_dict(), files)
     else:
         screen = console()
-        for shown in tables:
-            print_shown(screen, shown)
+        for table in tables:
+            display_table(screen, table)
         print_notes(screen, notes, files)
     if not best.met:  # a requirement is missed
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have, and what their texts mean."""
+"""Options and arguments of commands, made from signatures, docstrings and requests."""
 
 import copy
 import functools
@@ -20,66 +20,68 @@ from flexstage.files.request import (
 )
 
 
-def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
-    """Declare an option: what its value is called in the help, and what it says."""
-    return typer.Option(*names, metavar=metavar, help=help, **more)
+def option(metavar: str, help: str, *names: str, **settings: Any) -> Any:
+    """Declare an option with the name of its value and its help."""
+    return typer.Option(*names, metavar=metavar, help=help, **settings)
 
 
-def refuse(wrong: object, sentence: str, error: type[Exception] = ModelError) -> None:
-    """Refuse options that are wrong, or do not go together, in a sentence."""
-    if wrong:
-        raise error(sentence)
+def refuse(fault: object, message: str, error: type[Exception] = ModelError) -> None:
+    """Raise an error with a message if options are wrong or do not go together."""
+    if fault:
+        raise error(message)
 
 
 def from_docstring(command: Callable[..., None]) -> Callable[..., None]:
     """Make the options and arguments of a command from its docstring, and those of its groups.
 
-    The text of a parameter in the section Parameters is its help; what its value is called stands
-    before it, ``LENGTH: Radius of the fillets.``, after a name of its own where it has one,
-    ``--column COLUMN: ...``. What is not described there says itself what it is, as the options
-    that several commands share do. A parameter whose type is a request stands for an option for
-    each of its fields, of the requests in it too, and so does one whose type is a dataclass, whose
-    docstring describes them likewise; its `panel` is their section.
+    The text of a parameter in the section Parameters is its help. The name of its value precedes
+    the text, ``LENGTH: Radius of the fillets.``, and so does another name of the option,
+    ``--column COLUMN: ...``. A parameter without text there has its help in its type, as the shared
+    options do. A parameter whose type is a request becomes one option for each of its fields, those
+    of nested requests included. A dataclass is treated likewise: its docstring describes the
+    fields, its `panel` is their section of the help.
     """
-    sentence, own = _described(command)
-    # a script may say to every command that no progress is wanted
-    always_quiet = all(parameter.name != "quiet" for parameter in own)
+    summary, parameters = _parse_docstring(command)
+    # every command accepts --quiet
+    always_quiet = all(parameter.name != "quiet" for parameter in parameters)
     if always_quiet:
         kind = inspect.Parameter.KEYWORD_ONLY
-        own.append(inspect.Parameter("quiet", kind, default=False, annotation=QuietOption))
+        parameters.append(inspect.Parameter("quiet", kind, default=False, annotation=QuietOption))
     groups = {
         parameter.name: parameter.annotation
-        for parameter in own
+        for parameter in parameters
         if isinstance(parameter.annotation, type) and is_dataclass(parameter.annotation)
     }
     for name, kind in groups.items():
-        at = next(i for i, parameter in enumerate(own) if parameter.name == name)
-        own[at : at + 1] = (
-            list(_asked(kind))
+        at = next(i for i, parameter in enumerate(parameters) if parameter.name == name)
+        parameters[at : at + 1] = (
+            list(_request_parameters(kind))
             if issubclass(kind, Request)
-            else _described(kind, getattr(kind, "panel", None))[1]
+            else _parse_docstring(kind, getattr(kind, "panel", None))[1]
         )
 
     @functools.wraps(command)
-    def run(**given: Any) -> None:
-        for name, made in groups.items():
-            if issubclass(made, Request):
-                given[name] = _filled(made, given)
+    def run(**values: Any) -> None:
+        for name, group in groups.items():
+            if issubclass(group, Request):
+                values[name] = _build_request(group, values)
             else:
-                given[name] = made(**{field.name: given.pop(field.name) for field in fields(made)})
+                values[name] = group(
+                    **{field.name: values.pop(field.name) for field in fields(group)}
+                )
         if always_quiet:
-            del given["quiet"]
-        command(**given)
+            del values["quiet"]
+        command(**values)
 
-    run.__doc__ = sentence
-    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in own}
+    run.__doc__ = summary
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     run.requests = [kind for kind in groups.values() if issubclass(kind, Request)]  # type: ignore[attr-defined]
     return run
 
 
-def _asked(kind: type[Request]) -> Iterator[inspect.Parameter]:
-    """Return the options of a request, and of the requests in it; their help is read when shown."""
+def _request_parameters(kind: type[Request]) -> Iterator[inspect.Parameter]:
+    """Yield the options of a request and of those nested in it; the help page reads their texts."""
     for field in request_fields(kind).values():
         yield inspect.Parameter(
             field.name,
@@ -88,7 +90,7 @@ def _asked(kind: type[Request]) -> Iterator[inspect.Parameter]:
             annotation=Annotated[_type_of(field), _option_of(field, kind.heading or None)],
         )
     for _, group in request_groups(kind):
-        yield from _asked(group)
+        yield from _request_parameters(group)
 
 
 def _type_of(field: RequestField) -> Any:
@@ -104,7 +106,7 @@ def _default(field: RequestField) -> Any:
         return None
     if field.value is bool or field.default is None:
         return field.default
-    # as a text, which the help shows, and which is read as any other; the units library is slow
+    # as a text for the help, parsed like any other value; the units library is slow
     if field.dimension is not None and isinstance(field.default, float):
         units, si = field.dimension.units, field.dimension.si
         if field.default and f"m{si}" in units and abs(field.default) < 0.1:
@@ -132,17 +134,20 @@ def _option_of(field: RequestField, panel: str | None) -> Any:
     )
 
 
-def _filled(kind: type[Request], given: dict[str, Any]) -> Request:
-    """Return a request of what the options gave, which is taken out of them."""
+def _build_request(kind: type[Request], option_values: dict[str, Any]) -> Request:
+    """Return a request from the values of its options, which are removed from the values."""
     values = {}
     for field in request_fields(kind).values():
-        value = given.pop(field.name)
+        value = option_values.pop(field.name)
         if value is None:
             value = field.default
         elif field.repeated:
             value = tuple(value)
         values[field.name] = value
-    return kind(**values, **{name: _filled(group, given) for name, group in request_groups(kind)})
+    return kind(
+        **values,
+        **{name: _build_request(group, option_values) for name, group in request_groups(kind)},
+    )
 
 
 def request_texts(command: Any) -> dict[str, str]:
@@ -150,57 +155,57 @@ def request_texts(command: Any) -> dict[str, str]:
     from flexstage.files.schema import field_texts, part_texts
 
     texts: dict[str, str] = {}
-    left = list(getattr(command, "requests", ()))
-    while left:
-        kind = left.pop()
-        own = request_fields(kind)
+    requests = list(getattr(command, "requests", ()))
+    while requests:
+        kind = requests.pop()
+        request_options = request_fields(kind)
         for name, text in field_texts(kind).items():
-            if name in own:
-                field = own[name]
+            if name in request_options:
+                field = request_options[name]
                 end = "; may be repeated." if field.repeated else "."
                 parts = part_texts(field.kind) if is_request(field.kind) else ""
-                said = f"{text.removesuffix('.')}{end} {field.written.help}{parts}"
-                texts[name] = said.strip()
-        left += [group for _, group in request_groups(kind)]
+                help = f"{text.removesuffix('.')}{end} {field.written.help}{parts}"
+                texts[name] = help.strip()
+        requests += [group for _, group in request_groups(kind)]
     return texts
 
 
-def _described(
+def _parse_docstring(
     thing: Callable[..., Any], panel: str | None = None
 ) -> tuple[str, list[inspect.Parameter]]:
-    """Return what a docstring says first, and the parameters with what it says of each."""
-    sentence, texts = "", {}
-    for part in (*reversed(getattr(thing, "__mro__", ())), thing):  # what a class inherits, too
-        # an interpreter that drops docstrings leaves options without help
+    """Return the summary of a docstring, and the parameters with their help."""
+    summary, texts = "", {}
+    for part in (*reversed(getattr(thing, "__mro__", ())), thing):  # of base classes, too
+        # without docstrings (python -OO) options have no help
         text = inspect.cleandoc(part.__doc__ or "")
-        sentence, _, section = text.partition("\n\nParameters\n----------\n")
+        summary, _, section = text.partition("\n\nParameters\n----------\n")
         entries = re.split(r"^(?=\S)", section, flags=re.MULTILINE)
-        named = (entry.split("\n", 1) for entry in entries if entry)
-        texts |= {name: " ".join(told.split()) for name, told in named}
+        pairs = (entry.split("\n", 1) for entry in entries if entry)
+        texts |= {name: " ".join(entry_text.split()) for name, entry_text in pairs}
     parameters = []
     for name, parameter in inspect.signature(thing).parameters.items():
         kind = parameter.annotation
         if name in texts:
-            kind = _with_help(name, kind, texts[name], panel)
+            kind = _annotated(name, kind, texts[name], panel)
         parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
-    return sentence, parameters
+    return summary, parameters
 
 
-def _with_help(name: str, kind: Any, text: str, panel: str | None) -> Any:
-    """Return the type of a parameter with its help, the name of its value and its own names."""
-    base, *known = get_args(kind) if get_origin(kind) is Annotated else (kind,)
-    info = copy.copy(known[0]) if known else typer.Option()
-    head, found, rest = text.partition(": ")
-    if not found or (base is bool and not head.startswith("--")):
-        head, rest = "", text
+def _annotated(name: str, kind: Any, text: str, panel: str | None) -> Any:
+    """Return the type of a parameter with its help, the name of its value and its options."""
+    base, *declared = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+    info = copy.copy(declared[0]) if declared else typer.Option()
+    head, separator, help = text.partition(": ")
+    if not separator or (base is bool and not head.startswith("--")):
+        head, help = "", text
     words = head.split()
     if sum(not word.startswith("--") for word in words) > 1:
-        words, rest = [], text
-    info.help = rest
+        words, help = [], text
+    info.help = help
     info.rich_help_panel = panel or info.rich_help_panel
     info.metavar = " ".join(w for w in words if not w.startswith("--")) or info.metavar
     names = tuple(w for w in words if w.startswith("--"))
-    # a flag has no second name that takes it back
+    # a flag has no --no- form
     flag = (f"--{name.replace('_', '-')}",) if base is bool else ()
     info.param_decls = names or info.param_decls or flag
     return Annotated[base, info]

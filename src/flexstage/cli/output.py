@@ -1,4 +1,4 @@
-"""What commands print and write: tables, JSON and progress; files, refused before the work."""
+"""Output of commands: tables, JSON, progress and files; bad paths are refused before the work."""
 
 import json
 import os
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 import errno
 from pathlib import Path
 
-#: Work that is shorter says nothing of its progress where standard error is no terminal [s].
-_SILENT = 5.0
+#: Without a terminal, work shorter than this prints no progress [s].
+_QUIET_PERIOD = 5.0
 
 
 def console() -> "Console":
-    """Return the console that tables are printed on, without colours where it is no terminal."""
+    """Return the console for tables, without colours where it is no terminal."""
     import sys
 
     from rich.console import Console
 
-    # a file or a pipe has no width of its own, unless COLUMNS says what it is for
-    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    return Console(highlight=False, width=None if known else 140)
+    # a file or a pipe has no width of its own, except by COLUMNS
+    has_width = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return Console(highlight=False, width=None if has_width else 140)
 
 
 def print_table(
@@ -38,21 +38,21 @@ def print_table(
     headings: "Iterable[str | Column]",
     rows: "Iterable[Sequence[str | int | Cell]]",
 ) -> None:
-    """Print a table, as `flexstage.quantities.table.table` makes it of headings and cells."""
+    """Print a table of headings and cells, as `flexstage.quantities.table.table` makes it."""
     from flexstage.quantities.table import table
 
-    print_shown(screen, table(caption, headings, rows))
+    display_table(screen, table(caption, headings, rows))
 
 
-def print_shown(screen: "Console", shown: "Table") -> None:
-    """Print a table; a path above or below it stays whole, and is wider than the screen then."""
-    from flexstage.cli.tables import Printed
+def display_table(screen: "Console", table: "Table") -> None:
+    """Print a table; a path above or below it is never broken, even if wider than the screen."""
+    from flexstage.cli.tables import TableLayout
 
-    screen.print(Printed(shown), crop=False)
+    screen.print(TableLayout(table), crop=False)
 
 
 def count(number: int, noun: str) -> str:
-    """Return a number of things in words.
+    """Return a number of things with its noun.
 
     Examples
     --------
@@ -69,12 +69,12 @@ def print_json(value: Any) -> None:
 
 
 def print_result(result: "dict[str, Any]", files: "Iterable[object]") -> None:
-    """Print a result as one JSON object, with the files that were written of it."""
+    """Print a result as one JSON object, with the files that were written."""
     print_json(result | {"files": [str(file) for file in files]})
 
 
 def print_text(screen: "Console", text: str, style: str = "") -> None:
-    """Print a text, broken where a line may end."""
+    """Print a text, wrapped to the width of the screen."""
     from flexstage.cli.tables import wrapped
 
     lines = "\n".join(wrapped(text, screen.width))
@@ -84,7 +84,7 @@ def print_text(screen: "Console", text: str, style: str = "") -> None:
 def print_notes(
     screen: "Console", notes: "Iterable[str]", files: "Iterable[object]" = (), *, style: str = "dim"
 ) -> None:
-    """Print notes, and which files were written."""
+    """Print notes, and the files that were written."""
     for note in notes:
         print_text(screen, f"note: {note}", style)
     for file in files:
@@ -93,9 +93,9 @@ def print_notes(
 
 @contextmanager
 def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
-    """Show on standard error how far the work in this block has come.
+    """Show the progress of the work in this block on standard error.
 
-    On a terminal it is a bar with the time left; else a line where a long phase begins, and one
+    On a terminal a bar with the remaining time; otherwise a line when a long phase begins, and one
     every ten seconds.
     """
     import sys
@@ -106,7 +106,7 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
     if not sys.stderr.isatty():
         from flexstage.base.progress import in_lines
 
-        with in_lines(lambda line: typer.echo(line, err=True), command, _SILENT):
+        with in_lines(lambda line: typer.echo(line, err=True), command, _QUIET_PERIOD):
             yield
         return
     from rich.console import Console
@@ -124,12 +124,14 @@ def progress_bar(command: str, *, quiet: bool = False) -> "Iterator[None]":
         TextColumn("{task.description:<17}"),
         BarColumn(),
         TimeElapsedColumn(),
-        TextColumn("left:"),
+        TextColumn("remaining:"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        with listen(lambda what, done: bar.update(task, description=what, completed=done)):
+        with listen(
+            lambda phase, fraction: bar.update(task, description=phase, completed=fraction)
+        ):
             yield
 
 
@@ -137,20 +139,22 @@ _IMAGES = (".svg", ".png", ".pdf")
 
 
 def output_path(text: str | Path) -> Path:
-    """Return the path that a word names.
+    """Return the path of an argument, or of the default of an option.
 
-    An empty text is refused, as of a variable of the shell that is not set: the working directory
-    would be meant instead. A default of an option is handed on in the same way.
+    An empty text, as of an unset variable of the shell, is refused: it would mean the working
+    directory.
     """
     if not str(text).strip():
         raise typer.BadParameter("expected a path, got an empty text")
     if "\0" in str(text):
-        raise typer.BadParameter(f"expected a path, got {text!r}: no path holds a NUL character")
+        raise typer.BadParameter(
+            f"expected a path, got {text!r}: no path can contain a NUL character"
+        )
     return Path(text)
 
 
 def writable(path: Path) -> Path:
-    """Return the path of a file, refusing it before the work where none can be written there."""
+    """Return the path of a file; refuse one that cannot be written."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a folder: name a file in it", str(path))
     _folder(path.parent)
@@ -158,7 +162,7 @@ def writable(path: Path) -> Path:
 
 
 def stage_file(out: Path | None, name: str, *, force: bool) -> Path:
-    """Return where a stage file goes that people then edit, refusing to replace one unasked."""
+    """Return the path of a new stage file; refuse to replace one without `force`."""
     from flexstage.base.errors import StageError
 
     path = out if out is not None else writable(Path(name))
@@ -177,7 +181,7 @@ def _figure(text: str | Path) -> Path:
     path = output_path(text)
     if path.suffix.lower() not in _IMAGES:
         raise typer.BadParameter(
-            f"the name must end in one of {', '.join(_IMAGES)}, which says the format, got "
+            f"the name must end in one of {', '.join(_IMAGES)}, which selects the format, got "
             f"'{path.name}'"
         )
     return writable(path)
@@ -191,31 +195,57 @@ def _folder(text: str | Path) -> Path:
     return path
 
 
-#: The one file that a command writes: refused before the work where none can be written there.
+#: The single file that a command writes: an unwritable path is refused before the work.
 OutputFile = Annotated[Path | None, typer.Option("--out", parser=_file, metavar="FILE")]
-#: A picture of the result, refused as well where its ending is that of no picture.
+#: A picture of the result: a suffix of no picture is refused as well.
 FigureFile = Annotated[Path | None, typer.Option("--figure", parser=_figure, metavar="FILE")]
-#: Where a command writes several files: refused before the work where no folder can be.
+#: The folder of several files: an unwritable one is refused before the work.
 FOLDER = typer.Option("--folder", parser=_folder, metavar="FOLDER")
 OutputFolder = Annotated[Path | None, FOLDER]
 
 
+#: The format of a record by the suffix of its file.
+_RECORD_FORMATS = {
+    ".csv": "csv", ".npz": "npz", ".h5": "hdf5", ".hdf5": "hdf5", ".mat": "mat",
+}  # fmt: skip
+
+
+def record_format(out: Path | None) -> str:
+    """Return the format of a record by the suffix of its file; CSV without a file.
+
+    Examples
+    --------
+    >>> record_format(Path("drive.h5"))
+    'hdf5'
+    """
+    if out is None:
+        return "csv"
+    if out.suffix.lower() not in _RECORD_FORMATS:
+        from flexstage.base.errors import ModelError
+
+        raise ModelError(
+            f"--out must end in one of {', '.join(_RECORD_FORMATS)}, got '{out.name}': the suffix "
+            "selects the format"
+        )
+    return _RECORD_FORMATS[out.suffix.lower()]
+
+
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
+    """Write a file completely or not at all."""
     from flexstage.files.write import write_files
 
     write_files(path.parent, {path.name: content})
 
 
 def write_folder(folder: Path | None, files: "Callable[[], Mapping[str, bytes]]") -> list[Path]:
-    """Write the files of a result where a folder was asked for; return which."""
+    """Write the files of a result to a folder, if one is named; return their paths."""
     from flexstage.files.write import write_files
 
     return [] if folder is None else write_files(folder, files())
 
 
 def write_picture(path: Path | None, draw: "Callable[[], Figure]") -> list[Path]:
-    """Write a picture where one was asked for, in the format that its ending says; return it."""
+    """Write a picture, if a path is named, in the format of its suffix; return the path."""
     if path is None:
         return []
     from flexstage.report.figures.style import encode

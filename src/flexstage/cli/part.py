@@ -1,4 +1,4 @@
-"""`flexstage part`: solids that were drawn elsewhere: faces, mass, modes, stiffness, ratio."""
+"""`flexstage part`: faces, mass, modes, stiffness and ratio of solids from a STEP file."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flexstage.quantities.material import Material
 
 _MOTIONS = ("x", "y", "z", "about x", "about y", "about z")
-_NOTHING = 1e-9  # part of the largest figure of a table, or of the part's size, that counts as none
+_ROUNDING = 1e-9  # relative to the largest value of a table, or to the size of the part
 
 
 @from_docstring
@@ -45,122 +45,122 @@ def part(
     file
         FILE: A STEP file with solids.
     figure
-        Draw the part from both sides, with the names of its faces. (.svg, .png or .pdf)
+        Draw the part from four sides with the names of its faces (.svg, .png or .pdf).
     """
     from flexstage.fem.part_analysis import part_result
 
     with progress_bar("part", quiet=quiet or not request.order):
-        found = part_result(
+        result = part_result(
             file, request, expect=lambda e: typer.echo(f"expected: {e.words()}", err=True)
         )
-    write_picture(figure, found.plot)
+    write_picture(figure, result.plot)
     if json:
-        print_json(found.to_dict())
+        print_json(result.to_dict())
         return
     screen = console()
-    _faces(screen, found.part)
-    _bodies(screen, found.part, found.materials)
-    if found.analysis is not None:
-        _found(screen, found.analysis)
+    _faces(screen, result.part)
+    _bodies(screen, result.part, result.materials)
+    if result.analysis is not None:
+        _print_analysis(screen, result.analysis)
     if figure is not None:
         screen.print(f"picture: {figure}", markup=False)
 
 
-def _millimetres(read: "Part", point: Sequence[float]) -> str:
-    nothing = _NOTHING * math.dist(*read.bounding_box)
-    return ", ".join(f"{0.0 if abs(c) < nothing else 1e3 * c:.4g}" for c in point)
+def _millimetres(part: "Part", point: Sequence[float]) -> str:
+    smallest = _ROUNDING * math.dist(*part.bounding_box)
+    return ", ".join(f"{0.0 if abs(c) < smallest else 1e3 * c:.4g}" for c in point)
 
 
-def _faces(screen: "Console", read: "Part") -> None:
-    several = len(read.bodies) > 1
+def _faces(screen: "Console", part: "Part") -> None:
+    several = len(part.bodies) > 1
     heads = ["face", "<kind", "area, mm²", "<centre, mm"]
     rows = [
-        [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(read, face.centre)]
-        for face in read.faces
+        [face.name, face.kind, f"{face.area * 1e6:.4g}", _millimetres(part, face.centre)]
+        for face in part.faces
     ]
     if several:
-        heads.append("<of")
-        rows = [[*row, " and ".join(f.bodies)] for row, f in zip(rows, read.faces, strict=True)]
-    print_table(screen, f"faces of {read.source}", heads, rows)
+        heads.append("<solid")
+        rows = [[*row, " and ".join(f.bodies)] for row, f in zip(rows, part.faces, strict=True)]
+    print_table(screen, f"faces of {part.source}", heads, rows)
 
 
-def _bodies(screen: "Console", read: "Part", of: Mapping[str, "Material"]) -> None:
-    if len(read.bodies) == 1:
-        (what,) = of.values()
+def _bodies(screen: "Console", part: "Part", of: Mapping[str, "Material"]) -> None:
+    if len(part.bodies) == 1:
+        (material,) = of.values()
         screen.print(
-            f"volume {read.volume * 1e9:.6g} mm³; {what.name}: {read.mass(of) * 1e3:.5g} g",
+            f"volume {part.volume * 1e9:.6g} mm³; {material.name}: {part.mass(of) * 1e3:.5g} g",
             markup=False,
         )
         return
     rows = [
         (name, of[name].name, f"{solid.mass:.6g}", f"{of[name].density * solid.mass * 1e-6:.5g}")
-        for name, solid in zip(read.bodies, read.shape.solids, strict=True)
+        for name, solid in zip(part.bodies, part.shape.solids, strict=True)
     ]
-    rows.append(("all", "", f"{read.volume * 1e9:.6g}", f"{read.mass(of) * 1e3:.5g}"))
+    rows.append(("all", "", f"{part.volume * 1e9:.6g}", f"{part.mass(of) * 1e3:.5g}"))
     print_table(screen, "solids", ("solid", "<material", "volume, mm³", "mass, g"), rows)
-    joints = [f for f in read.faces if len(f.bodies) > 1]
-    said = "; ".join(f"{' and '.join(f.bodies)} at {f.name}" for f in joints)
-    screen.print(f"joined, as if bonded: {said or 'none'}", markup=False)
+    joints = [f for f in part.faces if len(f.bodies) > 1]
+    joints_text = "; ".join(f"{' and '.join(f.bodies)} at {f.name}" for f in joints)
+    screen.print(f"bonded joints: {joints_text or 'none'}", markup=False)
 
 
-def _found(screen: "Console", found: "PartAnalysis") -> None:
+def _print_analysis(screen: "Console", analysis: "PartAnalysis") -> None:
     import numpy as np
 
     from flexstage.quantities.quantity import number
 
-    how = f"held at {', '.join(found.held)}" if found.held else "free"
-    kinds = list(found.results)
-    count = max(len(r.frequency_hz) for r in found.results.values())
+    support = f"fixed at {', '.join(analysis.held)}" if analysis.held else "free"
+    kinds = list(analysis.results)
+    count = max(len(r.frequency_hz) for r in analysis.results.values())
     if count:
-        columns = kinds if found.held else ["frequency"]
+        columns = kinds if analysis.held else ["frequency"]
         rows = (
-            (k + 1, *(number(float(r.frequency_hz[k])) for r in found.results.values()))
+            (k + 1, *(number(float(r.frequency_hz[k])) for r in analysis.results.values()))
             for k in range(count)
         )
-        print_table(screen, f"natural frequencies in Hz, {how}", ("mode", *columns), rows)
-    at = _millimetres(found.part, found.at)
-    for kind, result in found.results.items():
+        print_table(screen, f"natural frequencies in Hz, {support}", ("mode", *columns), rows)
+    at = _millimetres(analysis.part, analysis.at)
+    for kind, result in analysis.results.items():
         if result.stiffness is not None:
             scale = abs(result.stiffness).max()
-            shown = [
-                (name, *("≈ 0" if abs(v) < _NOTHING * scale else number(v) for v in row))
+            matrix_rows = [
+                (name, *("≈ 0" if abs(v) < _ROUNDING * scale else number(v) for v in row))
                 for name, row in zip(_MOTIONS, result.stiffness, strict=True)
             ]
-            alone = 1.0 / np.diag(np.linalg.inv(result.stiffness))
+            free_stiffness = 1.0 / np.diag(np.linalg.inv(result.stiffness))
             print_table(
                 screen,
-                f"stiffness of {', '.join(found.moved)} about ({at}) mm, in N, m and rad, "
-                f"{kind} interfaces",
+                f"stiffness matrix of {', '.join(analysis.moved)} about ({at}) mm, in N, m and "
+                f"rad, {kind} interfaces",
                 ("force \\ motion", *_MOTIONS),
-                (*shown, ("others free", *(number(float(v)) for v in alone))),
+                (*matrix_rows, ("others free", *(number(float(v)) for v in free_stiffness))),
             )
-    _ratio(screen, found)
-    kinds_said = (
-        "; what is built is as a rule between rigid and mean interfaces" if len(kinds) > 1 else ""
+    _ratio(screen, analysis)
+    advice = (
+        "; a real part usually lies between rigid and mean interfaces" if len(kinds) > 1 else ""
     )
-    said = (
-        f"{found.elements} elements of order {found.order}, {found.unknowns} unknowns; small "
-        f"displacements, isotropic materials{kinds_said}"
+    note = (
+        f"{analysis.elements} elements of order {analysis.order}, {analysis.unknowns} unknowns; "
+        f"small displacements, isotropic materials{advice}"
     )
-    print_notes(screen, [said])
+    print_notes(screen, [note])
 
 
-def _ratio(screen: "Console", found: "PartAnalysis") -> None:
+def _ratio(screen: "Console", analysis: "PartAnalysis") -> None:
     from flexstage.quantities.quantity import number
 
-    rows = {kind: r.ratio for kind, r in found.results.items() if r.ratio is not None}
-    if not rows:
+    ratios = {kind: r.ratio for kind, r in analysis.results.items() if r.ratio is not None}
+    if not ratios:
         return
-    axis = ", ".join(f"{c + 0.0:.4g}" for c in next(iter(rows.values())).direction.round(6))
+    axis = ", ".join(f"{c + 0.0:.4g}" for c in next(iter(ratios.values())).direction.round(6))
     motions = (f"{m}, {'rad/m' if 'about' in m else 'm/m'}" for m in _MOTIONS)
-    shown = []
-    for kind, found_ratio in rows.items():
-        size = abs(found_ratio.motion).max()
-        motion = ("≈ 0" if abs(v) < 1e-6 * size else number(v) for v in found_ratio.motion)
-        shown.append((kind, *motion, number(found_ratio.ratio), number(found_ratio.stiffness)))
+    table_rows = []
+    for kind, ratio in ratios.items():
+        size = abs(ratio.motion).max()
+        motion = ("≈ 0" if abs(v) < 1e-6 * size else number(v) for v in ratio.motion)
+        table_rows.append((kind, *motion, number(ratio.ratio), number(ratio.stiffness)))
     print_table(
         screen,
-        f"motion of the output for each metre that the ends move apart along ({axis})",
+        f"motion of the output per metre of relative motion of the ends along ({axis})",
         ("interfaces", *motions, "ratio", "stiffness at the ends, N/m"),
-        shown,
+        table_rows,
     )

@@ -1,4 +1,4 @@
-"""`flexstage predict`: an identified model on a record that it was not made from."""
+"""`flexstage predict`: test of an identified model on other records."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,9 +12,9 @@ from flexstage.cli.options import (
 from flexstage.cli.output import (
     FigureFile,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     print_text,
     write_picture,
 )
@@ -36,15 +36,15 @@ def predict(
     *,
     columns: DriveColumns,
     request: PredictRequest,
-    how: ReadOptions,
+    read_options: ReadOptions,
     figure: FigureFile = None,
     json: JsonOption = False,
 ) -> None:
     """Test an identified model on other records.
 
-    The model is not fitted again. The motion before the record, from which its creep begins, is
-    estimated from the first samples, until both ends of the range were reached. These samples do
-    not count in the errors. If that motion is known, give it by `--start`.
+    The model is not refitted. The motion before the record, which determines the creep in it, is
+    estimated from the first samples, until both ends of the range have been reached. These samples
+    do not count in the errors. If that motion is known, give it by `--start`.
 
     Parameters
     ----------
@@ -53,33 +53,33 @@ def predict(
     records
         RECORD...: Measured files of the same drive.
     figure
-        Draw the measured and the predicted loop of the first record. (.svg, .png or .pdf)
+        Draw the measured and the predicted loop of the first record (.svg, .png or .pdf).
     """
     from flexstage.hysteresis.prediction import predict_by_file
     from flexstage.records.drives import read_drive
     from flexstage.report.identification import band_in_words
 
-    read, driven, follows = read_drive(records, columns, how)
-    result = predict_by_file(model, read, driven, follows, request)
-    written = write_picture(figure, result.plot)
+    records_read, driven, follows = read_drive(records, columns, read_options)
+    result = predict_by_file(model, records_read, driven, follows, request)
+    files = write_picture(figure, result.plot)
     if json:
-        print_result(result.to_dict(), written)
+        print_result(result.to_dict(), files)
         return
     screen, drive = console(), result.file.model
     print_predictions(screen, result.found, drive, f"{drive.hysteresis.kind}, {model}")
     if result.band is not None:
         screen.print(band_in_words(result.found, result.band))
-    print_notes(screen, (), written)
+    print_notes(screen, (), files)
 
 
 def print_predictions(
-    screen: "Console", found: "Sequence[Prediction]", model: "DriveModel", title: str
+    screen: "Console", predictions: "Sequence[Prediction]", model: "DriveModel", title: str
 ) -> None:
-    """Print a table of how a model predicts records."""
+    """Print the errors of a model on records."""
     from flexstage.report.identification import prediction_in_words, predictions_table
 
-    print_shown(screen, predictions_table(found, title))
-    for p in found:
-        for said in prediction_in_words(p, model):
-            print_text(screen, said)
-        print_notes(screen, p.notes, style="yellow")
+    display_table(screen, predictions_table(predictions, title))
+    for prediction in predictions:
+        for line in prediction_in_words(prediction, model):
+            print_text(screen, line)
+        print_notes(screen, prediction.notes, style="yellow")

@@ -1,4 +1,4 @@
-"""`flexstage records`: what is in measured files, before anything is asked of them."""
+"""`flexstage records`: contents of measured files."""
 
 import shlex
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexstage.cli.options import JsonOption, from_docstring
-from flexstage.cli.output import console, print_json, print_notes, print_shown, print_text
+from flexstage.cli.output import console, display_table, print_json, print_notes, print_text
 from flexstage.files.request import option_words
 from flexstage.records.read_options import ReadOptions
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def records(
     files: Annotated[list[Path], typer.Argument()],
     *,
-    how: ReadOptions,
+    read_options: ReadOptions,
     json: JsonOption = False,
 ) -> None:
     """List columns, units, rate and gaps of measured files.
@@ -31,30 +31,35 @@ def records(
     """
     from flexstage.records.contents import contents, read_whole
 
-    each = how.of_each(len(files))
-    found = [contents(*read_whole(file, own)) for file, own in zip(files, each, strict=True)]
-    if how.resample:
-        for one in found:
-            one["notes"].append("listed as it is in the file: --resample is for the next command")
+    options = read_options.of_each(len(files))
+    listings = [
+        contents(*read_whole(file, file_options))
+        for file, file_options in zip(files, options, strict=True)
+    ]
+    if read_options.resample:
+        for listing in listings:
+            listing["notes"].append(
+                "listed as stored in the file: --resample applies to the next command"
+            )
     if json:
-        print_json({"files": found})
+        print_json({"files": listings})
         return
-    for one, own in zip(found, each, strict=True):
-        _print(console(), one, option_words(own))
+    for listing, file_options in zip(listings, options, strict=True):
+        _print(console(), listing, option_words(file_options))
 
 
-def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:
+def _print(screen: "Console", listing: dict[str, Any], options: list[str]) -> None:
     from flexstage.records.contents import contents_table, length_in_words
     from flexstage.records.likely_columns import next_job
 
-    print_shown(screen, contents_table(one, one["file"]))
-    print_text(screen, length_in_words(one))
-    gaps = one.get("gaps", [])
+    display_table(screen, contents_table(listing, listing["file"]))
+    print_text(screen, length_in_words(listing))
+    gaps = listing.get("gaps", [])
     for gap in gaps[:5]:
         screen.print(f"gap of {gap['seconds']:.4g} s after sample {gap['after_sample']}")
     if len(gaps) > 5:
         screen.print(f"and {len(gaps) - 5} more gaps")
-    print_notes(screen, one["notes"])
-    if job := next_job(one):
-        line = shlex.join(["flexstage", job, one["file"], *asked])
-        screen.print(f"to go on: {line}", markup=False, soft_wrap=True)
+    print_notes(screen, listing["notes"])
+    if job := next_job(listing):
+        line = shlex.join(["flexstage", job, listing["file"], *options])
+        screen.print(f"next command: {line}", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`flexstage run`: an experiment plan on an instrument, real or simulated."""
+"""`flexstage run`: an experiment plan on a real or simulated instrument."""
 
 import sys
 from dataclasses import replace
@@ -12,9 +12,9 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring, refus
 from flexstage.cli.output import (
     OutputFolder,
     console,
+    display_table,
     print_json,
     print_notes,
-    print_shown,
     progress_bar,
     write_file,
 )
@@ -34,7 +34,7 @@ def run(
     dry_run: bool = False,
     out: OutputFolder = None,
     stage: str | None = None,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -58,39 +58,39 @@ def run(
     from flexstage.experiments.plan import stage_source
 
     file = find_plan(plan)
-    wanted = read_plan(file)
-    own = taken.stage(stage if stage is not None else stage_source(wanted, file.parent))
-    wanted.chosen(request.only)
+    test_plan = read_plan(file)
+    described = options.stage(stage if stage is not None else stage_source(test_plan, file.parent))
+    test_plan.chosen(request.only)
     if dry_run:
         from flexstage.experiments import dry_run as tried
 
-        found = tried(wanted, own, only=request.only)
+        rehearsal = tried(test_plan, described, only=request.only)
         if json:
-            print_json(found.to_dict())
+            print_json(rehearsal.to_dict())
         else:
-            _print_dry(found, wanted.title or file.stem)
-        if found.problems:
-            typer.echo(f"flexstage: {found.problems[0]}", err=True)
+            _print_dry(rehearsal, test_plan.title or file.stem)
+        if rehearsal.problems:
+            typer.echo(f"flexstage: {rehearsal.problems[0]}", err=True)
             raise typer.Exit(2)
         return
     if bench.instrument is None:
         raise PlanError(
-            "no instrument is named: give --instrument, such as gcs://192.168.0.10:50000, or "
-            "twin://?seed=1 for a simulation; or look at the plan with --dry-run"
+            "no instrument: give --instrument, such as gcs://192.168.0.10:50000, or twin://?seed=1 "
+            "for a simulation; or check the plan with --dry-run"
         )
     from flexstage.files.write import require_writable
 
-    lacking = "--resume needs --folder: the folder of the run that was interrupted"
-    refuse(request.resume and out is None, lacking, PlanError)
+    message = "--resume needs --folder, the folder of the interrupted run"
+    refuse(request.resume and out is None, message, PlanError)
     from flexstage.experiments.runner import new_run_folder
 
-    folder = out if out is not None else new_run_folder(Path("runs"), own.name, file.stem)
+    folder = out if out is not None else new_run_folder(Path("runs"), described.name, file.stem)
     require_writable(folder)
     from flexstage.instruments.catalogue.database import chosen_catalogue
 
     catalogue = chosen_catalogue(bench.catalogue)
-    result = _carried_out(
-        bench, wanted, folder, request, stage=own, title=file.stem, catalogue=catalogue,
+    result = _carry_out(
+        bench, test_plan, folder, request, stage=described, title=file.stem, catalogue=catalogue,
         quiet=quiet,
     )  # fmt: skip
     from flexstage.report.run import run_text
@@ -102,7 +102,7 @@ def run(
     _print(result)
 
 
-def _carried_out(
+def _carry_out(
     bench: BenchRequest,
     plan: Any,
     folder: Path,
@@ -110,7 +110,7 @@ def _carried_out(
     *,
     stage: Any,
     quiet: bool,
-    **more: Any,
+    **settings: Any,
 ) -> "PlanResult":
     from flexstage.experiments import run_plan
     from flexstage.instruments.connect import connect
@@ -121,16 +121,16 @@ def _carried_out(
         if not device.identity.simulated and not bench.yes:
             _ask(device.identity, stage.name)
         if device.identity.simulated and address.startswith("ni:"):
-            # a card is simulated where its driver is missing, whoever meant to measure
+            # a card whose driver is missing is simulated: the user may have meant to measure
             typer.echo(f"flexstage: {device.settings().get('driver', address)}", err=True)
         try:
             with progress_bar("run", quiet=quiet):
-                return run_plan(plan, device, folder, request, stage=stage, **more)
+                return run_plan(plan, device, folder, request, stage=stage, **settings)
         except (KeyboardInterrupt, SystemExit):  # the latter by a signal to end
             sys.stderr.write(f"\nthe stage was stopped; {_how_to_resume(folder)}\n")
             raise
         except FlexstageError as error:
-            # a folder that is refused holds nothing of this run
+            # a refused folder contains nothing of this run
             refused = "--resume" in str(error) or "choose another folder" in str(error)
             if (folder / "run.json").exists() and not refused:
                 raise type(error)(f"{error}; {_how_to_resume(folder)}") from error
@@ -140,30 +140,27 @@ def _carried_out(
 
 
 def _how_to_resume(folder: Path) -> str:
-    return (
-        f"what is complete is kept: take it up again by the same command with --resume --folder "
-        f"{folder}"
-    )
+    return f"complete steps are kept: to resume, repeat the command with --resume --folder {folder}"
 
 
 def _ask(identity: Any, stage: str) -> None:
-    """Ask before a real stage moves."""
+    """Ask for confirmation before a real stage moves."""
     name = " ".join(w for w in (identity.vendor, identity.model, identity.serial_number) if w)
     if not sys.stdin.isatty():
         raise PlanError(
-            f"{name} is a real instrument, and nobody can be asked here: give --yes to let the "
-            f"stage {stage} move"
+            f"{name} is a real instrument, and there is no terminal to ask for confirmation: give "
+            f"--yes to let the stage {stage} move"
         )
-    if not typer.confirm(f"{name} will move the stage {stage}. Is its way clear?", err=True):
+    if not typer.confirm(f"{name} will move the stage {stage}. Is its path clear?", err=True):
         raise typer.Abort
 
 
-def _print_dry(found: "DryRun", title: str) -> None:
+def _print_dry(rehearsal: "DryRun", title: str) -> None:
     from flexstage.report.run import dry_run_table
 
     screen = console()
-    print_shown(screen, dry_run_table(found, title))
-    for step in found.steps:
+    display_table(screen, dry_run_table(rehearsal, title))
+    for step in rehearsal.steps:
         print_notes(screen, (f"{step.name}: {note}" for note in step.notes))
 
 
@@ -172,11 +169,11 @@ def _print(result: "PlanResult") -> None:
 
     screen = console()
     if result.figures:
-        print_shown(screen, figures_table(result))
+        display_table(screen, figures_table(result))
     for step in result.steps:
         if step.line:
             screen.print(step.line, markup=False)
-        if (shown := step.table) is not None:
-            print_shown(screen, replace(shown, notes=()))
-            print_notes(screen, shown.notes)
+        if (table := step.table) is not None:
+            display_table(screen, replace(table, notes=()))
+            print_notes(screen, table.notes)
     print_notes(screen, result.notes, [result.folder / "report.html"])

@@ -1,4 +1,4 @@
-"""`flexstage runs`: what was recorded, and what became of it."""
+"""`flexstage runs`: the catalogue of recorded runs, and the recovery of streams."""
 
 import dataclasses
 from pathlib import Path
@@ -13,10 +13,10 @@ from flexstage.cli.output import (
     OutputFile,
     console,
     count,
+    display_table,
     output_path,
     print_json,
     print_notes,
-    print_shown,
     print_table,
 )
 from flexstage.files.plain import picked
@@ -39,7 +39,7 @@ _Catalogue = Annotated[
     option(
         "URL",
         "Catalogue: a file, or the URL of a database, such as postgresql://user@host/database "
-        "(default: FLEXSTAGE_CATALOGUE, or that of the user).",
+        "(default: FLEXSTAGE_CATALOGUE, or the user's catalogue).",
         "--catalogue",
     ),
 ]
@@ -55,20 +55,20 @@ def _list(
 ) -> None:
     """List the runs in the catalogue, latest first."""
     if context.invoked_subcommand is not None:
-        given = option_words(request)
-        given += [name for name, v in (("--catalogue", catalogue), ("--json", json)) if v]
-        if given:
-            raise typer.BadParameter(f"give {given[0]} behind '{context.invoked_subcommand}'")
+        words = option_words(request)
+        words += [name for name, v in (("--catalogue", catalogue), ("--json", json)) if v]
+        if words:
+            raise typer.BadParameter(f"give {words[0]} after '{context.invoked_subcommand}'")
         return
     from flexstage.instruments.catalogue.catalogue import Catalogue
 
     with Catalogue.open(catalogue, make=False) as opened:
-        found = opened.runs(request)
+        entries = opened.runs(request)
         where = opened.address
     if json:
-        print_json({"catalogue": where, "runs": [_plain(entry) for entry in found]})
+        print_json({"catalogue": where, "runs": [_plain(entry) for entry in entries]})
     else:
-        _print_list(found, where)
+        _print_list(entries, where)
 
 
 @runs.command(cls=CliCommand)
@@ -78,9 +78,9 @@ def show(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Show the catalogue's entry of a run.
+    """Show the catalogue entry of a run.
 
-    Checks whether its file has changed since it was entered.
+    It says whether the file has changed since it was entered.
 
     Parameters
     ----------
@@ -119,9 +119,9 @@ def add(
     catalogue: _Catalogue = None,
     json: JsonOption = False,
 ) -> None:
-    """Enter the runs of folders into the catalogue.
+    """Add the runs of folders to the catalogue.
 
-    For runs that could not be entered when they were measured.
+    This is for runs that could not be entered when they were measured.
 
     Parameters
     ----------
@@ -131,12 +131,12 @@ def add(
     from flexstage.instruments.catalogue.catalogue import Catalogue
     from flexstage.instruments.catalogue.folder import folder_entries
 
-    read = [folder_entries(folder) for folder in folders]
-    entries = [entry for found, _ in read for entry in found]
-    problems = [problem for _, told in read for problem in told]
+    results = [folder_entries(folder) for folder in folders]
+    entries = [entry for run_entries, _ in results for entry in run_entries]
+    problems = [problem for _, run_problems in results for problem in run_problems]
     if not entries:
         where = ", ".join(f"'{folder}'" for folder in folders)
-        raise RecordError("; ".join([f"no record of a run is in {where}", *problems]))
+        raise RecordError("; ".join([f"no records of runs in {where}", *problems]))
     with Catalogue.open(catalogue) as opened:
         new = sum(opened.enter_run(entry) for entry in entries)
         where = opened.address
@@ -153,9 +153,9 @@ def add(
     else:
         _print_list(entries, where)
         screen = console()
-        screen.print(f"entered {new}, known before {len(entries) - new}")
+        screen.print(f"entered {new}, already known {len(entries) - new}")
         for problem in problems:
-            screen.print(f"left out: {problem}", style="yellow", markup=False)
+            screen.print(f"skipped: {problem}", style="yellow", markup=False)
     if problems:
         raise typer.Exit(1)
 
@@ -171,38 +171,38 @@ def recover(
 ) -> None:
     """Recover the intact part of a stream left by a crash.
 
-    It is written as HDF5.
+    The result is an HDF5 file.
 
     Parameters
     ----------
     file
         FILE: The stream file.
     out
-        The HDF5 file to write (default: beside the stream).
+        The HDF5 file to write (default: in the folder of the stream).
     look
-        Only report what is intact; write nothing.
+        Only report the intact part; write nothing.
     remove
         Remove the stream after the HDF5 file has been read back and compared.
     """
     from flexstage.instruments.recording.archive import examine, rescued
 
-    found = examine(file)
+    examined = examine(file)
     target = None
     if not look:
         target = rescued(file, out, remove=remove)
     removed = not file.exists()
-    rate = found.head.sample_rate_hz
+    rate = examined.head.sample_rate_hz
     result: dict[str, Any] = {
         "stream": str(file),
-        "stage": found.head.run.stage,
-        "identifier": found.head.run.identifier,
-        "samples": found.samples,
-        "duration": found.samples / rate,
+        "stage": examined.head.run.stage,
+        "identifier": examined.head.run.identifier,
+        "samples": examined.samples,
+        "duration": examined.samples / rate,
         "sample_rate_hz": rate,
-        "channels": [name for name, _ in found.head.channels],
-        "complete": found.complete,
-        "lost": [dataclasses.asdict(part) for part in found.lost],
-        "notes": list(found.notes),
+        "channels": [name for name, _ in examined.head.channels],
+        "complete": examined.complete,
+        "lost": [dataclasses.asdict(part) for part in examined.lost],
+        "notes": list(examined.notes),
         "file": None if target is None else str(target),
         "stream_removed": removed,
     }
@@ -211,15 +211,15 @@ def recover(
         return
     screen = console()
     screen.print(
-        f"{count(found.samples, 'sample')} of {count(len(found.head.channels), 'channel')} are "
-        f"safe: {found.samples / rate:.6g} s at {rate:g} Hz",
+        f"{count(examined.samples, 'sample')} of {count(len(examined.head.channels), 'channel')} "
+        f"intact: {examined.samples / rate:.6g} s at {rate:g} Hz",
         markup=False,
     )
-    print_notes(screen, found.notes, style="yellow")
+    print_notes(screen, examined.notes, style="yellow")
     if target is not None:
         screen.print(f"wrote {target}", markup=False, soft_wrap=True)
-        kept = "removed" if removed else "kept"
-        screen.print(f"{kept} {file}", markup=False, soft_wrap=True)
+        outcome = "removed" if removed else "kept"
+        screen.print(f"{outcome} {file}", markup=False, soft_wrap=True)
 
 
 @runs.command(cls=CliCommand)
@@ -234,13 +234,13 @@ def calibrations(
     from flexstage.report.run import shown_time
 
     with Catalogue.open(catalogue, make=False) as opened:
-        found = opened.calibrations(request)
+        entries = opened.calibrations(request)
         where = opened.address
     if json:
-        rows = [_plain_calibration(entry) for entry in found]
+        rows = [_plain_calibration(entry) for entry in entries]
         print_json({"catalogue": where, "calibrations": rows})
         return
-    heads = "what", "value", "standard uncertainty", "<unit", "<stage", "<serial number"
+    heads = "quantity", "value", "standard uncertainty", "<unit", "<stage", "<serial number"
     rows = (
         (
             entry.what,
@@ -252,36 +252,36 @@ def calibrations(
             shown_time(entry.valid_from),
             entry.run[:8],
         )
-        for entry in found
+        for entry in entries
     )
-    title = f"{count(len(found), 'calibration')} in {where}"
+    title = f"{count(len(entries), 'calibration')} in {where}"
     print_table(console(), title, (*heads, "<valid from, UTC", "~<run"), rows)
 
 
 def _plain(entry: "RunEntry") -> dict[str, Any]:
     stage = entry.stage
-    rest = {
+    details = {
         f.name: getattr(entry, f.name)
         for f in dataclasses.fields(entry)
         if f.name not in ("stage", "started")
     }
     return {
-        "identifier": rest.pop("identifier"),
+        "identifier": details.pop("identifier"),
         "stage": stage.name,
         "serial_number": stage.serial_number,
         "design": stage.design,
         "stage_hash": stage.hash,
         "started": entry.started.isoformat(),
-        **rest,
+        **details,
         "duration": entry.duration,
     }
 
 
 def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
     stage = picked(entry.stage, "stage=name", "serial_number")
-    own = picked(entry, "what", "value", "standard_uncertainty", "unit")
+    value = picked(entry, "what", "value", "standard_uncertainty", "unit")
     return {
-        **own,
+        **value,
         **stage,
         "valid_from": entry.valid_from.isoformat(),
         **picked(entry, "run", "note"),
@@ -289,18 +289,18 @@ def _plain_calibration(entry: "CalibrationEntry") -> dict[str, Any]:
 
 
 def _state_of(entry: "RunEntry") -> str:
-    """Say whether the file of a run is what was entered."""
+    """Return whether the file of a run is as entered, changed or missing."""
     from flexstage.base.provenance import file_hash
 
     path = Path(entry.folder) / entry.file
     try:
         digest = file_hash(path)
     except OSError:
-        return "not there"
+        return "missing"
     return "as entered" if digest == entry.sha256 else "changed since it was entered"
 
 
-def _print_list(found: "list[RunEntry]", where: str) -> None:
+def _print_list(entries: "list[RunEntry]", where: str) -> None:
     from flexstage.report.run import runs_table
 
-    print_shown(console(), runs_table(found, f"{count(len(found), 'run')} in {where}"))
+    display_table(console(), runs_table(entries, f"{count(len(entries), 'run')} in {where}"))

@@ -1,4 +1,4 @@
-"""`flexstage sensitivity`: which parameter of a stage moves which figure."""
+"""`flexstage sensitivity`: change of each figure of a stage by each parameter."""
 
 from contextlib import suppress
 
@@ -12,9 +12,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
     write_folder,
     write_picture,
@@ -30,45 +30,45 @@ def sensitivity(
     units: bool = False,
     folder: OutputFolder = None,
     figure: FigureFile = None,
-    taken: ParameterOptions = NOTHING_SET,
+    options: ParameterOptions = NOTHING_SET,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Show which parameter of a stage moves which figure.
+    """Sensitivity analysis: change of each figure by each parameter.
 
     Parameters
     ----------
     units
-        Show the changes in the units of the figures, in place of per cent of them.
+        Print changes in the units of the figures, not in per cent.
     folder
-        Write sensitivity.json, sensitivity.csv and a picture, sensitivity.svg; with --hinges also
-        necks.svg, the necks that move a figure most on the drawing of the stage.
+        Write sensitivity.json, sensitivity.csv and sensitivity.svg; with --hinges also necks.svg,
+        a drawing of the stage with the most influential necks.
     figure
-        Draw the changes as a map of colours. (.svg, .png or .pdf)
+        Draw the changes as a colour map (.svg, .png or .pdf).
     """
-    from flexstage.report.explored_files import sensitivity_files
     from flexstage.report.figures.sensitivity import draw_moving_necks
+    from flexstage.report.result_files import sensitivity_files
     from flexstage.studies.explore.prepare import ready_sensitivity
 
-    template = taken.template(stage)
+    template = options.template(stage)
     run = ready_sensitivity(request, template)
     with progress_bar("sensitivity", quiet=quiet):
-        found = run()
-    files = write_folder(folder, lambda: sensitivity_files(found))
-    files += write_picture(figure, found.plot)
+        result = run()
+    files = write_folder(folder, lambda: sensitivity_files(result))
+    files += write_picture(figure, result.plot)
     if folder is not None and request.hinges:
-        drawn = None
-        with suppress(ModelError):  # the places of necks alone were asked for
-            drawn = draw_moving_necks(template.stage(), found)
-        if drawn is not None:
-            files += write_picture(folder / "necks.svg", lambda: drawn)
+        drawing = None
+        with suppress(ModelError):  # only the positions of necks were requested
+            drawing = draw_moving_necks(template.stage(), result)
+        if drawing is not None:
+            files += write_picture(folder / "necks.svg", lambda: drawing)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(result.to_dict(), files)
         return
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
-    screen, shown = console(), sensitivity_table(found, in_units=units)
-    if len(shown.rows) > 1:
-        print_shown(screen, shown)
-    own = shown.notes if len(shown.rows) < 2 else ()
-    print_notes(screen, (*own, *left_out_notes(found)), files)
+    screen, table = console(), sensitivity_table(result, in_units=units)
+    if len(table.rows) > 1:
+        display_table(screen, table)
+    notes = table.notes if len(table.rows) < 2 else ()
+    print_notes(screen, (*notes, *left_out_notes(result)), files)

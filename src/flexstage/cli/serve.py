@@ -32,39 +32,39 @@ def serve(
 
     options = PanelOptions.of(request)
     logging.basicConfig(format="flexstage: %(message)s", stream=sys.stderr)
-    opens = not no_open and not json and _has_screen()
-    way = options.folder / "open-the-panel.html"
+    open_browser = not no_open and not json and _has_screen()
+    redirect = options.folder / "open-the-panel.html"
 
     def announce(address: str) -> None:
-        nonlocal opens
-        way.unlink(missing_ok=True)  # what it leads to was used
-        said = f"the front panel is at {address} (opens it once); Ctrl-C ends it"
-        typer.echo(dumps({"address": address}) if json else said)
+        nonlocal open_browser
+        redirect.unlink(missing_ok=True)  # its address has been used
+        line = f"the front panel is at {address} (valid once); Ctrl-C stops it"
+        typer.echo(dumps({"address": address}) if json else line)
         typer.get_text_stream("stdout").flush()
-        if opens:
-            opens = False
-            _open(address, way)
+        if open_browser:
+            open_browser = False
+            _open(address, redirect)
 
     try:
         serve_panel(options, announce)
     finally:
-        way.unlink(missing_ok=True)
+        redirect.unlink(missing_ok=True)
 
 
-def _open(address: str, way: Path) -> None:
-    """Have the browser open an address by a file that leads to it.
+def _open(address: str, redirect: Path) -> None:
+    """Open an address in the browser by a file that redirects to it.
 
-    What programs are started with can be read by other users of the computer, and the address lets
-    in whoever is first.
+    Other users of the computer can read the arguments of programs, and the address admits the first
+    browser that opens it.
     """
     text = f'<!DOCTYPE html><meta http-equiv="refresh" content="0; url={escape(address)}">'
     with suppress(OSError):  # the address was printed
-        way.parent.mkdir(parents=True, exist_ok=True)
-        with os.fdopen(os.open(way, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        redirect.parent.mkdir(parents=True, exist_ok=True)
+        with os.fdopen(os.open(redirect, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(text)
-        webbrowser.open(way.as_uri())
+        webbrowser.open(redirect.as_uri())
 
 
 def _has_screen() -> bool:
-    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return bool(shown) or sys.platform in {"darwin", "win32"}
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(display) or sys.platform in {"darwin", "win32"}

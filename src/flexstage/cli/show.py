@@ -15,7 +15,7 @@ from flexstage.files.names import file_name
 def show(
     stage: StageArgument,
     out: OutputFile = None,
-    taken: DrawnStageOptions = AS_DRAWN,
+    options: DrawnStageOptions = AS_DRAWN,
     json: JsonOption = False,
 ) -> None:
     """Draw a stage: bodies, hinges, drives and probes.
@@ -28,12 +28,12 @@ def show(
     from flexstage.report.figures.drawing import draw_stage
     from flexstage.report.figures.style import FORMATS, encode
 
-    described = taken.stage(stage)
+    described = options.stage(stage)
     path = out if out is not None else writable(Path(f"{file_name(described.name)}.svg"))
     kind = path.suffix.removeprefix(".").casefold()
     if kind not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)
-        raise ModelError(f"a drawing is written as {endings}, got '{path.name}': change its ending")
+        raise ModelError(f"a drawing is written as {endings}, got '{path.name}': change its suffix")
     write_file(path, encode(draw_stage(described), kind))
     if json:
         print_json({"stage": described.name, "files": [str(path)]})

@@ -1,4 +1,4 @@
-"""STAGE, the stage that a command is about, and the options that say how it is taken."""
+"""The argument STAGE of commands, and the options of a stage."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def designs_like(incomplete: str) -> list[str]:
-    """Return the built-in designs that a word begins, for the completion of the shell.
+    """Return the built-in designs that begin with a word, for the completion of the shell.
 
-    Where there are none the shell offers files.
+    If there are none, the shell offers files.
 
     Examples
     --------
@@ -38,7 +38,7 @@ StageArgument = Annotated[
         help="A stage file, a drawing (DXF, STEP), or the name of a built-in design.",
     ),
 ]
-#: STAGE of commands that vary its parameters, of which a drawing has none.
+#: STAGE of commands that vary parameters, which a drawing does not have.
 TemplateArgument = Annotated[
     str,
     typer.Argument(
@@ -59,14 +59,14 @@ class ParameterOptions(Request):
     """Value of a parameter of STAGE, such as leg_spacing="35 mm"."""
 
     def template(self, source: str) -> "StageTemplate":
-        """Return the stage that STAGE names, with what is set, as one to vary."""
+        """Return STAGE with its parameters set, as a template to vary."""
         from flexstage.stage.designs import StageTemplate
 
         return StageTemplate.of(source, self.settings())
 
     def settings(self) -> dict[str, str]:
         """Return the values of parameters by their names."""
-        found: dict[str, str] = {}
+        values: dict[str, str] = {}
         for text in self.set:
             name, equals, value = text.partition("=")
             name = name.strip()
@@ -75,41 +75,41 @@ class ParameterOptions(Request):
                 '--set is the name of a parameter and its value, such as t="0.45 mm", got '
                 f"'{text[:60]}'",
             )
-            refuse(name in found, f"--set gives '{name[:60]}' twice: leave one out")
-            found[name] = value.strip()
-        return found
+            refuse(name in values, f"--set gives '{name[:60]}' twice: remove one")
+            values[name] = value.strip()
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageOptions(ParameterOptions):
-    """How STAGE is taken."""
+    """Options of STAGE."""
 
     def stage(self, source: str) -> "Stage":
-        """Return the stage that STAGE names, with what the options say of it."""
+        """Return STAGE with these options."""
         from flexstage.stage.designs import find_stage
 
         return find_stage(source, set=self.settings())
 
     def require_stage(self, source: str | None, name: str) -> None:
-        """Refuse options where no stage is named; `name` is what names one."""
-        refuse(source is None and self.set, f"--set needs {name}: it sets a parameter of that")
+        """Refuse options without a stage; `name` is the argument or option that names it."""
+        refuse(source is None and self.set, f"--set needs {name}, whose parameter it sets")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnStageOptions(StageOptions):
-    """How STAGE is taken, where it may be a drawing that does not say all."""
+    """Options of STAGE, which may be a drawing."""
 
     drawing: DrawingOptions = DrawingOptions()
-    """What is to be known of a drawing."""
+    """Options of a drawing."""
 
     def stage(self, source: str) -> "Stage":
-        """Return the stage that STAGE names, with what the options say of it."""
+        """Return STAGE with these options."""
         from flexstage.stage.designs import find_stage
 
         drawing = None if self.drawing == DrawingOptions() else self.drawing
         return find_stage(source, set=self.settings(), drawing=drawing)
 
 
-#: None of them given.
+#: Options with their defaults.
 AS_DESCRIBED, AS_DRAWN = StageOptions(), DrawnStageOptions()
 NOTHING_SET = ParameterOptions()

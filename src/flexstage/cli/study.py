@@ -1,4 +1,4 @@
-"""`flexstage study`: every model of a stage beside what was published, with a report."""
+"""`flexstage study`: all models of a stage compared with published values, in a report."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +7,9 @@ from flexstage.cli.options import JsonOption, QuietOption, from_docstring
 from flexstage.cli.output import (
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
 )
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
@@ -21,7 +21,7 @@ from flexstage.studies.requests import StudyRequest
 def study(
     stage: StageArgument,
     request: StudyRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     out: OutputFolder = None,
     measured: Path | None = None,
     cache: bool = True,
@@ -30,7 +30,8 @@ def study(
 ) -> None:
     """Compare models with published values, in a report.
 
-    Writes report.html and results.json, and virtual-measurement.html where --parts has virtual.
+    The folder receives report.html and results.json, and with --parts virtual also
+    virtual-measurement.html.
 
     Parameters
     ----------
@@ -39,8 +40,8 @@ def study(
     measured
         FILE: Test description (.yaml) whose measured values are added to the table.
     cache
-        --cache/--no-cache: Read what was computed before of the same description, with the same
-        options and the same flexstage, and keep what is computed.
+        --cache/--no-cache: Reuse cached results of the same description, options and version of
+        flexstage, and cache new ones.
     """
     from flexstage.files.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
@@ -49,48 +50,45 @@ def study(
     from flexstage.report.tables import characteristics_table, differences_table
     from flexstage.studies import run_study
 
-    described = taken.stage(stage)
+    described = options.stage(stage)
     directory = out
     if directory is None:
         directory = Path("out") / file_name(described.name)
         require_writable(directory)
     with progress_bar("study", quiet=quiet):
-        found = None
+        measurement = None
         if measured is not None:
             from flexstage.experiments.campaign.plan import read_campaign
             from flexstage.experiments.campaign.results import characterise
 
-            found = characterise(read_campaign(measured), measured.parent)
-        result = run_study(described, request, measured=found, cache=cache)
-        written = study_files(result, Memory(open_cache(cache)))
-    files = write_files(directory, written)
+            measurement = characterise(read_campaign(measured), measured.parent)
+        result = run_study(described, request, measured=measurement, cache=cache)
+        contents = study_files(result, Memory(open_cache(cache)))
+    files = write_files(directory, contents)
     if json:
         print_result(result.to_dict(), files)
         return
     screen = console()
     title = f"{described.name}: {described.title}" if described.title else described.name
-    for shown in (
+    for table in (
         characteristics_table(result.comparison, QUANTITIES, title),
         differences_table(result.comparison),
     ):
-        if shown is not None:
-            # the conditions of every figure stand in the report
-            rows = tuple(tuple(replace(cell, note="") for cell in row) for row in shown.rows)
-            print_shown(screen, replace(shown, rows=rows, notes=()))
+        if table is not None:
+            # the report has the conditions of every figure
+            rows = tuple(tuple(replace(cell, note="") for cell in row) for row in table.rows)
+            display_table(screen, replace(table, rows=rows, notes=()))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
         from flexstage.studies.traditional import claim_verdict
 
-        print_shown(screen, claim_table(result.traditional))
+        display_table(screen, claim_table(result.traditional))
         screen.print(claim_verdict(result.traditional), markup=False)
-    notes = [f"the {model} model was left out: {why}" for model, why in result.left_out.items()]
+    notes = [f"{model} model skipped: {why}" for model, why in result.left_out.items()]
     for axis, why in result.experiments_left_out.items():
-        notes.append(f"the hysteresis of axis {axis} was left out: {why}")
+        notes.append(f"hysteresis of axis {axis} skipped: {why}")
     if not described.axes:
-        notes.append("the stage names no axis, so there are modes only; see the report")
+        notes.append("the stage defines no axis: only modes were computed, see the report")
     if result.read:
-        notes.append(
-            f"{', '.join(result.read)}: read from the cache, as computed before of the same "
-            "description; --no-cache computes them again"
-        )
+        notes.append(f"{', '.join(result.read)}: read from the cache; --no-cache recomputes them")
     print_notes(screen, (*notes, *described.notes), files)

@@ -13,9 +13,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
     write_picture,
 )
@@ -32,58 +32,58 @@ def sweep(
     request: SweepRequest,
     folder: OutputFolder = None,
     figure: FigureFile = None,
-    taken: ParameterOptions = NOTHING_SET,
+    options: ParameterOptions = NOTHING_SET,
     sharing: WorkerRequest = USUAL_WORKERS,
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Vary parameters of a stage, and see what its figures do.
+    """Parameter sweep: figures of a stage over its parameters.
 
     Parameters
     ----------
     folder
         Write all points as sweep.csv and sweep.parquet, the summary as sweep.json, pictures, and
-        sweep.html with parallel coordinates. A sweep that was interrupted goes on from there.
+        sweep.html with parallel coordinates. An interrupted sweep resumes from this folder.
     figure
-        Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
+        Draw the figures over the parameters: curves, maps or diagrams (.svg, .png or .pdf).
     """
     from flexstage.studies.explore.batches import finished_batches
     from flexstage.studies.explore.prepare import ready_sweep
 
-    run = ready_sweep(request, taken.template(stage))
+    run = ready_sweep(request, options.template(stage))
     with finished_batches(folder) as keep:
         with progress_bar("sweep", quiet=quiet), sharing.open() as workers:
-            found = run(workers=workers, keep=keep)
-        files, notes = _written(found, folder, figure)
+            result = run(workers=workers, keep=keep)
+        files, notes = _write_files(result, folder, figure)
     if json:
-        result = found.to_dict()
-        result["notes"] += notes
-        print_result(result, files)
+        summary = result.to_dict()
+        summary["notes"] += notes
+        print_result(summary, files)
         return
     from flexstage.report.sweep import sweep_notes, sweep_tables
 
     screen = console()
-    for shown in sweep_tables(found):
-        print_shown(screen, shown)
-    print_notes(screen, (*sweep_notes(found), *notes), files)
+    for table in sweep_tables(result):
+        display_table(screen, table)
+    print_notes(screen, (*sweep_notes(result), *notes), files)
 
 
-def _written(
-    found: "Sweep", folder: Path | None, figure: Path | None
+def _write_files(
+    sweep: "Sweep", folder: Path | None, figure: Path | None
 ) -> tuple[list[Path], list[str]]:
-    """Write what was asked for; return the files, and what could not be made."""
+    """Write the requested files; return them, and notes on those that could not be made."""
     from flexstage.files.write import write_files
-    from flexstage.report.explored_files import sweep_files
+    from flexstage.report.result_files import sweep_files
 
     files: list[Path] = []
     notes: list[str] = []
     if figure is not None:
         try:
-            files += write_picture(figure, found.plot)
+            files += write_picture(figure, sweep.plot)
         except ModelError as error:
             notes.append(f"{figure.name} was not written: {error}")
     if folder is not None:
-        whole, missing = sweep_files(found)
-        files += write_files(folder, whole)
+        contents, missing = sweep_files(sweep)
+        files += write_files(folder, contents)
         notes += missing
     return files, notes

@@ -1,4 +1,4 @@
-"""A table as the terminal shows it: whole numbers and whole words, in fewer columns if need be."""
+"""Layout of tables on a terminal: unbroken numbers and words, in fewer columns if need be."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -15,29 +15,31 @@ from flexstage.quantities.table import Cell, Column, Table
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
 
-_LEADS = ("±", "<", "≥", "≤", "≈")
-_LED = re.compile(r".*[±<≥≤≈]|\[\d+\]")
+_SIGNS = ("±", "<", "≥", "≤", "≈")
+_AFTER_SIGN = re.compile(r".*[±<≥≤≈]|\[\d+\]")
 _NUMBER = re.compile(r"(?:.*[\s(])?[-+−]?\d[\d.]*(?:e[-+]?\d+)?")
 _UNIT = re.compile(r"(?:%|°|(?:[A-Za-zµ]{1,4}|arcsec)[²³]?(?:[/·][A-Za-zµ]{1,4}[²³]?)*)[,;.:)]*")
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
-    """A table to be printed by rich, in the first of its forms that has room.
+class TableLayout:
+    """A table for rich, in the widest of its forms that fits.
 
-    Where none has, each row is a block of lines. Notes of cells stand below, numbered.
+    If none fits, each row is a block of lines. Notes of cells are numbered below the table.
     """
 
-    shown: Table
+    table: Table
 
     def __rich_console__(
         self, console: "Console", options: "ConsoleOptions"
     ) -> "Iterator[RenderableType]":
         width = options.max_width
-        forms = list(_numbered(self.shown).narrower())
-        tried = [(form, *found) for form in forms if (found := _flat(form, width))]
-        flat = [one for one in tried if one[1] <= 2 * len(one[0].rows) + 3]
-        fewest = sorted(tried, key=lambda one: one[1])
+        forms = list(_numbered(self.table).narrower())
+        candidates = [(form, *layout) for form in forms if (layout := _flat(form, width))]
+        flat = [
+            candidate for candidate in candidates if candidate[1] <= 2 * len(candidate[0].rows) + 3
+        ]
+        fewest = sorted(candidates, key=lambda candidate: candidate[1])
         form, _, grid = (*flat, *fewest, (forms[-1], 0, None))[0]
         yield from _lines(form.caption, width, "italic")
         yield from _blocks(form, width) if grid is None else (grid,)
@@ -46,13 +48,13 @@ class Printed:
 
 
 def _lines(text: str, width: int, style: str) -> Iterator[Text]:
-    """Yield a text in lines; what has no place to break, such as a path, stays whole to copy."""
+    """Yield a text in lines; an unbreakable word, such as a path, stays on one line."""
     for line in wrapped(text, width):
         yield Text(line, style, no_wrap=True, overflow="ignore")
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Break a text over lines: between words, and not within a number, its ± and its unit."""
+    """Wrap a text between words, but not within a number, its ± and its unit."""
     lines = []
     for line in text.split("\n") if text else ():
         lines.append("")
@@ -68,40 +70,42 @@ def _atoms(text: str) -> list[str]:
     for word in text.split():
         before = atoms[-1] if atoms else ""
         of_number = _NUMBER.fullmatch(before) and _UNIT.fullmatch(word)
-        led = word in _LEADS or (_LED.fullmatch(before) and word[0] != "[")
-        if before and (led or of_number or (before.endswith("N") and word == "m/rad")):
+        after_sign = word in _SIGNS or (_AFTER_SIGN.fullmatch(before) and word[0] != "[")
+        if before and (after_sign or of_number or (before.endswith("N") and word == "m/rad")):
             atoms[-1] += f" {word}"
         else:
             atoms.append(word)
     return atoms
 
 
-def _numbered(shown: Table) -> Table:
-    """Put a column of numbers in place of the notes of cells, and the notes below the table."""
+def _numbered(table: Table) -> Table:
+    """Replace the notes of cells by a column of numbers, with the notes below the table."""
     notes: dict[str, int] = {}
     rows = []
-    for row in shown.rows:
-        said = [t for c in row for t in (c.failing and f"fails: {c.failing}", c.note) if t]
-        marks = (f"[{notes.setdefault(note, len(notes) + 1)}]" for note in dict.fromkeys(said))
+    for row in table.rows:
+        cell_notes = [t for c in row for t in (c.failing and f"fails: {c.failing}", c.note) if t]
+        marks = (
+            f"[{notes.setdefault(note, len(notes) + 1)}]" for note in dict.fromkeys(cell_notes)
+        )
         rows.append((*row, Cell(" ".join(marks))))
     if not notes:
-        return shown
-    below = (*(f"[{i}] {note}" for note, i in notes.items()), *shown.notes)
-    columns = (*shown.columns, Column("", "words"))
-    return replace(shown, columns=columns, rows=tuple(rows), notes=below)
+        return table
+    below = (*(f"[{i}] {note}" for note, i in notes.items()), *table.notes)
+    columns = (*table.columns, Column("", "words"))
+    return replace(table, columns=columns, rows=tuple(rows), notes=below)
 
 
 def _cells(cells: Iterable[Cell]) -> list[str]:
-    """What is read of cells; their digits stay below each other, whatever follows."""
+    """Return the texts of cells, padded so that their digits are aligned."""
     both = [(c.text, f" {c.small}" * bool(c.small) + " fails" * bool(c.failing)) for c in cells]
     longest = max((len(tail) for _, tail in both), default=0)
     return [text + tail.ljust(longest) for text, tail in both]
 
 
 def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
-    """Set the columns side by side, and count the lines; none where they need more room.
+    """Return the number of lines of columns side by side, and their grid; None if too wide.
 
-    Figures are in one line; words, and headings, are broken where room is short.
+    Numbers stay on one line; words and headings are wrapped if need be.
     """
     texts = [_cells(row[i] for row in form.rows) for i in range(len(form.columns))]
     heads = [f"{c.group}\n{c.heading}" if c.group else c.heading for c in form.columns]
@@ -116,9 +120,9 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
     room = width - sum(sizes) - gap * (len(sizes) - 1)
     if room < 0:
         return None
-    # what a row is called stays in a line where it can; then the tightest column grows
-    if form.columns[0].kind != "long words" and (more := most[0] - sizes[0]) <= room:
-        sizes[0], room = most[0], room - more
+    # the name of a row stays on one line if possible; then the tightest column grows
+    if form.columns[0].kind != "long words" and (extra := most[0] - sizes[0]) <= room:
+        sizes[0], room = most[0], room - extra
     for _ in range(min(room, sum(most) - sum(sizes))):
         sizes[max(range(len(sizes)), key=lambda i: most[i] / max(sizes[i], 1))] += 1
     titles = [wrapped(head, size) for head, size in zip(heads, sizes, strict=True)]
@@ -126,7 +130,7 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
     grid = Grid(box=box.SIMPLE_HEAD, padding=(0, gap - 1, 0, 0), show_edge=False, pad_edge=False)
     broken = []
     for figures, title, text, size in zip(right, titles, texts, sizes, strict=True):
-        # figures stand at the right, a heading just above, a cell at the first line of its row
+        # numbers are right-aligned, headings bottom-aligned, cells top-aligned
         cells = [[""] * (deepest - len(title)) + title]
         cells += [[t] if figures else wrapped(t, size) for t in text]
         at = size if figures else 0
@@ -140,7 +144,7 @@ def _flat(form: Table, width: int) -> tuple[int, Grid] | None:
 
 
 def _blocks(form: Table, width: int) -> Iterator[Text]:
-    """Return each row as its first cell with the others below it, a line for each."""
+    """Yield each row as its first cell, with the others below it, a line for each."""
     heads = [column.title for column in form.columns]
     size = max(map(cell_len, heads[1:]), default=0)
     for first, *others in form.rows:

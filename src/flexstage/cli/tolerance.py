@@ -1,4 +1,4 @@
-"""`flexstage tolerance`: what the workshop makes of a stage, and which tolerance to tighten."""
+"""`flexstage tolerance`: scatter and yield of a stage, and the tolerance to tighten."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +13,9 @@ from flexstage.cli.output import (
     FigureFile,
     OutputFolder,
     console,
+    display_table,
     print_notes,
     print_result,
-    print_shown,
     progress_bar,
     write_folder,
     write_picture,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def tolerance(
     stage: StageArgument,
     request: ToleranceRequest,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     figure: FigureFile = None,
     folder: OutputFolder = None,
     every_sample: bool = False,
@@ -39,24 +39,24 @@ def tolerance(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute what the workshop makes of a stage: spread, yield.
+    """Monte Carlo tolerance analysis: scatter and yield.
 
     Parameters
     ----------
     figure
-        Draw the distribution of every figure. (.svg, .png or .pdf)
+        Draw the distribution of every figure (.svg, .png or .pdf).
     folder
-        Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
-        it works, and the same run goes on from them.
+        Write tolerance.html, tolerance.json and pictures. An interrupted run resumes from the
+        finished batches in this folder.
     every_sample
-        Write the figures of every sample as well, samples.csv.
+        Also write the figures of every sample, as samples.csv.
     """
-    from flexstage.report.explored_files import tolerance_files
+    from flexstage.report.result_files import tolerance_files
     from flexstage.studies.explore.batches import finished_batches
     from flexstage.studies.explore.prepare import ready_tolerance
 
     refuse(every_sample and folder is None, "--every-sample writes a file: give a --folder for it")
-    run = ready_tolerance(request, taken.stage(stage))
+    run = ready_tolerance(request, options.stage(stage))
     with finished_batches(folder) as keep:
         with progress_bar("tolerance", quiet=quiet), sharing.open() as workers:
             study = run(workers, keep)
@@ -72,13 +72,13 @@ def _print(study: "ToleranceStudy", files: list[Path]) -> None:
     from flexstage.report.tolerance import choice_table, share_table, spread_table, yield_table
 
     screen, choice = console(), study.choice
-    print_shown(screen, spread_table(study))
+    display_table(screen, spread_table(study))
     if study.yields:
-        print_shown(screen, yield_table(study.yields))
+        display_table(screen, yield_table(study.yields))
     if study.shares:
-        print_shown(screen, share_table(study))
+        display_table(screen, share_table(study))
     if choice is not None:
         if choice.found:
-            print_shown(screen, choice_table(choice))
+            display_table(screen, choice_table(choice))
         screen.print(choice.verdict, markup=False)
     print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

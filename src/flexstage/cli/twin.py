@@ -18,9 +18,9 @@ from flexstage.cli.output import (
     print_json,
     print_notes,
     progress_bar,
+    record_format,
     write_file,
 )
-from flexstage.cli.reading import record_format
 from flexstage.cli.stage_options import AS_DESCRIBED, StageArgument, StageOptions
 from flexstage.instruments.requests import TwinRequest
 from flexstage.web.options import is_loopback
@@ -38,7 +38,7 @@ def twin(
     play: Path | None = None,
     axis: AxisOption = None,
     out: OutputFile = None,
-    taken: StageOptions = AS_DESCRIBED,
+    options: StageOptions = AS_DESCRIBED,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -47,13 +47,15 @@ def twin(
     Parameters
     ----------
     play
-        FILE: Record whose voltage the stack of an axis gets; no port is opened.
+        FILE: Record whose voltage drives the stack of an axis; no port is opened.
     out
-        Write voltage and position that --play gives (.csv, .npz, .h5 or .mat).
+        Write the voltage and position of --play (.csv, .npz, .h5 or .mat).
     """
-    alone = (play is None) != (out is None) or (axis is not None and play is None)
-    refuse(alone, "--play and --out go together, and --axis with them", typer.BadParameter)
-    described = taken.stage(stage)
+    incomplete = (play is None) != (out is None) or (axis is not None and play is None)
+    refuse(
+        incomplete, "--play and --out are used together, and --axis with them", typer.BadParameter
+    )
+    described = options.stage(stage)
     if play is not None and out is not None:
         from flexstage.instruments.pi.simulated.address import played
         from flexstage.records.write import record_bytes
@@ -62,73 +64,76 @@ def twin(
         with progress_bar("twin", quiet=quiet):
             record = played(described, play, axis, request)
         write_file(out, record_bytes(record, kind))
-        said = {"stage": described.name, "record": str(play), "files": [str(out)]}
-        print_json(said) if as_json else print_notes(console(), (), [out])
+        result = {"stage": described.name, "record": str(play), "files": [str(out)]}
+        print_json(result) if as_json else print_notes(console(), (), [out])
         return
     host, port = request.address
-    with _ended_by_signals() as ended, _reserved(host, port) as listener:
+    with _stop_event() as stop, _reserve(host, port) as listener:
         from flexstage.instruments.pi.simulated.address import simulated_controller
         from flexstage.instruments.pi.simulated.server import GcsServer
 
         controller = simulated_controller(described, request)
         server = GcsServer(controller, listener=listener)
         try:
-            with _taken(host, port):
+            with _address_errors(host, port):
                 server.start()
-            _say_where(server, described.name, host, as_json=as_json, fast=request.fast)
-            ended.wait()
+            _print_address(server, described.name, host, as_json=as_json, fast=request.fast)
+            stop.wait()
         finally:
             server.close()
         if (lost := controller.pace.lost) > 0.0:
             typer.echo(
-                f"flexstage: this computer was too slow by {lost:.1f} s: simulated time stood "
-                "still for that long; choose a lower --servo-rate, or --fast",
+                f"flexstage: this computer was too slow: the simulated time stopped for {lost:.1f} "
+                "s; choose a lower --servo-rate, or --fast",
                 err=True,
             )
 
 
-def _reserved(host: str, port: int) -> "socket.socket":
+def _reserve(host: str, port: int) -> "socket.socket":
     from flexstage.instruments.pi.simulated.server import reserve
 
-    with _taken(host, port):
+    with _address_errors(host, port):
         return reserve(host, port)
 
 
 @contextlib.contextmanager
-def _taken(host: str, port: int) -> Iterator[None]:
+def _address_errors(host: str, port: int) -> Iterator[None]:
     try:
         yield
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise NotConnectedError(
-            f"cannot listen at {host}:{port} ({why}): choose another port by --address, 0 for any "
-            "that is free, or another host"
+            f"cannot listen at {host}:{port} ({why}): choose another host or port by --address; "
+            "port 0 selects a free one"
         ) from error
 
 
-def _say_where(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
+def _print_address(server: "GcsServer", name: str, host: str, *, as_json: bool, fast: bool) -> None:
     address, port = server.address
     if not is_loopback(host):
-        typer.echo(f"flexstage: anyone who reaches {address}:{port} can move this stage", err=True)
+        typer.echo(
+            f"flexstage: anyone who can reach {address}:{port} can move this simulated stage",
+            err=True,
+        )
     bracketed = f"[{address}]" if ":" in address else address
     where = f"gcs://{bracketed}:{port}"
     if as_json:
-        said = {"stage": name, "address": where, "host": address, "port": port, "fast": fast}
-        line = json.dumps(said)
+        result = {"stage": name, "address": where, "host": address, "port": port, "fast": fast}
+        line = json.dumps(result)
     else:
-        line = f"twin of {name} at {where} (simulated); Ctrl-C ends it"
+        line = f"twin of {name} at {where} (simulated); Ctrl-C stops it"
     typer.echo(line)
     typer.get_text_stream("stdout").flush()
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[threading.Event]:
-    """Give an event that an interrupt, or a request to terminate, sets."""
-    ended = threading.Event()
+def _stop_event() -> Iterator[threading.Event]:
+    """Yield an event that SIGINT and SIGTERM set."""
+    stop = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {n: signal.signal(n, lambda *_: ended.set()) for n in numbers}
+    before = {n: signal.signal(n, lambda *_: stop.set()) for n in numbers}
     try:
-        yield ended
+        yield stop
     finally:
         for n, handler in before.items():
             signal.signal(n, handler)

@@ -1,4 +1,4 @@
-"""`flexstage uncertainty`: a budget file, by the GUM and by Monte Carlo."""
+"""`flexstage uncertainty`: evaluation of a budget by the GUM and by Monte Carlo."""
 
 import math
 from pathlib import Path
@@ -37,19 +37,19 @@ def uncertainty(
     file
         FILE: An uncertainty budget in YAML: quantity, unit, equation, influences, correlations.
     figure
-        Draw the distribution and the budget. (.svg, .png or .pdf)
+        Draw the distribution and the budget (.svg, .png or .pdf).
     """
     from flexstage.measure.uncertainty.budget_file import read_budget
     from flexstage.measure.uncertainty.evaluate import evaluate
 
     budget = read_budget(file)
     with progress_bar("uncertainty", quiet=quiet):
-        found = evaluate(budget, request)
-    files = write_picture(figure, found.plot)
+        result = evaluate(budget, request)
+    files = write_picture(figure, result.plot)
     if json:
-        print_result(found.to_dict(), files)
+        print_result(result.to_dict(), files)
     else:
-        _print(console(), found.to_dict(), files)
+        _print(console(), result.to_dict(), files)
 
 
 def _print(screen: "Console", result: dict[str, Any], files: list[Path]) -> None:
@@ -74,33 +74,35 @@ def _print(screen: "Console", result: dict[str, Any], files: list[Path]) -> None
     print_table(screen, f"{result['quantity']} = {result['equation']}", (*heads, *shares), rows)
     percent = f"{100.0 * result['confidence']:g} %"
     summary = []
-    gum, drawn = result["gum"], result["monte_carlo"]
-    u = gum["standard_uncertainty"] or drawn["standard_uncertainty"]
+    gum, monte_carlo = result["gum"], result["monte_carlo"]
+    u = gum["standard_uncertainty"] or monte_carlo["standard_uncertainty"]
     digits = max(0, 2 - math.floor(math.log10(u))) if u > 0.0 else 99
-    for name, one, ends in (
+    for name, evaluation, ends in (
         ("GUM, first order", gum, gum["interval"]),
-        ("Monte Carlo", drawn, drawn["interval"]),
-        ("Monte Carlo, shortest", drawn, drawn["shortest_interval"]),
+        ("Monte Carlo", monte_carlo, monte_carlo["interval"]),
+        ("Monte Carlo, shortest", monte_carlo, monte_carlo["shortest_interval"]),
     ):
-        numbers = (one["value"], one["standard_uncertainty"], *ends)
-        shown = (f"{n:.{digits}f}" if digits < 16 else f"{n:.8g}" for n in numbers)
-        summary.append((name, *shown))
-    title = f"{result['quantity']}{',' if unit else ''}{unit}, intervals of {percent}"
-    print_table(screen, title, ("by", "value", "std. uncertainty", "from", "to"), summary)
+        numbers = (evaluation["value"], evaluation["standard_uncertainty"], *ends)
+        cells = (f"{n:.{digits}f}" if digits < 16 else f"{n:.8g}" for n in numbers)
+        summary.append((name, *cells))
+    title = f"{result['quantity']}{',' if unit else ''}{unit}, {percent} intervals"
+    print_table(screen, title, ("method", "value", "std. uncertainty", "from", "to"), summary)
     freedom = gum["degrees_of_freedom"]
     if freedom is not None:
         screen.print(f"effective degrees of freedom {freedom:.1f}", markup=False)
-    screen.print(_verdict(result), markup=False)
+    screen.print(_agreement(result), markup=False)
     print_notes(screen, result["notes"], files)
 
 
-def _verdict(result: dict[str, Any]) -> str:
-    one, unit = result["agreement"], "" if result["unit"] == "1" else f" {result['unit']}"
-    apart = f"the ends differ by {one['low']:.2g} and {one['high']:.2g}{unit}"
+def _agreement(result: dict[str, Any]) -> str:
+    agreement, unit = result["agreement"], "" if result["unit"] == "1" else f" {result['unit']}"
     trials = f"{result['monte_carlo']['trials']} trials"
-    if one["valid"]:
-        return f"GUM and Monte Carlo ({trials}) agree: {apart}, {one['tolerance']:.2g} is allowed"
+    difference = (
+        f"the interval ends differ by {agreement['low']:.2g} and {agreement['high']:.2g}{unit}, "
+        f"{agreement['tolerance']:.2g} is allowed"
+    )
+    if agreement["valid"]:
+        return f"GUM and Monte Carlo ({trials}) agree: {difference}"
     return (
-        f"GUM and Monte Carlo ({trials}) do not agree: {apart}, {one['tolerance']:.2g} is allowed; "
-        "take the Monte Carlo interval"
+        f"GUM and Monte Carlo ({trials}) do not agree: {difference}; use the Monte Carlo interval"
     )

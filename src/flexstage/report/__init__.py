@@ -1,4 +1,4 @@
-"""Tables, figures and reports of what was found."""
+"""Tables, figures and reports of results."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,9 @@
-"""What a study found, in sentences: on its first page with main figures, and of each chapter."""
+"""The findings of a study in sentences: a summary with the main figures, and a line a chapter.
+
+The summary compares the most complete model with the published values: what agrees with the
+published finite elements, what agrees with the published measurement, and what does not agree. A
+stage without published values is described by its size, motion and stress.
+"""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -20,36 +25,48 @@ from flexstage.studies.measurement import MeasurementComparison
 if TYPE_CHECKING:
     from flexstage.studies.study import Study
 
-#: The rows of the first table.
-_MAIN = ("output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz")
-#: What models are called in a sentence; the one that leaves the least out comes first.
+#: Names of models in texts, the most complete model first.
 _MODELS = {
     "solid": "solid finite elements",
-    "superelement-3d": "model of superelements in space",
+    "superelement-3d": "3D superelement model",
     "plane": "plane finite elements",
     "superelement": "superelement model",
     "lumped": "rigid-body model",
 }
-_FEM, _MEASURED = "published-fem", "published-measured"
+_RATIO = "transmission_ratio"
+#: Quantities of the first table, in order.
+_MAIN = ("output_displacement", _RATIO, "max_stress", "natural_frequency_hz")
+#: Origins of published values.
+_ANALYTIC, _FEM, _MEASURED = "published-analytic", "published-fem", "published-measured"
+_PUBLISHED_TITLES = {_FEM: "published FEM", _MEASURED: "published, measured"}
+#: A model that differs more from the measurement does not reproduce it [%].
+_REPRODUCED_WITHIN = 5.0
+
+
+# ------------------------------------------------------------------- the models and the stage
 
 
 def best_model(study: "Study") -> str:
-    """Return the model of a study that leaves the least out."""
+    """Return the most complete model of a study."""
     return next((m for m in _MODELS if m in study.analyses), next(iter(study.analyses)))
 
 
 def model_name(model: str) -> str:
-    """Return what a model is called in a sentence."""
+    """Return the name of a model in texts."""
     return _MODELS.get(model, model)
 
 
+def _best_name(study: "Study") -> str:
+    return model_name(best_model(study))
+
+
 def size_and_mass(study: "Study") -> str:
-    """Return the outer size of a stage, and the mass of all bodies and of those that move."""
+    """Return the outer size of a stage, and the mass of all bodies and of the moving ones."""
     from flexstage.stage.mass import mass_properties, outer_size
 
     stage = study.stage
     sizes = " × ".join(f"{1e3 * v:.4g}" for v in outer_size(stage))
-    masses = {name: found.mass for name, found in mass_properties(stage).items()}
+    masses = {name: properties.mass for name, properties in mass_properties(stage).items()}
     moving = sum(masses[b.name] for b in stage.bodies if not b.fixed)
     return (
         f"{sizes} mm, {number(sum(masses.values()), 3)} kg without drives, of which "
@@ -57,282 +74,326 @@ def size_and_mass(study: "Study") -> str:
     )
 
 
-def verdict(study: "Study") -> tuple[str, ...]:
-    """Say in sentences what was reproduced, how well, and what was not, from the rows of the study.
+def by_axis(study: "Study", quantity: str) -> str:
+    """Return the values of a quantity on every axis, by the best model, with failed criteria."""
+    unit = display(quantity)
+    rows = study.analyses[best_model(study)].characteristics.select(quantity)
+    symbol = f" {unit.shown_unit}" if unit.shown_unit else ""
+    failing = (f" (fails: {r.failing})" if r.failing else "" for r in rows)
+    return listed(
+        f"{r.text(unit)}{symbol} in {r.axis}{fails}" for r, fails in zip(rows, failing, strict=True)
+    )
 
-    Of a stage with nothing published, what is known of it.
-    """
-    if not study.comparison.published:
-        return tuple(_known(study))
-    return tuple(s for s in (_to_fem(study), _to_measured(study), _not_reproduced(study)) if s)
+
+# ------------------------------------------------------------------------------ the first page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrontPage:
-    """What the first page shows."""
+    """The first page of a study."""
 
-    verdict: tuple[tuple[str, str], ...]
-    """Sentences: the words before the colon that one begins with, and the rest."""
+    summary: tuple[tuple[str, str], ...]
+    """Sentences: the words before the colon that one begins with, and the remainder."""
     table: Table | None
-    """The main figures; None where there are none."""
+    """The main figures; None without any."""
     drawing: Picture
     """The stage."""
     curves: tuple[Picture, ...]
-    """Beside it."""
+    """Diagrams next to the drawing."""
 
 
 def front_page(study: "Study") -> FrontPage:
-    """Return what the first page shows."""
+    """Return the first page of a study."""
     drawing = Picture(
         result=partial(draw_stage, study.stage, key=False),
         title=f"drawing of {study.stage.name}",
         caption=f"The stage: {size_and_mass(study)}. Arrows: drives (orange) and probes (green).",
     )
     return FrontPage(
-        verdict=tuple(_led(sentence) for sentence in verdict(study)),
-        table=_table(study),
+        summary=tuple(_split_lead(sentence) for sentence in summary(study)),
+        table=_main_figures(study),
         drawing=drawing,
         curves=tuple(_curves(study)),
     )
 
 
-def _led(sentence: str) -> tuple[str, str]:
-    """Part a sentence behind the words before the colon that it begins with."""
+def summary(study: "Study") -> tuple[str, ...]:
+    """Return the sentences of the first page.
+
+    They report the agreement with the published values; without any, the main figures.
+    """
+    if not study.comparison.published:
+        return tuple(_description(study))
+    agreement = _Agreement(study=study, best=best_model(study))
+    sentences = (agreement.with_fem(), agreement.with_measurement(), agreement.missing())
+    return tuple(s for s in sentences if s)
+
+
+def _split_lead(sentence: str) -> tuple[str, str]:
+    """Split a sentence at its colon, if it has one near its beginning."""
     sentence = sentence.replace(" %", "\u00a0%")
-    found = re.match(r"([^:]{3,40}):(.*)", sentence, flags=re.DOTALL)
-    return (found[1], found[2]) if found else ("", sentence)
+    match = re.match(r"([^:]{3,40}):(.*)", sentence, flags=re.DOTALL)
+    return (match[1], match[2]) if match else ("", sentence)
+
+
+def _description(study: "Study") -> Iterator[str]:
+    """Yield sentences on a stage without published values."""
+    yield f"Size and mass: {size_and_mass(study)}; {study.stage.material.name}."
+    strokes = ("output_displacement", "rotation_stroke")
+    motion = listed(part for quantity in strokes if (part := by_axis(study, quantity)))
+    if motion:
+        frequency = by_axis(study, "natural_frequency_hz")
+        with_stack = by_axis(study, "natural_frequency_with_stack_hz")
+        if with_stack:
+            frequency = f"without stack {frequency}, with stack {with_stack}"
+        yield (
+            f"Motion: {motion} at full stroke; natural frequency {frequency}; {_best_name(study)}."
+        )
+    largest, safety = by_axis(study, "max_stress"), by_axis(study, "safety_factor")
+    if largest:
+        against_yield = f"; safety against yield {safety}" if safety else ""
+        yield f"Stress: at most {largest}{against_yield}."
+    yield "No reference data for this stage."
 
 
 def _curves(study: "Study") -> Iterator[Picture]:
-    made = next(iter(study.experiments.values()), None)
+    experiment = next(iter(study.experiments.values()), None)
     axes = [a.axis for a in study.main.axes]
     model = model_name(study.main.system.model)
-    for axis in axes[: 1 if made is not None else 2]:
+    for axis in axes[: 1 if experiment is not None else 2]:
         yield Picture(
             result=partial(draw_bode, study.main, axis, conditions=("removed",), size=(5.0, 3.1)),
             title=f"Bode diagram of {axis}",
             caption=f"Bode diagram of {axis}, drives removed; {model}.",
         )
-    if made is not None:
+    if experiment is not None:
         yield Picture(
-            result=partial(draw_loop, made),
-            title=f"loop of {made.axis}",
-            caption=f"Loop of {made.axis} without and with the inverse; simulated stage.",
+            result=partial(draw_loop, experiment),
+            title=f"hysteresis loop of {experiment.axis}",
+            caption=f"Hysteresis loop of {experiment.axis} without and with the inverse model; "
+            "simulated stage.",
         )
 
 
-def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
-    found = [row for row in study.comparison.rows if row.quantity in quantities]
-    order = {name: i for i, name in enumerate(quantities)}
-    return sorted(found, key=lambda row: order[row.quantity])
-
-
-def _table(study: "Study") -> Table | None:
+def _main_figures(study: "Study") -> Table | None:
+    """Return the first table: main figures, published and computed, with differences."""
     model = best_model(study)
-    published = [c for c in (_FEM, _MEASURED) if c in study.comparison.published]
+    published = [c for c in _PUBLISHED_TITLES if c in study.comparison.published]
     quantities = _MAIN if published else (*_MAIN, "safety_factor")
-    titles = {_FEM: "published FEM", _MEASURED: "published, measured"}
-    heads = ["Quantity", "Axis", *(titles[c] for c in published), f"here, {model_name(model)}"]
-    heads += [f"difference to {titles[c]}" for c in published]
+    titles = [_PUBLISHED_TITLES[c] for c in published]
+    heads = ["Quantity", "Axis", *titles, f"computed, {model_name(model)}"]
+    heads += [f"difference to {title}" for title in titles]
     rows: list[tuple[str | Cell, ...]] = []
     for row in _rows(study, quantities):
         cell = row.cells.get(model)
         if cell is None or not (set(published) & set(row.cells) or not published):
             continue
-        shown = display(row.quantity)
-        printed = []
+        unit = display(row.quantity)
+        references = []
         for c in published:
-            slip = " †" if _slip(study, c, row.axis) and row.quantity == _RATIO else ""
-            printed.append(f"{row.cells[c].text(shown)}{slip}" if c in row.cells else "–")
-        ours = Cell(cell.text(shown), mark="ours", failing=cell.failing)
+            misprinted = row.quantity == _RATIO and _misprint(study, c, row.axis)
+            mark = " †" if misprinted else ""
+            references.append(f"{row.cells[c].text(unit)}{mark}" if c in row.cells else "–")
+        computed = Cell(cell.text(unit), mark="ours", failing=cell.failing)
         differences = (percent(row.difference_percent(model, c)) or "–" for c in published)
-        rows.append((shown.heading, row.axis, *printed, ours, *differences))
-    rows += _loops(study, len(published))
-    slips = [s for axis in _axes(study) if (s := _slip(study, _FEM, axis))]
-    foot = f" † Printed so; {slips[0]}." if slips else ""
+        rows.append((unit.heading, row.axis, *references, computed, *differences))
+    if len(published) == len(_PUBLISHED_TITLES):
+        rows += _loop_rows(study)
+    misprints = [m for axis in study.stage.axes if (m := _misprint(study, _FEM, axis.name))]
+    foot = f" † As printed; {misprints[0].text}." if misprints else ""
     return table(f"Main figures of the stage.{foot}", heads, rows) if rows else None
 
 
-def _loops(study: "Study", published: int) -> Iterator[tuple[str | Cell, ...]]:
-    """Rows on the loop that the inverse leaves, which the simulated stage gives."""
-    for axis, made in study.experiments.items():
-        printed = _printed_reduction(study, axis)
-        here = made.runs[0].reduction_percent
-        if printed is None or published < 2:
+def _loop_rows(study: "Study") -> Iterator[tuple[str | Cell, ...]]:
+    """Yield the reduction of each hysteresis loop by the inverse model, simulated."""
+    for axis, experiment in study.experiments.items():
+        measured = published_loop(study.characteristics, axis)[-1]
+        if measured is None:
             continue
-        ours = Cell(f"{here:.1f} (simulated)", mark="ours")
-        # a simulation and a measurement of two loops are not subtracted
-        title = "Loop narrowed by inverse [%]"
-        yield (title, axis, "–", f"{printed:.1f}", ours, "–", "–")
+        simulated = f"{experiment.runs[0].reduction_percent:.1f} (simulated)"
+        # no difference: the two are of different loops
+        title = "Loop reduction by inverse [%]"
+        yield (title, axis, "–", f"{measured:.1f}", Cell(simulated, mark="ours"), "–", "–")
 
 
-def _printed_reduction(study: "Study", axis: str) -> float | None:
-    return published_loop(study.characteristics, axis)[-1]
+def _rows(study: "Study", quantities: Iterable[str] = _MAIN) -> list[ComparisonRow]:
+    """Return the rows of quantities, in the order of these."""
+    order = {name: i for i, name in enumerate(quantities)}
+    rows = [row for row in study.comparison.rows if row.quantity in order]
+    return sorted(rows, key=lambda row: order[row.quantity])
 
 
-_RATIO = "transmission_ratio"
+# ------------------------------------------------------- agreement with the published values
 
 
-def _axes(study: "Study") -> list[str]:
-    return [axis.name for axis in study.stage.axes]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Misprint:
+    """A published ratio that is not the quotient of the published displacements."""
+
+    axis: str
+    """The axis."""
+    printed: str
+    """The ratio as printed."""
+    quotient: float
+    """Published output over published input displacement."""
+
+    @property
+    def text(self) -> str:
+        """A clause on the quotient."""
+        return f"the published displacements of {self.axis} give {number(self.quotient)}"
 
 
-def _slip(study: "Study", origin: str, axis: str) -> str:
-    """Say where a published ratio is not that of its own output and input, beyond rounding."""
-    rows = study.characteristics
-    found = [
-        rows.select(quantity, axis, origin)
-        for quantity in (_RATIO, "output_displacement", "input_displacement")
-    ]
-    if not all(found):
-        return ""
-    ratio, out, into = (f[0].value for f in found)
+def _misprint(study: "Study", origin: str, axis: str) -> _Misprint | None:
+    """Return the misprint of a published ratio, beyond rounding; None if the ratio is right."""
+    quantities = (_RATIO, "output_displacement", "input_displacement")
+    rows = [study.characteristics.select(quantity, axis, origin) for quantity in quantities]
+    if not all(rows):
+        return None
+    ratio, out, into = (r[0].value for r in rows)
     printed = f"{ratio:.10g}"
     rounding = 0.5 * 10.0 ** -len(printed.partition(".")[2])
-    own = out / into
-    if abs(ratio - own) <= 1.001 * rounding:
-        return ""
-    return f"its own displacements of {axis} give {number(own)}"
+    if abs(ratio - out / into) <= 1.001 * rounding:
+        return None
+    return _Misprint(axis=axis, printed=printed, quotient=out / into)
 
 
-def _largest(
-    study: "Study", column: str, reference: str, quantities: Iterable[str] = _MAIN
-) -> tuple[float, ComparisonRow] | None:
-    """The largest difference of a column to a reference, printed slips left out."""
-    found = []
-    for row in _rows(study, quantities):
-        if row.quantity == _RATIO and _slip(study, reference, row.axis):
-            continue
-        value = row.difference_percent(column, reference)
-        if value is not None:
-            found.append((value, row))
-    return max(found, key=lambda pair: abs(pair[0]), default=None)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Agreement:
+    """Agreement of the models of a study with published values."""
+
+    study: "Study"
+    """The study."""
+    best: str
+    """The most complete model."""
+
+    def with_fem(self) -> str:
+        """Return a sentence on the published finite elements; empty without a common quantity."""
+        nearest = self._largest_difference(self.best, _FEM)
+        if nearest is None:
+            return ""
+        quantities = dict.fromkeys(
+            display(row.quantity).label.lower()
+            for row in self._comparable(_FEM)
+            if row.difference_percent(self.best, _FEM) is not None
+        )
+        sentence = (
+            f"Reproduced: {listed(quantities)} of the published finite elements, within "
+            f"{abs(nearest[0]):.1f} % ({model_name(self.best)})"
+        )
+        if self.best != "lumped" and "lumped" in self.study.analyses:
+            lumped = self._largest_difference("lumped", _FEM)
+            if lumped is not None:
+                difference, row = lumped
+                sentence += (
+                    f" and within {abs(difference):.1f} % ({model_name('lumped')}; {_label(row)})"
+                )
+        return f"{sentence}{self._loop_clause()}."
+
+    def _loop_clause(self) -> str:
+        """Return a clause on the hysteresis loops of which a reduction is published."""
+        reductions = {
+            axis: (experiment.runs[0].reduction_percent, measured)
+            for axis, experiment in self.study.experiments.items()
+            if (measured := published_loop(self.study.characteristics, axis)[-1]) is not None
+        }
+        if not reductions:
+            return ""
+        simulated = listed(f"{value:.1f} % in {axis}" for axis, (value, _) in reductions.items())
+        measured = listed(f"{value:.1f} %" for _, value in reductions.values())
+        return (
+            f"; the Bouc-Wen inverse narrows the simulated hysteresis loop by {simulated} "
+            f"(published, measured: {measured})"
+        )
+
+    def with_measurement(self) -> str:
+        """Return a sentence on the published measurement; empty without a common quantity."""
+        parts = []
+        for quantity in ("output_displacement", "natural_frequency_hz"):
+            computed = self._largest_difference(self.best, _MEASURED, (quantity,))
+            published = self._largest_difference(_FEM, _MEASURED, (quantity,))
+            if computed is not None:
+                label = display(quantity).label.lower()
+                fem = f" (published FEM: {abs(published[0]):.1f} %)" if published else ""
+                parts.append(f"{label} within {abs(computed[0]):.1f} %{fem}")
+        if not parts:
+            return ""
+        return f"Against the published measurement: {listed(parts)}; {model_name(self.best)}."
+
+    def missing(self) -> str:
+        """Return a sentence on published values that the models do not reproduce."""
+        parts = [
+            *self._manufacturing_errors(),
+            *self._far_values(),
+            *self._misprinted_ratios(),
+            *self._fitted_hysteresis(),
+        ]
+        if not parts:
+            return "All published values are reproduced."
+        return f"Not reproduced: {'; '.join(parts)}."
+
+    def _manufacturing_errors(self) -> Iterator[str]:
+        rows = (r for r in self.study.characteristics if r.origin == _MEASURED)
+        errors = [q for q in dict.fromkeys(r.quantity for r in rows) if q in MANUFACTURE]
+        if errors:
+            labels = listed(display(q).label.lower() for q in errors)
+            yield f"the measured motion errors ({labels}), which an ideal geometry does not have"
+
+    def _far_values(self) -> Iterator[str]:
+        far = [
+            f"{_label(row)} ({percent(difference)})"
+            for row in _rows(self.study)
+            if (difference := row.difference_percent(self.best, _MEASURED)) is not None
+            and abs(difference) > _REPRODUCED_WITHIN
+        ]
+        if far:
+            yield f"the measured {listed(far)}"
+
+    def _misprinted_ratios(self) -> Iterator[str]:
+        for origin, title in ((_FEM, "FEM"), (_ANALYTIC, "analytic")):
+            axes = (axis.name for axis in self.study.stage.axes)
+            misprint = next(
+                (m for axis in axes if (m := _misprint(self.study, origin, axis))), None
+            )
+            if misprint is not None:
+                yield f"the printed {title} ratio {misprint.printed} ({misprint.text})"
+
+    def _fitted_hysteresis(self) -> Iterator[str]:
+        rows = self.study.characteristics
+        if self.study.experiments and any(r.quantity == "hysteresis_loop_width" for r in rows):
+            yield (
+                "the hysteresis of the stacks, whose loop width is fitted to the published value "
+                "and not predicted"
+            )
+
+    def _comparable(
+        self, reference: str, quantities: Iterable[str] = _MAIN
+    ) -> Iterator[ComparisonRow]:
+        """Yield the rows of quantities, without misprinted ratios of the reference."""
+        for row in _rows(self.study, quantities):
+            if not (row.quantity == _RATIO and _misprint(self.study, reference, row.axis)):
+                yield row
+
+    def _largest_difference(
+        self, column: str, reference: str, quantities: Iterable[str] = _MAIN
+    ) -> tuple[float, ComparisonRow] | None:
+        """Return the largest difference [%] of a column to a reference, and its row."""
+        differences = [
+            (value, row)
+            for row in self._comparable(reference, quantities)
+            if (value := row.difference_percent(column, reference)) is not None
+        ]
+        return max(differences, key=lambda pair: abs(pair[0]), default=None)
 
 
-def _named(row: ComparisonRow) -> str:
+def _label(row: ComparisonRow) -> str:
     return f"{display(row.quantity).label.lower()} {row.axis}"
 
 
-def _to_fem(study: "Study") -> str:
-    best = best_model(study)
-    near = _largest(study, best, _FEM)
-    if near is None:
-        return ""
-    kinds = dict.fromkeys(
-        display(row.quantity).label.lower()
-        for row in _rows(study)
-        if row.difference_percent(best, _FEM) is not None
-        and not (row.quantity == _RATIO and _slip(study, _FEM, row.axis))
-    )
-    said = (
-        f"Reproduced: {listed(kinds)} of the published finite elements, within "
-        f"{abs(near[0]):.1f} % ({model_name(best)})"
-    )
-    if best != "lumped" and "lumped" in study.analyses:
-        far = _largest(study, "lumped", _FEM)
-        if far is not None:
-            said += f" and within {abs(far[0]):.1f} % ({model_name('lumped')}; {_named(far[1])})"
-    loops = [
-        (axis, made.runs[0].reduction_percent, printed)
-        for axis, made in study.experiments.items()
-        if (printed := _printed_reduction(study, axis)) is not None
-    ]
-    if loops:
-        here = listed(f"{value:.1f} % in {axis}" for axis, value, _ in loops)
-        printed = listed(f"{value:.1f} %" for *_, value in loops)
-        said += (
-            f"; the Bouc-Wen inverse narrows the simulated hysteresis loop by {here} "
-            f"(published, measured: {printed})"
-        )
-    return said + "."
-
-
-def _to_measured(study: "Study") -> str:
-    best = best_model(study)
-    parts = []
-    for quantity in ("output_displacement", "natural_frequency_hz"):
-        ours = _largest(study, best, _MEASURED, (quantity,))
-        theirs = _largest(study, _FEM, _MEASURED, (quantity,))
-        if ours is not None:
-            own = f" (published FEM: {abs(theirs[0]):.1f} %)" if theirs is not None else ""
-            word = display(quantity).label.lower()
-            parts.append(f"{word} within {abs(ours[0]):.1f} %{own}")
-    if not parts:
-        return ""
-    return f"Against the published measurement: {listed(parts)}; {model_name(best)}."
-
-
-def _not_reproduced(study: "Study") -> str:
-    # A model whose difference from the measurement is larger has not reproduced it [%]
-    far_percent = 5.0
-    best = best_model(study)
-    rows = study.characteristics
-    parts = []
-    errors = dict.fromkeys(r.quantity for r in rows if r.origin == _MEASURED)
-    errors = [q for q in errors if q in MANUFACTURE]
-    if errors:
-        words = listed(display(q).label.lower() for q in errors)
-        parts.append(f"the measured motion errors ({words}), which no ideal geometry has")
-    far = [
-        f"{_named(row)} ({percent(value)})"
-        for row in _rows(study)
-        if (value := row.difference_percent(best, _MEASURED)) is not None
-        and abs(value) > far_percent
-    ]
-    if far:
-        parts.append(f"the measured {listed(far)}")
-    for origin, word in ((_FEM, "FEM"), ("published-analytic", "analytic")):
-        slips = {axis: s for axis in _axes(study) if (s := _slip(study, origin, axis))}
-        if slips:
-            axis, said = next(iter(slips.items()))
-            printed = f"{rows.select(_RATIO, axis, origin)[0].value:.10g}"
-            parts.append(f"the printed {word} ratio {printed} ({said})")
-    if study.experiments and any(r.quantity == "hysteresis_loop_width" for r in rows):
-        parts.append(
-            "the stacks' own hysteresis, whose loop width is set to the published one and not "
-            "predicted"
-        )
-    parts = parts or ["nothing that was published"]
-    return f"Not reproduced: {'; '.join(parts)}."
-
-
-def _known(study: "Study") -> Iterator[str]:
-    """What is known of a stage of which nothing was published."""
-    model = best_model(study)
-
-    def said(quantity: str) -> str:
-        return by_axis(study, quantity)
-
-    yield f"Size and mass: {size_and_mass(study)}; {study.stage.material.name}."
-    strokes = ("output_displacement", "rotation_stroke")
-    motion = listed(part for quantity in strokes if (part := said(quantity)))
-    if motion:
-        frequency, driven = said("natural_frequency_hz"), said("natural_frequency_with_stack_hz")
-        if driven:
-            frequency = f"without stack {frequency}, with stack {driven}"
-        yield (
-            f"Motion: {motion} at full stroke; natural frequency {frequency}; {model_name(model)}."
-        )
-    stress, safety = said("max_stress"), said("safety_factor")
-    if stress:
-        against = f"; safety against yield {safety}" if safety else ""
-        yield f"Stress: at most {stress}{against}."
-    yield "Nothing was published or measured of this stage, so that no difference is shown."
-
-
-def by_axis(study: "Study", quantity: str) -> str:
-    """Say the values of a quantity on every axis, by the best model, with criteria that fail."""
-    shown = display(quantity)
-    unit = f" {shown.shown_unit}" if shown.shown_unit else ""
-    rows = study.analyses[best_model(study)].characteristics.select(quantity)
-    failing = (f" (fails: {r.failing})" if r.failing else "" for r in rows)
-    return listed(
-        f"{r.text(shown)}{unit} in {r.axis}{fails}" for r, fails in zip(rows, failing, strict=True)
-    )
+# --------------------------------------------------------------------- a line for each chapter
 
 
 def theory(study: "Study") -> str:
-    """Say what the lumped model consists of."""
+    """Return the size of the lumped model."""
     lumped = study.analyses.get("lumped")
     order = f" with {lumped.system.order} coordinates" if lumped is not None else ""
     return (
@@ -342,7 +403,7 @@ def theory(study: "Study") -> str:
 
 
 def models(study: "Study") -> str:
-    """Say by how much the models differ among themselves."""
+    """Return the models, and the largest difference between their natural frequencies."""
     best = best_model(study)
     names = listed(model_name(m) for m in study.analyses)
     differences = [
@@ -362,93 +423,89 @@ def models(study: "Study") -> str:
 
 
 def statics(study: "Study") -> str:
-    """Say how far each axis goes, and by what ratio."""
-    moved, ratio = by_axis(study, "output_displacement"), by_axis(study, "transmission_ratio")
-    return f"Full stroke {moved}; ratio {ratio}; {_best(study)}." if moved else _best(study)
+    """Return the stroke and the transmission ratio of each axis."""
+    stroke, ratio = by_axis(study, "output_displacement"), by_axis(study, _RATIO)
+    name = _best_name(study)
+    return f"Full stroke {stroke}; ratio {ratio}; {name}." if stroke else name
 
 
 def dynamics(study: "Study") -> str:
-    """Say the natural frequency of each axis."""
-    found = by_axis(study, "natural_frequency_hz")
-    if found:
-        driven = by_axis(study, "natural_frequency_with_stack_hz")
-        more = f"; with stack {driven}" if driven else ""
-        return f"Natural frequency {found}, drives removed{more}; {_best(study)}."
-    first = study.main.modes["removed"].frequency_hz
-    return f"Lowest natural frequency {number(float(first[0]))} Hz." if first.size else "No modes."
+    """Return the natural frequency of each axis."""
+    frequency = by_axis(study, "natural_frequency_hz")
+    if frequency:
+        with_stack = by_axis(study, "natural_frequency_with_stack_hz")
+        driven = f"; with stack {with_stack}" if with_stack else ""
+        return f"Natural frequency {frequency}, drives removed{driven}; {_best_name(study)}."
+    modes = study.main.modes["removed"].frequency_hz
+    return f"Lowest natural frequency {number(float(modes[0]))} Hz." if modes.size else "No modes."
 
 
 def stress(study: "Study") -> str:
-    """Say how large the stress is, and how far from yield and fatigue."""
-    stress, factor = by_axis(study, "max_stress"), by_axis(study, "safety_factor")
-    if not stress:
-        return "No stress is known."
+    """Return the largest stress, and its safety factors against yield and fatigue."""
+    largest, factor = by_axis(study, "max_stress"), by_axis(study, "safety_factor")
+    if not largest:
+        return "No stress was computed."
     fatigue = by_axis(study, "fatigue_safety")
-    more = f"; against fatigue, stroke from nothing to full, {fatigue}" if fatigue else ""
-    safety = f"; safety against yield {factor}{more}" if factor else ""
-    return f"Largest stress {stress}{safety}; {_best(study)}."
+    pulsating = f"; against fatigue by a pulsating stroke, {fatigue}" if fatigue else ""
+    safety = f"; safety against yield {factor}{pulsating}" if factor else ""
+    return f"Largest stress {largest}{safety}; {_best_name(study)}."
 
 
 def measured(study: "Study") -> str:
-    """Say what was measured, and by whom."""
-    rows = study.comparison.rows
+    """Return the measured strokes and frequencies, of this study and published."""
     best = best_model(study)
     parts = []
     for origin, title in (("measured", "Measured here"), ("published-measured", "Published")):
-        words = [
+        values = [
             f"{display(row.quantity).label.lower()} of {row.axis} "
             f"{row.cells[origin].text(display(row.quantity))} {display(row.quantity).shown_unit} "
-            f"({_model_against(row.difference_percent(best, origin))})"
-            for row in rows
+            f"({_model_difference(row.difference_percent(best, origin))})"
+            for row in study.comparison.rows
             if row.quantity in ("output_displacement", "natural_frequency_hz")
             and origin in row.cells
             and best in row.cells
         ]
-        if words:
-            parts.append(f"{title}: {listed(words)}.")
+        if values:
+            parts.append(f"{title}: {listed(values)}.")
     if isinstance(study.virtual, MeasurementComparison):
-        parts.append("The simulated measurement is a report of its own.")
-    return " ".join(parts) or "Nothing was measured."
+        parts.append("The simulated measurement has a report of its own.")
+    return " ".join(parts) or "No measurement."
+
+
+def _model_difference(value: float | None) -> str:
+    return "no model" if value is None else f"model {percent(value)}"
 
 
 def traditional(study: "Study") -> str:
-    """Say what becomes of the claim of smaller motion errors."""
+    """Return the assessment of the claim of smaller motion errors."""
     from flexstage.studies.traditional import claim_verdict
 
     return "" if study.traditional is None else claim_verdict(study.traditional)
 
 
 def hysteresis(study: "Study") -> str:
-    """Say by how much inverses narrow the loop."""
+    """Return the reduction of the hysteresis loop by each inverse model."""
     if not study.experiments:
-        return "No axis could be tried."
-    words = [
-        f"{axis}: {listed(f'{run.title} {run.reduction_percent:.1f} %' for run in m.runs)}"
-        for axis, m in study.experiments.items()
+        return "No axis could be compensated."
+    reductions = [
+        f"{axis}: {listed(f'{run.title} {run.reduction_percent:.1f} %' for run in e.runs)}"
+        for axis, e in study.experiments.items()
     ]
-    return f"Loop narrowed by the inverse of a model, simulated stage: {'; '.join(words)}."
+    return f"Loop reduction by the inverse of a model, simulated stage: {'; '.join(reductions)}."
 
 
 def centring(study: "Study") -> str:
-    """Say how well the scale was centred."""
-    found = study.centring
-    if found is None or isinstance(found, str):
+    """Return the eccentricity of the scale before and after centring."""
+    trial = study.centring
+    if trial is None or isinstance(trial, str):
         return "No scale could be centred."
-    first = found.done.steps[0].reading.length.value
+    before = trial.done.steps[0].reading.length.value
     return (
-        f"An eccentricity of {1e6 * first:.1f} µm was reduced to {1e9 * found.left:.1f} nm "
-        f"(simulated; {found.done.reason})."
+        f"An eccentricity of {1e6 * before:.1f} µm was reduced to {1e9 * trial.left:.1f} nm "
+        f"(simulated; {trial.done.reason})."
     )
 
 
 def record(study: "Study") -> str:
-    """Say what the chapter holds."""
-    return f"Limits of the models, versions and settings of {len(study.analyses)} models."
-
-
-def _best(study: "Study") -> str:
-    return model_name(best_model(study))
-
-
-def _model_against(value: float | None) -> str:
-    return "no model" if value is None else f"model {percent(value)}"
+    """Return the contents of the chapter on validity and provenance."""
+    return f"Limits, versions and settings of {len(study.analyses)} models."

@@ -1,4 +1,4 @@
-"""What was measured: a page of its own, or a section of the report of a study; ISO 230-2."""
+"""Measurements, as a page or as a section of the report of a study; ISO 230-2."""
 
 import math
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from flexstage.report.page import page_html
 from flexstage.report.tables import column_title
 from flexstage.studies.measurement import MeasuredRow, MeasurementComparison
 
-#: Figures of an axis: symbol, name, field of both directions; upward and downward have suffixes.
+#: Figures of an axis: symbol, name, field for both directions; upward and downward have suffixes.
 _AXIS: tuple[tuple[str, str, str], ...] = (
     ("A", "accuracy", "accuracy"),
     ("R", "repeatability", "repeatability"),
@@ -41,45 +41,57 @@ class PositioningTables:
     """Values at the targets."""
 
 
-def positioning_tables(found: Positioning) -> PositioningTables:
-    """Write the figures of an axis and of its targets, in unit and decimals of the accuracy."""
-    # digits of A that are shown, which is one more than machines are tested to
+def positioning_tables(positioning: Positioning) -> PositioningTables:
+    """Return the figures of an axis and of its targets, in unit and decimals of the accuracy."""
+    # digits of A, one more than in tests of machines
     shown_digits = 5
-    accuracy = abs(found.accuracy.value)
+    accuracy = abs(positioning.accuracy.value)
     factor, prefix = prefixed(accuracy)
-    shown = factor * accuracy
-    digits = shown_digits - 1 - math.floor(math.log10(shown)) if shown > 0.0 else 0
-    decimals = min(max(digits, 0), shown_digits - 1)  # of exact positions what is left is rounding
+    size = factor * accuracy
+    digits = shown_digits - 1 - math.floor(math.log10(size)) if size > 0.0 else 0
+    decimals = min(max(digits, 0), shown_digits - 1)  # the remainder of exact positions is rounding
 
     def text(value: float) -> str:
         return f"{factor * value:.{decimals}f}".replace("-", "−")
 
-    def given(name: str) -> tuple[str, ...]:
-        estimate = getattr(found, name, None)
+    def value_and_interval(name: str) -> tuple[str, ...]:
+        estimate = getattr(positioning, name, None)
         if estimate is None:
             return "", ""
         return text(estimate.value), f"{float(f'{factor * estimate.expanded:.2g}'):g}"
 
-    across, of_target = prefixed(float(abs(found.target).max()))
+    target_factor, target_prefix = prefixed(float(abs(positioning.target).max()))
     columns = (
-        found.mean_upward, found.mean_downward, found.mean_bidirectional, found.reversal_at_targets,
-        found.spread_upward, found.spread_downward, 4.0 * found.spread_upward,
-        4.0 * found.spread_downward, found.repeatability_at_targets,
-    )  # fmt: skip
+        positioning.mean_upward,
+        positioning.mean_downward,
+        positioning.mean_bidirectional,
+        positioning.reversal_at_targets,
+        positioning.spread_upward,
+        positioning.spread_downward,
+        4.0 * positioning.spread_upward,
+        4.0 * positioning.spread_downward,
+        positioning.repeatability_at_targets,
+    )
     pm = "± (95 %)"
     of_axis = (
-        (symbol, label, *given(f"{name}_upward"), *given(f"{name}_downward"), *given(name))
+        (
+            symbol,
+            label,
+            *value_and_interval(f"{name}_upward"),
+            *value_and_interval(f"{name}_downward"),
+            *value_and_interval(name),
+        )
         for symbol, label, name in _AXIS
     )
     at_targets = (
-        (f"{across * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
-        for i, at in enumerate(found.target)
+        (f"{target_factor * at:.7g}".replace("-", "−"), *(text(float(v[i])) for v in columns))
+        for i, at in enumerate(positioning.target)
     )
     heads = ("x̄ ↑", "x̄ ↓", "x̄", "B", "s ↑", "s ↓", "R ↑", "R ↓", "R")
     return PositioningTables(
         unit=f"{prefix}m",
         axis=table("", ("", "<ISO 230-2", "upward", pm, "downward", pm, "both", pm), of_axis),
-        targets=table("", (f"target [{of_target}m]", *heads), at_targets),
+        targets=table("", (f"target [{target_prefix}m]", *heads), at_targets),
     )
 
 
@@ -95,12 +107,11 @@ _SPREAD = "±\u00a0(95\u00a0%)"
 
 
 def measurement_text(result: MeasurementComparison, memory: Memory | None = None) -> str:
-    """Return a page of what was measured, which needs nothing else."""
+    """Return a self-contained page of a measurement."""
     return page_html(
         heading=result.title,
         lead=(
-            f"{len(result.found.results)} tests, {len(result.rows)} figures; intervals are those "
-            "of 95 %"
+            f"{len(result.found.results)} tests, {len(result.rows)} characteristics; 95 % intervals"
         ),
         version=__version__,
         sections=_sections(result),
@@ -110,7 +121,7 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
 
 
 def measurement_section(result: MeasurementComparison, *further: Content) -> Section:
-    """Return what was measured as one section of another page, with more behind its figures."""
+    """Return a measurement as one section of another page, with `further` content after it."""
     figures, *others = _sections(result)
     notes = "; ".join(result.found.notes)
     return Section(
@@ -121,21 +132,19 @@ def measurement_section(result: MeasurementComparison, *further: Content) -> Sec
 
 
 def _sections(result: MeasurementComparison) -> Iterator[Section]:
-    yield Section(key="figures", title="Figures", content=tuple(_figures(result)))
-    named = (
+    yield Section(key="figures", title="Characteristics", content=tuple(_figures(result)))
+    chapters = (
         ("motion", "Motion over the stroke", _motion),
         ("positioning", "Positioning", _positioning),
         ("workspace", "Workspace", _workspace),
         ("response", "Frequency responses and modes", _response),
         ("standing", "Steps and noise", _standing),
     )
-    for key, title, show in named:
-        content = tuple(part for r in result.found.results for part in show(r))
+    for key, title, contents in chapters:
+        content = tuple(part for r in result.found.results for part in contents(r))
         if content:
             yield Section(key=key, title=title, content=content)
-    yield Section(
-        key="budgets", title="Budgets of uncertainty", content=(_BUDGETS, _budgets(result))
-    )
+    yield Section(key="budgets", title="Uncertainty budgets", content=(_BUDGETS, _budgets(result)))
     words = [n for n in result.notes if n not in result.found.notes]
     sources = {name: f"SHA-256 {digest}" for name, digest in result.found.sources.items()}
     if words or sources:
@@ -145,7 +154,7 @@ def _sections(result: MeasurementComparison) -> Iterator[Section]:
 
 def _figures(result: MeasurementComparison) -> Iterator[Content]:
     simulated = result.found.origin == "virtual"
-    # a simulated stage is made from published values and random errors: it tests no model
+    # a simulated stage is generated from published values and random errors: it tests no model
     references = () if simulated else result.references
     here = "simulated measurement" if simulated else "measured here"
     heads = [Column("value", group=here), Column(_SPREAD, group=here)]
@@ -162,38 +171,38 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
             "A model or a publication that states no uncertainty counts as exact."
         )
     elif simulated:
-        yield "Simulated, not measured: no figure is compared with a model or a publication."
+        yield "Simulated, not measured: no value is compared with a model or a publication."
 
 
-def _cells(row: MeasuredRow, origins: tuple[str, ...], shown: Quantity) -> list[Cell | str]:
+def _cells(row: MeasuredRow, origins: tuple[str, ...], quantity: Quantity) -> list[Cell | str]:
     estimate = row.figure.estimate
-    value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
+    value, spread = beside(quantity.factor * estimate.value, quantity.factor * estimate.expanded)
     cells: list[Cell | str] = [
-        f"{shown.heading}, assumed" if row.assumed else shown.heading,
+        f"{quantity.heading}, assumed" if row.assumed else quantity.heading,
         row.figure.axis,
         Cell(value, note=estimate.note, mark="ours", failing=row.figure.failing),
         Cell(spread, mark="ours"),
     ]
     for origin in origins:
-        other, found = row.references.get(origin), row.differences.get(origin)
-        if other is None or found is None:
+        other, difference = row.references.get(origin), row.differences.get(origin)
+        if other is None or difference is None:
             cells.append("–")
         else:
-            cells.append(Cell(other.text(shown), note=other.note, small=_difference(found)))
+            cells.append(Cell(other.text(quantity), note=other.note, small=_difference(difference)))
     return cells
 
 
-def _difference(found: Any) -> str:
-    # against something near nothing a percentage says nothing
-    if found.percent is None or abs(found.percent) > 1e4:
-        return "*" if found.significant else ""
-    mark = " *" if found.significant else ""
-    return f"{found.percent:+.2f} %{mark}"
+def _difference(difference: Any) -> str:
+    # relative to a value near zero a percentage has no meaning
+    if difference.percent is None or abs(difference.percent) > 1e4:
+        return "*" if difference.significant else ""
+    mark = " *" if difference.significant else ""
+    return f"{difference.percent:+.2f} %{mark}"
 
 
 _BUDGETS = (
-    "Standard uncertainty, its degrees of freedom, and the share of each contribution in its "
-    "square [%]."
+    "Standard uncertainty u, its degrees of freedom, and the share of each contribution in the "
+    "variance [%]."
 )
 
 
@@ -205,33 +214,36 @@ def _budgets(result: MeasurementComparison) -> Table:
     units = shown_units(row.figure for row in result.rows)
     for row in result.rows:
         estimate = row.figure.estimate
-        shown = units[row.figure.quantity]
-        own: dict[str, float] = {}
+        quantity = units[row.figure.quantity]
+        contributions: dict[str, float] = {}
         for c in estimate.components:
-            own[c.name] = (own.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5
+            contributions[c.name] = (contributions.get(c.name, 0.0) ** 2 + c.uncertainty**2) ** 0.5
         u = estimate.uncertainty
-        shares = (f"{100.0 * (own[n] / u) ** 2:.0f}" if u > 0.0 and n in own else "" for n in names)
+        shares = (
+            f"{100.0 * (contributions[n] / u) ** 2:.0f}" if u > 0.0 and n in contributions else ""
+            for n in names
+        )
         nu = estimate.degrees_of_freedom
         freedom = "∞" if nu > 1e4 else f"{nu:.0f}"
-        label = (shown.heading, row.figure.axis)
-        rows.append((*label, number(shown.factor * u, 2), freedom, *shares))
-    return table("", (*_LABELS, "u", "degrees", *(Column(name) for name in names)), rows)
+        label = (quantity.heading, row.figure.axis)
+        rows.append((*label, number(quantity.factor * u, 2), freedom, *shares))
+    return table("", (*_LABELS, "u", "degrees of freedom", *(Column(name) for name in names)), rows)
 
 
 def stroke_ranges(result: TestResult) -> Table | None:
-    """Return the stroke over each range of the command; None where it has one range, or none."""
+    """Return the stroke over each range of the command; None for fewer than two ranges."""
     ranges = result.details.get("ranges", ())
     if len(ranges) < 2:
         return None
-    shown = display("output_displacement").fitting(ranges[0].stroke.value)
+    quantity = display("output_displacement").fitting(ranges[0].stroke.value)
     rows = []
-    for one in ranges:
-        basis, size = one.curve.basis, one.stroke
-        ends = readable(one.curve.position_unit, basis.low, basis.high)
-        length = beside(shown.factor * size.value, shown.factor * size.expanded)
-        rows.append((ends, one.of_cycles.size, *length))
+    for stroke_range in ranges:
+        basis, size = stroke_range.curve.basis, stroke_range.stroke
+        ends = readable(stroke_range.curve.position_unit, basis.low, basis.high)
+        length = beside(quantity.factor * size.value, quantity.factor * size.expanded)
+        rows.append((ends, stroke_range.of_cycles.size, *length))
     title = f"{result.test.name}, axis {result.test.axis}: stroke by range of the command"
-    return table(title, ("command", "cycles", f"stroke [{shown.shown_unit}]", _SPREAD), rows)
+    return table(title, ("command", "cycles", f"stroke [{quantity.shown_unit}]", _SPREAD), rows)
 
 
 def _motion(result: TestResult) -> Iterator[Content]:
@@ -242,16 +254,16 @@ def _motion(result: TestResult) -> Iterator[Content]:
         yield ranges
     axis = result.test.axis
     band = f", test {result.test.name}, with 95 % band (statistical)"
-    # the legend of the first serves all
-    shown = [
+    # all share the legend of the first
+    pictures = [
         Picture(
             result=result.details["stroke"].curve,
-            title=f"{axis}: position less its least-squares line",
-            caption=f"{axis}: position less its least-squares line{band}.",
+            title=f"{axis}: deviation from the least-squares line",
+            caption=f"{axis}: deviation from the least-squares line{band}.",
             options={
-                "title": f"{axis}: position less its line",
+                "title": f"{axis}: deviation from the line",
                 "position_label": "command",
-                "label": "distance from the line",
+                "label": "deviation from the line",
             },
         )
     ]
@@ -261,38 +273,40 @@ def _motion(result: TestResult) -> Iterator[Content]:
         options = {
             "title": words,
             "position_label": f"position {axis}",
-            "label": "rotation" if turning else "distance from the line",
+            "label": "rotation" if turning else "deviation from the line",
             "line": "none" if turning else "least_squares",
             "legend": False,
         }
-        shown.append(Picture(result=curve, title=words, caption=f"{words}{band}.", options=options))
-    yield Pictures(shown=tuple(shown), columns=2)
+        pictures.append(
+            Picture(result=curve, title=words, caption=f"{words}{band}.", options=options)
+        )
+    yield Pictures(shown=tuple(pictures), columns=2)
 
 
 def _positioning(result: TestResult) -> Iterator[Content]:
-    found = result.details.get("positioning")
-    if found is None:
+    positioning = result.details.get("positioning")
+    if positioning is None:
         return
-    tables = positioning_tables(found)
+    tables = positioning_tables(positioning)
     name = result.test.name
-    yield f"Test {name}: {found.runs} runs upward and downward; values in {tables.unit}."
-    shown = Picture(
-        result=found,
+    yield f"Test {name}: {positioning.runs} runs upward and downward; values in {tables.unit}."
+    picture = Picture(
+        result=positioning,
         title=name,
-        caption=f"Positioning by ISO 230-2, test {name}.",
+        caption=f"Positioning test by ISO 230-2, test {name}.",
         options={"title": f"{result.test.axis}: ISO 230-2"},
     )
-    yield Pictures(shown=(shown,))
+    yield Pictures(shown=(picture,))
     yield tables.axis
     yield tables.targets
 
 
 def _workspace(result: TestResult) -> Iterator[Content]:
-    found = result.details.get("workspace")
-    if found is not None:
-        words = f"Workspace, test {result.test.name}; ± of its title is statistical."
-        shown = Picture(result=found, title="workspace", caption=words)
-        yield Pictures(shown=(shown,), columns=2)
+    workspace = result.details.get("workspace")
+    if workspace is not None:
+        words = f"Workspace, test {result.test.name}; the ± in its title is statistical."
+        picture = Picture(result=workspace, title="workspace", caption=words)
+        yield Pictures(shown=(picture,), columns=2)
 
 
 def _response(result: TestResult) -> Iterator[Content]:
@@ -300,7 +314,7 @@ def _response(result: TestResult) -> Iterator[Content]:
     if fit is None:
         return
     name = result.test.name
-    shown = [
+    pictures = [
         Picture(
             result=fit,
             title=f"{name}: response and fit",
@@ -309,7 +323,7 @@ def _response(result: TestResult) -> Iterator[Content]:
         )
     ]
     if fit.stabilisation is not None:
-        shown.append(
+        pictures.append(
             Picture(
                 result=fit,
                 view="stabilisation",
@@ -317,21 +331,21 @@ def _response(result: TestResult) -> Iterator[Content]:
                 caption=f"Stabilisation diagram, test {name}.",
             )
         )
-    yield Pictures(shown=tuple(shown))
+    yield Pictures(shown=tuple(pictures))
 
 
 def _standing(result: TestResult) -> Iterator[Content]:
     details = result.details
     if "hold" in details:
-        kind, shown = "Reading while held", details["hold"]
+        kind, result_shown = "Reading at a constant command", details["hold"]
         options = {"values": details["values"], "allan": details["allan"]}
     elif "staircase" in details:
-        kind, shown = "Staircase of small steps", details["staircase"]
+        kind, result_shown = "Staircase of small steps", details["staircase"]
         time = details["time"]
         rate = (time.size - 1) / float(time[-1] - time[0])
         options = {"values": details["along"], "sample_rate_hz": rate}
     else:
         return
     name = f"test {result.test.name}"
-    picture = Picture(result=shown, title=name, caption=f"{kind}, {name}.", options=options)
+    picture = Picture(result=result_shown, title=name, caption=f"{kind}, {name}.", options=options)
     yield Pictures(shown=(picture,))

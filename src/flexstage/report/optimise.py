@@ -1,7 +1,6 @@
-"""What an optimisation found: tables, and sentences of what holds it."""
+"""Results of an optimisation: tables, and notes with the active constraints."""
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
@@ -12,64 +11,69 @@ from flexstage.base.version import __version__
 from flexstage.quantities.quantity import number
 from flexstage.quantities.section import Picture, Section
 from flexstage.quantities.table import Column, Table, table
-from flexstage.report.figures.optimum import draw_front
 from flexstage.report.page import page_html
-from flexstage.report.sweep import parallel_coordinates
+from flexstage.report.sweep import INSTRUCTIONS, parallel_coordinates
 from flexstage.studies.explore.figures import Figure, Requirement
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, round_step
 from flexstage.studies.explore.optimise.usual import walls_note
 from flexstage.studies.explore.variables import Variable
 
-# limits that are named, and what the table says of a bound
-_HELD, _BOUND = 8, {"low": "lower", "high": "upper"}
+#: Most active constraints with a note of their own.
+_MOST_CONSTRAINTS = 8
+_BOUND = {"low": "lower", "high": "upper"}
 
 
-def optimum_tables(found: Optimum) -> Iterator[Table]:
-    """Yield what people read of an optimum: its figures, then its dimensions."""
-    yield _figures(found)
-    if found.problem.exchanged:
-        yield _exchange(found)
-    yield _variables(found)
+def optimum_tables(optimum: Optimum) -> Iterator[Table]:
+    """Yield the tables of an optimum: its figures, then its dimensions."""
+    yield _figures(optimum)
+    if optimum.problem.exchanged:
+        yield _exchange(optimum)
+    yield _variables(optimum)
 
 
-def optimum_notes(found: Optimum) -> tuple[str, ...]:
-    """Return in sentences what was reached, what holds it and what it took."""
-    problem = found.problem
-    # what goals exchange has a table of its own
-    holding = [held for held in found.held if held.kind != "goal"]
-    notes = [_reached(found), *(held.text for held in holding[:_HELD])]
-    if len(holding) > _HELD:
-        notes.append(f"held by {len(holding) - _HELD} more, each of which matters less")
-    unasked = [*(["check"] if problem.checked else []), *(r.text for r in problem.usual)]
-    if unasked:
-        asked = ", ".join(unasked)
-        notes.append(f"required without being asked (--without NAME leaves one out): {asked}")
+def optimum_notes(optimum: Optimum) -> tuple[str, ...]:
+    """Return notes on the optimum, its active constraints and the evaluations."""
+    problem = optimum.problem
+    # the trade-off between goals has a table of its own
+    active = [constraint for constraint in optimum.held if constraint.kind != "goal"]
+    notes = [_reached(optimum), *(constraint.text for constraint in active[:_MOST_CONSTRAINTS])]
+    if len(active) > _MOST_CONSTRAINTS:
+        notes.append(
+            f"{len(active) - _MOST_CONSTRAINTS} more active constraints, each with a smaller effect"
+        )
+    default_constraints = [
+        *(["check"] if problem.checked else []),
+        *(r.text for r in problem.usual),
+    ]
+    if default_constraints:
+        names = ", ".join(default_constraints)
+        notes.append(f"default constraints (disable with --without NAME): {names}")
     if walls := walls_note(problem.usual):
         notes.append(walls)
-    notes += found.notes
-    notes.append(f"evaluations: {_work(found)}")
+    notes += optimum.notes
+    notes.append(f"evaluations: {_work(optimum)}")
     return tuple(notes)
 
 
-def front_tables(found: Front) -> Iterator[Table]:
-    """Yield what people read of a front: its points, then the chosen design."""
-    yield _front(found)
-    yield from optimum_tables(found.optimum)
+def front_tables(front: Front) -> Iterator[Table]:
+    """Yield the tables of a front: its points, then the selected design."""
+    yield _front(front)
+    yield from optimum_tables(front.optimum)
 
 
-def front_notes(found: Front) -> tuple[str, ...]:
-    """Return in sentences what the front is, and what holds the chosen design."""
-    counted = ", ".join(f"{n} {model}" for model, n in found.evaluations.items())
+def front_notes(front: Front) -> tuple[str, ...]:
+    """Return notes on the front, and on the selected design."""
+    evaluations = ", ".join(f"{n} {model}" for model, n in front.evaluations.items())
     return (
-        f"{len(found.points)} stages on the front after {found.generations} generations; "
-        f"evaluations: {counted}; point {found.chosen + 1} was chosen, the nearest to the best of "
-        "all goals, and made better at the same values of the others",
-        *optimum_notes(found.optimum),
+        f"{len(front.points)} stages on the front after {front.generations} generations; "
+        f"evaluations: {evaluations}; point {front.chosen + 1}, the nearest to the best values of "
+        "all goals, was selected and improved at fixed values of the other goals",
+        *optimum_notes(front.optimum),
     )
 
 
-def front_html(found: Front) -> str:
+def front_html(front: Front) -> str:
     """Return one HTML page of a front: parallel coordinates, picture and tables.
 
     Raises
@@ -78,124 +82,126 @@ def front_html(found: Front) -> str:
         Plotly is not installed.
     """
     require_extra("explore", "plotly", "a page of parallel coordinates", ModelError)
-    goals = [goal.figure for goal in found.problem.goals]
-    columns = [found.figures.index(figure) for figure in goals]
+    goals = [goal.figure for goal in front.problem.goals]
+    columns = [front.figures.index(figure) for figure in goals]
     axes = [
-        (figure.heading, found.values[:, i] * figure.shown.factor)
+        (figure.heading, front.values[:, i] * figure.shown.factor)
         for figure, i in zip(goals, columns, strict=True)
     ]
     axes += [
-        (variable.heading, found.points[:, j] * variable.factor)
-        for j, variable in enumerate(found.problem.family.variables)
+        (variable.heading, front.points[:, j] * variable.factor)
+        for j, variable in enumerate(front.problem.family.variables)
     ]
     picture = Picture(
-        result=partial(draw_front, found),
+        result=front,
         title="Pareto front",
-        caption="What the goals cost each other, by both models; the star is the chosen design.",
+        caption="Trade-off between the goals, by both models; star: selected design.",
     )
-    shown = Section(
-        key="front", title="Front and chosen design", content=(picture, *front_tables(found))
+    section = Section(
+        key="front", title="Front and selected design", content=(picture, *front_tables(front))
     )
     return page_html(
-        heading=f"{found.problem.family.template.source}: Pareto front",
-        lead=" and ".join(goal.text for goal in found.problem.goals),
+        heading=f"{front.problem.family.template.source}: Pareto front",
+        lead=" and ".join(goal.text for goal in front.problem.goals),
         version=__version__,
-        links=(("coordinates", "Parallel coordinates"), (shown.key, shown.title)),
-        sections=(shown,),
-        notes=front_notes(found),
+        links=(("coordinates", "Parallel coordinates"), (section.key, section.title)),
+        sections=(section,),
+        notes=front_notes(front),
         template="sweep.html",
-        said="A line for each stage of the front: goals by the lumped model, then dimensions. Draw "
-        "along an axis to keep the lines that pass there, click beside the stretch to let go, drag "
-        "a heading to move its axis.",
+        instructions="Each line is a stage of the front: goals by the lumped model, then "
+        f"dimensions. {INSTRUCTIONS}",
         drawing=parallel_coordinates(axes, 0),
     )
 
 
-def _reached(found: Optimum) -> str:
-    last = found.levels[-1]
-    worst = int(np.argmax(found.excess)) if len(found.excess) else -1
-    if found.problem.goals:
-        goal = found.problem.goals[0].figure
+def _reached(optimum: Optimum) -> str:
+    last = optimum.levels[-1]
+    worst = int(np.argmax(optimum.excess)) if len(optimum.excess) else -1
+    if optimum.problem.goals:
+        goal = optimum.problem.goals[0].figure
         text = f"{goal.name} from {goal.text(last.start[0])} to {goal.text(last.best[0])}"
-        if found.gain is not None and np.isfinite(found.gain):
-            text += f" ({100.0 * found.gain:+.1f} %)"
+        if optimum.gain is not None and np.isfinite(optimum.gain):
+            text += f" ({100.0 * optimum.gain:+.1f} %)"
         text += f" by the {last.model} model"
     else:
-        text = f"the nearest stage to the start that was found, by the {last.model} model"
-    if found.met:
-        return f"{text}; every requirement is kept within {100.0 * TOLERANCE:g} %"
-    missed = found.problem.all_requirements[worst]
+        text = f"the stage found nearest to the start, by the {last.model} model"
+    if optimum.met:
+        return f"{text}; all requirements are met within {100.0 * TOLERANCE:g} %"
+    violated = optimum.problem.all_requirements[worst]
     return (
-        f"{missed.text} is missed by {100.0 * found.excess[worst]:.2g} %: no stage between the "
-        f"bounds was found that keeps all requirements, and this one misses them least; {text}"
+        f"{violated.text} is violated by {100.0 * optimum.excess[worst]:.2g} %: no design found "
+        f"within the bounds meets all requirements, this one is the nearest; {text}"
     )
 
 
-def _work(found: Optimum) -> str:
+def _work(optimum: Optimum) -> str:
     return ", ".join(
-        f"{count} {model}" + (f" in {found.seconds[model]:.0f} s" if model in found.seconds else "")
-        for model, count in found.evaluations.items()
+        f"{count} {model}"
+        + (f" in {optimum.seconds[model]:.0f} s" if model in optimum.seconds else "")
+        for model, count in optimum.evaluations.items()
     )
 
 
-def _figures(found: Optimum) -> Table:
-    problem, last = found.problem, found.levels[-1]
-    others = (held.goal for held in problem.exchanged)
+def _figures(optimum: Optimum) -> Table:
+    problem, last = optimum.problem, optimum.levels[-1]
+    others = (constraint.goal for constraint in problem.exchanged)
     goals = {goal.figure: goal.way for goal in (*problem.goals, *others)}
     columns = [
         Column("figure", "title"),
         Column("unit", "words"),
-        Column("required", "words"),
+        Column("requirement", "words"),
         Column(last.model, group="start"),
-        *(Column(level.model, group="best") for level in found.levels),
+        *(Column(level.model, group="best") for level in optimum.levels),
     ]
     rows = []
-    for i, figure in enumerate(found.figures):
-        asked = zip(problem.all_requirements, found.excess, strict=True)
-        wanted = [
-            _limit(r) + ("" if excess <= TOLERANCE else " missed")
-            for r, excess in asked
+    for i, figure in enumerate(optimum.figures):
+        requirements = zip(problem.all_requirements, optimum.excess, strict=True)
+        limits = [
+            _limit(r) + ("" if excess <= TOLERANCE else " violated")
+            for r, excess in requirements
             if r.figure == figure
         ]
         if figure in goals:
-            wanted.insert(0, goals[figure])
-        values = (last.start[i], *(level.best[i] for level in found.levels))
+            limits.insert(0, goals[figure])
+        values = (last.start[i], *(level.best[i] for level in optimum.levels))
         cells = [figure.shown.text(float(v)) if np.isfinite(v) else "–" for v in values]
-        rows.append([figure.label, figure.shown.shown_unit, ", ".join(wanted), *cells])
-    return table(f"{found.problem.family.template.source}: figures", columns, rows)
+        rows.append([figure.label, figure.shown.shown_unit, ", ".join(limits), *cells])
+    return table(f"{optimum.problem.family.template.source}: figures", columns, rows)
 
 
-def _exchange(found: Optimum) -> Table:
-    """Tell what the first goal gains for a little less of each other one."""
-    gained = found.problem.goals[0].figure
+def _exchange(optimum: Optimum) -> Table:
+    """Return the gain of the first goal for a small concession in each other one."""
+    first_goal = optimum.problem.goals[0].figure
     rows = []
-    for held, rate in zip(found.problem.exchanged, found.exchange, strict=True):
-        figure = held.goal.figure
-        step = round_step(abs(held.value) * figure.shown.factor) / figure.shown.factor
-        worse = step if held.goal.way == "minimise" else -step
-        told = "0"
+    for constraint, rate in zip(optimum.problem.exchanged, optimum.exchange, strict=True):
+        figure = constraint.goal.figure
+        step = round_step(abs(constraint.value) * figure.shown.factor) / figure.shown.factor
+        worse = step if constraint.goal.way == "minimise" else -step
+        gain = "0"
         if rate is not None:
-            told = f"{rate.rate * worse * gained.shown.factor:+.2g}".replace("-", "−")
+            gain = f"{rate.rate * worse * first_goal.shown.factor:+.2g}".replace("-", "−")
         sign = "+" if worse > 0.0 else "−"
-        at = figure.shown.text(held.value)
-        given = f"{sign}{number(step * figure.shown.factor)}"
-        rows.append((figure.label, figure.shown.shown_unit, at, given, told))
-    heads = ("goal", "<unit", "chosen point", "given up", f"gives {gained.heading}")
-    return table("rates of exchange between goals at the chosen point", heads, rows)
+        at = figure.shown.text(constraint.value)
+        concession = f"{sign}{number(step * figure.shown.factor)}"
+        rows.append((figure.label, figure.shown.shown_unit, at, concession, gain))
+    heads = ("goal", "<unit", "selected point", "concession", f"gain in {first_goal.heading}")
+    return table("trade-off between goals at the selected point", heads, rows)
 
 
 def _limit(requirement: Requirement) -> str:
-    """Write a requirement without the name of its figure."""
-    shown = requirement.figure.shown
+    """Return a requirement without the name of its figure."""
+    quantity = requirement.figure.shown
     low, high = requirement.low, requirement.high
     if low is not None and high is not None:
         same = low == high
-        return f"= {shown.text(low)}" if same else f"{shown.text(low)} to {shown.text(high)}"
-    return f"≥ {shown.text(low)}" if low is not None else f"≤ {shown.text(high)}"
+        return (
+            f"= {quantity.text(low)}" if same else f"{quantity.text(low)} to {quantity.text(high)}"
+        )
+    return f"≥ {quantity.text(low)}" if low is not None else f"≤ {quantity.text(high)}"
 
 
-def _variables(found: Optimum) -> Table:
-    at_bound = {h.name: _BOUND[h.side] for h in found.held if h.kind == "bound"}
+def _variables(optimum: Optimum) -> Table:
+    at_bound = {h.name: _BOUND[h.side] for h in optimum.held if h.kind == "bound"}
     rows = [
         (
             variable.name,
@@ -204,38 +210,38 @@ def _variables(found: Optimum) -> Table:
             at_bound.get(variable.name, ""),
         )
         for variable, start, best in zip(
-            found.problem.family.variables, found.start, found.point, strict=True
+            optimum.problem.family.variables, optimum.start, optimum.point, strict=True
         )
     ]
-    heads = ("parameter", "<unit", "from", "start", "best", "to", "<at bound")
+    heads = ("parameter", "<unit", "lower bound", "start", "best", "upper bound", "<at bound")
     return table("parameters", heads, rows)
 
 
 def _every_digit(variable: Variable, value: float) -> str:
-    """Write a value as it stands in the file; with three decimals what a drawing has so."""
-    shown = value * variable.factor
-    rounded = f"{shown:.3f}"
-    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - shown) < 1e-9
-    return rounded if decimals else f"{shown:.12g}"
+    """Return a value as in the stage file; dimensions of a drawing have three decimals."""
+    size = value * variable.factor
+    rounded = f"{size:.3f}"
+    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - size) < 1e-9
+    return rounded if decimals else f"{size:.12g}"
 
 
-def _front(found: Front) -> Table:
-    goals = [goal.figure for goal in found.problem.goals]
-    at = [found.figures.index(figure) for figure in goals]
-    models = list(dict.fromkeys(("lumped", found.model)))
+def _front(front: Front) -> Table:
+    goals = [goal.figure for goal in front.problem.goals]
+    at = [front.figures.index(figure) for figure in goals]
+    models = list(dict.fromkeys(("lumped", front.model)))
     columns = [
         Column("point", "title"),
         *(Column(f.heading, group=model) for model in models for f in goals),
     ]
     rows = []
-    for k, i in enumerate(found.asked):
-        name = f"{i + 1} (chosen)" if i == found.chosen else f"{i + 1}"
-        cells = _cells(goals, found.values[i, at])
-        if found.model in models[1:]:
-            cells += _cells(goals, found.found[k, at])
+    for k, i in enumerate(front.asked):
+        name = f"{i + 1} (selected)" if i == front.chosen else f"{i + 1}"
+        cells = _cells(goals, front.values[i, at])
+        if front.model in models[1:]:
+            cells += _cells(goals, front.found[k, at])
         rows.append([name, *cells])
-    source = found.problem.family.template.source
-    return table(f"{source}: Pareto front of {len(found.points)} stages", columns, rows)
+    source = front.problem.family.template.source
+    return table(f"{source}: Pareto front of {len(front.points)} stages", columns, rows)
 
 
 def _cells(figures: list[Figure], values: Array) -> list[str]:

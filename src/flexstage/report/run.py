@@ -1,4 +1,4 @@
-"""Tables of plans and runs, and the report of a plan: one HTML file that needs nothing else."""
+"""Tables of plans and runs, and the report of a plan as a self-contained HTML file."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def run_text(result: PlanResult) -> str:
-    """Return a page of what a plan gave."""
+    """Return the report of a plan."""
     name = result.plan.title or f"experiments on {result.stage.name}"
     return page_html(
         heading=f"{result.stage.name}: {name}",
@@ -42,86 +42,87 @@ def _lead(result: PlanResult) -> str:
     steps = "1 step" if len(result.steps) == 1 else f"{len(result.steps)} steps"
     return (
         f"{steps} on {identity}{number_of}; {_moment(result.run.started)} to "
-        f"{_moment(result.finished)} UTC{by}; intervals are those of 95 %"
+        f"{_moment(result.finished)} UTC{by}; 95 % intervals"
     )
 
 
 def _moment(text: str) -> str:
-    """Date and time without what a reader does not need."""
+    """Return date and time to the second."""
     return text[:19].replace("T", " ")
 
 
 def _notes(result: PlanResult) -> Sequence[str]:
-    said = []
+    notes = []
     if result.run.instrument.simulated:
-        said.append(
-            "The instrument is a simulation: nothing on this page was measured on a real stage."
-        )
+        notes.append("Simulated instrument: no value on this page was measured on a real stage.")
     if result.run.note:
-        said.append(f"Note: {result.run.note}")
-    said += [*result.plan.notes, *(n for n in result.notes if "is a simulation" not in n)]
-    return tuple(dict.fromkeys(said))
+        notes.append(f"Note: {result.run.note}")
+    notes += [*result.plan.notes, *(n for n in result.notes if "is a simulation" not in n)]
+    return tuple(dict.fromkeys(notes))
 
 
 def _sections(result: PlanResult) -> Iterator[Section]:
     measured = compare_plan(result)
     if measured.rows or measured.found.results:
-        whole = measurement_section(measured, *_further(result))
-        yield Section(key="figures", title="Figures", content=whole.content, notes=whole.notes)
-    records = Section(key="record", title="What was recorded", content=())
+        figures = measurement_section(measured, *_further(result))
+        yield Section(
+            key="figures", title="Characteristics", content=figures.content, notes=figures.notes
+        )
+    recording = Section(key="record", title="Recording", content=())
     for word, verb in VERBS.items():
         steps = result.of(word)
         section = verb.section(steps, result) if steps else None
         if section is None:
             continue
-        if section.key == records.key:
-            records = section
+        if section.key == recording.key:
+            recording = replace(section, title=recording.title)
         else:
             yield section
     identity = result.run.instrument
     settings = {
         "instrument": f"{identity.vendor} {identity.model}".strip(),
-        "its serial number": identity.serial_number,
+        "serial number": identity.serial_number,
         "firmware": identity.firmware,
         **result.run.settings,
     }
-    defined = Definitions({name: value for name, value in settings.items() if value})
-    yield replace(records, content=(*records.content, defined))
+    definitions = Definitions({name: value for name, value in settings.items() if value})
+    yield replace(recording, content=(*recording.content, definitions))
 
 
 def _further(result: PlanResult) -> Iterator[Content]:
-    """Figures of tests that repeat a quantity of an axis, and of modes with the drives in place."""
+    """Yield the repeated figures of an axis, and those of modes with the drives in place."""
     rows = []
-    own = [f for f in result.figures if result.drives_in_place(f)]
-    for found in (*own, *result.further_figures):
-        shown = display(found.quantity)
-        label = shown.label + (", drives in place" if result.drives_in_place(found) else "")
-        value, spread = beside(found.value * shown.factor, found.estimate.expanded * shown.factor)
-        rows.append((label, found.axis, found.test, value, spread, shown.shown_unit))
+    with_drives = [f for f in result.figures if result.drives_in_place(f)]
+    for figure in (*with_drives, *result.further_figures):
+        quantity = display(figure.quantity)
+        label = quantity.label + (", drives in place" if result.drives_in_place(figure) else "")
+        value, spread = beside(
+            figure.value * quantity.factor, figure.estimate.expanded * quantity.factor
+        )
+        rows.append((label, figure.axis, figure.test, value, spread, quantity.shown_unit))
     if not rows:
         return
     yield (
-        "Natural frequencies are those of the stage without its drives, except where this table "
-        "says that they were in place. It lists those, and what a test gave again after another "
-        "test."
+        "Natural frequencies are those of the stage without its drives, unless this table says "
+        "drives in place. It also lists figures that a later test gave again."
     )
     heads = ("Quantity", "<Axis", "<Test", "value", "±\u00a0(95\u00a0%)", "<Unit")
     yield table("", heads, rows)
 
 
-def dry_run_table(found: "DryRun", title: str) -> Table:
-    """Return the steps of a plan with what each would send."""
-    planned: list[tuple[str, ...]] = []
-    for step in found.steps:
+def dry_run_table(rehearsal: "DryRun", title: str) -> Table:
+    """Return the steps of a plan with the motions that each would command."""
+    lines: list[tuple[str, ...]] = []
+    for step in rehearsal.steps:
         lasting = step.duration or step.command_duration
         time = f"{lasting:.2f}" if lasting else ""
         rows: list[PlannedMotion | None] = [*step.motions] if step.verb == "excite" else []
         for k, motion in enumerate(rows or [None]):
             head = (step.name, step.verb, step.what, time) if k == 0 else ("", "", "", "")
-            planned.append((*head, *_motion(motion)))
-    heads = "step", "~<verb", "<what", "time, s", "<axis", "from", "to", "slope", "<allowed"
-    caption = f"{title}, {found.stage}: {found.duration:.0f} s of motion and records"
-    return table(caption, heads, planned)
+            lines.append((*head, *_motion(motion)))
+    heads = "step", "~<verb", "<description", "time, s", "<axis", "from", "to", "slope", "<allowed"
+    caption = f"{title}, {rehearsal.stage}: {rehearsal.duration:.0f} s of motion and recording"
+    return table(caption, heads, lines)
 
 
 def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
@@ -141,12 +142,12 @@ def _motion(motion: "PlannedMotion | None") -> tuple[str, ...]:
 
 
 def _plain(value: float) -> str:
-    """Write a number with up to four digits, and a long one without an exponent."""
+    """Return a number with up to four digits, a long one without an exponent."""
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def figures_table(result: "PlanResult") -> Table:
-    """Return the figures that a plan gave, with their intervals and what was published."""
+    """Return the figures of a plan, with their intervals and published values."""
     every = in_order((*result.figures, *result.further_figures))
     heads = "quantity", "<axis", "value", "95 %", "<unit", "<step", "published"
     caption = f"{result.stage.name}, {result.origin}"
@@ -155,23 +156,23 @@ def figures_table(result: "PlanResult") -> Table:
 
 def _figure_row(result: "PlanResult", figure: "MeasuredCharacteristic") -> tuple[str, ...]:
     """Return the row of a figure, with the digits that its uncertainty leaves."""
-    shown = display(figure.quantity)
-    value = figure.value * shown.factor
-    expanded = figure.estimate.expanded * shown.factor
-    known = [r for r in result.published_of(figure) if r.origin == "published-measured"]
-    label = shown.label + (", drives in place" if result.drives_in_place(figure) else "")
+    quantity = display(figure.quantity)
+    value = figure.value * quantity.factor
+    expanded = figure.estimate.expanded * quantity.factor
+    published = [r for r in result.published_of(figure) if r.origin == "published-measured"]
+    label = quantity.label + (", drives in place" if result.drives_in_place(figure) else "")
     return (
         label[:1].lower() + label[1:],
         figure.axis,
         *beside(value, expanded),
-        shown.shown_unit,
+        quantity.shown_unit,
         figure.test,
-        number(known[0].value * shown.factor) if known else "",
+        number(published[0].value * quantity.factor) if published else "",
     )
 
 
-def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
-    """Return runs of a catalogue."""
+def runs_table(entries: "Iterable[RunEntry]", caption: str) -> Table:
+    """Return a table of the runs of a catalogue."""
     heads = "run", "<start, UTC", "<stage", "~<serial", "<kind", "<axis", "~samples", "<status"
     rows = (
         (
@@ -186,7 +187,7 @@ def runs_table(found: "Iterable[RunEntry]", caption: str) -> Table:
             "virtual" if entry.simulated else "measured",
             entry.step,
         )
-        for entry in found
+        for entry in entries
     )
     return table(caption, (*heads, "<origin", "~<step"), rows)
 

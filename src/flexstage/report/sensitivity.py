@@ -1,4 +1,4 @@
-"""Which parameter moves what, as a table."""
+"""Sensitivities of the figures of a stage, as a table."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -14,113 +14,123 @@ from flexstage.studies.explore.figures import ALIASES, Figure
 from flexstage.studies.explore.sensitivity import LENGTH, SHARE, Sensitivities
 from flexstage.studies.explore.variables import listed
 
-# where the short names of figures are too long above a column of numbers
+# names of figures that are short enough above a column of numbers
 _SHORTER = {"natural_frequency_hz": "freq.", "rotation_stroke": "stroke"}
 
 
-def shown_changes(
-    found: Sensitivities, length: float | None = None, *, in_units: bool = False
+def displayed_changes(
+    sensitivities: Sensitivities, length: float | None = None, *, in_units: bool = False
 ) -> Array:
-    """Return the changes as they are shown: in per cent of each figure, or in its unit.
+    """Return the displayed changes: in per cent of each figure, or in its unit, shape (f, d).
 
-    Of a figure that is nothing but rounding there is no part, and its changes are in its unit;
-    what is shown as 0.00 is nothing, shape (f, d).
+    Changes of a figure at rounding level are in its unit. A change that would be displayed as 0.00
+    is 0.
     """
-    # per cent of a figure, or parts of its largest change, below which a parameter moves nothing
-    nothing = 0.005
-    changes = found.changes(length)
-    parts = 100.0 * changes / np.where(found.vanishing, np.nan, np.abs(found.values))[:, None]
-    factors = np.array([figure.shown.factor for figure in found.figures])
-    own = changes * factors[:, None]
-    largest = np.abs(own).max(axis=1, initial=0.0)[:, None]
-    shown = np.where(np.isnan(parts) | in_units, own, parts)
-    small = np.where(np.isnan(parts), np.abs(own) <= 1e-3 * largest, np.abs(parts) < nothing)
-    return np.where(small, 0.0, shown)
+    # a smaller change is displayed as 0.00 [% of the figure]
+    smallest = 0.005
+    changes = sensitivities.changes(length)
+    in_percent = (
+        100.0
+        * changes
+        / np.where(sensitivities.vanishing, np.nan, np.abs(sensitivities.values))[:, None]
+    )
+    factors = np.array([figure.shown.factor for figure in sensitivities.figures])
+    in_unit = changes * factors[:, None]
+    largest = np.abs(in_unit).max(axis=1, initial=0.0)[:, None]
+    displayed = np.where(np.isnan(in_percent) | in_units, in_unit, in_percent)
+    small = np.where(
+        np.isnan(in_percent), np.abs(in_unit) <= 1e-3 * largest, np.abs(in_percent) < smallest
+    )
+    return np.where(small, 0.0, displayed)
 
 
-def moving(found: Sensitivities) -> tuple[list[int], list[str]]:
-    """Return the parameters that move a figure, those that move one most first, and the others.
+def influential_parameters(sensitivities: Sensitivities) -> tuple[list[int], list[str]]:
+    """Return the influential parameters, in order of their influence, and the labels of the others.
 
-    Those that only move what is nothing but rounding stand last.
+    Parameters that only change figures at rounding level are last.
     """
-    shown = np.nan_to_num(np.abs(shown_changes(found)))
-    real = shown[~found.vanishing].max(axis=0, initial=0.0)
-    faint = shown[found.vanishing]
+    changes = np.nan_to_num(np.abs(displayed_changes(sensitivities)))
+    real = changes[~sensitivities.vanishing].max(axis=0, initial=0.0)
+    faint = changes[sensitivities.vanishing]
     largest = faint.max(axis=1, initial=0.0)[:, None]
     faint = (faint / np.where(largest == 0.0, 1.0, largest)).max(axis=0, initial=0.0)
-    # what differs by rounding stays in the order of the stage
+    # parameters that differ by rounding stay in the order of the stage
     order = [
         int(k)
         for k in np.lexsort((-faint.round(4), -real.round(4)))
         if real[k] > 0.0 or faint[k] > 0.0
     ]
-    still = [k for k in range(real.size) if k not in order]
-    return order, [parameter_label(found, k) for k in still]
+    idle = [k for k in range(real.size) if k not in order]
+    return order, [parameter_label(sensitivities, k) for k in idle]
 
 
-def parameter_label(found: Sensitivities, index: int) -> str:
-    """Return what a parameter is called, with how many hinges it stands for."""
-    alike = found.alike[index]
-    return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
+def parameter_label(sensitivities: Sensitivities, index: int) -> str:
+    """Return the name of a parameter, with the number of hinges that it represents."""
+    names = sensitivities.alike[index]
+    return names[0] if len(names) == 1 else f"{names[0]} (×{len(names)})"
 
 
-def step_words(found: Sensitivities) -> str:
-    """Say by what parameters change."""
-    length = found.length
+def step_words(sensitivities: Sensitivities) -> str:
+    """Return the steps of the parameters."""
+    length = sensitivities.length
     if length is None:
         return f"+{100.0 * SHARE:g} % of each parameter"
     lengths = f"+{value_text(length, 'length')} of each length"
-    if all(variable.dimension == "length" for variable in found.variables):
+    if all(variable.dimension == "length" for variable in sensitivities.variables):
         return lengths
-    return f"{lengths}, +{100.0 * SHARE:g} % of all else"
+    return f"{lengths}, +{100.0 * SHARE:g} % of all other parameters"
 
 
-def sensitivity_table(found: Sensitivities, *, in_units: bool = False) -> Table:
-    """Return the changes of all figures, those parameters first that move one most."""
-    shown = shown_changes(found, in_units=in_units)
-    order, rest = moving(found)
-    kept = [
+def sensitivity_table(sensitivities: Sensitivities, *, in_units: bool = False) -> Table:
+    """Return the changes of all figures, the most influential parameters first."""
+    changes = displayed_changes(sensitivities, in_units=in_units)
+    order, idle = influential_parameters(sensitivities)
+    figure_indices = [
         i
-        for i in range(len(found.figures))
-        if np.isfinite(found.values[i]) and not (found.vanishing[i] and not shown[i].any())
+        for i in range(len(sensitivities.figures))
+        if np.isfinite(sensitivities.values[i])
+        and not (sensitivities.vanishing[i] and not changes[i].any())
     ]
     columns = [Column("parameter", "words"), Column("value", "figures")]
-    now: list[str | Cell] = ["now", ""]
-    plain = [in_units or bool(found.vanishing[i]) for i in range(len(found.figures))]
-    for i in kept:
-        figure = found.figures[i]
+    nominal: list[str | Cell] = ["nominal", ""]
+    plain = [
+        in_units or bool(sensitivities.vanishing[i]) for i in range(len(sensitivities.figures))
+    ]
+    for i in figure_indices:
+        figure = sensitivities.figures[i]
         unit = f"[{figure.shown.shown_unit}]" if plain[i] and figure.shown.shown_unit else ""
         axis = "" if figure.axis == WHOLE_STAGE else figure.axis
         columns.append(Column(f"{axis} {unit}".strip(), "figures", short_label(figure)))
-        now.append(Cell(figure.text(float(found.values[i]))))
-    rows: list[list[str | Cell]] = [now]
+        nominal.append(Cell(figure.text(float(sensitivities.values[i]))))
+    rows: list[list[str | Cell]] = [nominal]
     for k in order:
-        v = found.variables[k]
+        v = sensitivities.variables[k]
         usual = value_text(v.usual, v.dimension) if v.usual else ""
-        row: list[str | Cell] = [parameter_label(found, k), usual]
-        for i in kept:
-            value = float(shown[i, k])
+        row: list[str | Cell] = [parameter_label(sensitivities, k), usual]
+        for i in figure_indices:
+            value = float(changes[i, k])
             row.append(Cell(change_text(value, in_units=plain[i]), value=value))
         rows.append(row)
-    what = "in their units" if in_units else "in per cent of them"
-    steps = step_words(found)
+    unit_text = "in their units" if in_units else "in per cent"
+    steps = step_words(sensitivities)
     return table(
-        f"{found.stage}, {found.model}: change of the figures {what} for {steps}",
+        f"{sensitivities.stage}, {sensitivities.model}: change of the figures {unit_text} for "
+        f"{steps}",
         columns,
         rows,
-        notes=tuple(_notes(found, rest, kept)),
+        notes=tuple(_notes(sensitivities, idle, figure_indices)),
     )
 
 
 def short_label(figure: Figure) -> str:
-    """Return the short name of a figure's quantity, or its own one, one word a line."""
+    """Return the short name of a figure's quantity, or its name with one word a line."""
     short = {quantity: name for name, quantity in ALIASES.items()} | _SHORTER
     words = figure.quantity.removesuffix("_hz").split("_")
     return short.get(figure.quantity, "\n".join(words))
 
 
 def change_text(value: float, *, in_units: bool = False) -> str:
-    """Write a change with its sign; a dot for nothing.
+    """Return a change with its sign; a dot for zero.
 
     Examples
     --------
@@ -137,49 +147,55 @@ def change_text(value: float, *, in_units: bool = False) -> str:
     return f"{value:+.2f}"
 
 
-def _notes(found: Sensitivities, rest: list[str], kept: list[int]) -> Iterator[str]:
-    if not kept:
-        yield "every figure that is looked at is nothing but rounding here"
+def _notes(
+    sensitivities: Sensitivities, idle: list[str], figure_indices: list[int]
+) -> Iterator[str]:
+    if not figure_indices:
+        yield "all figures are at rounding level"
         return
-    left = [f.label.lower() for i, f in enumerate(found.figures) if i not in kept]
-    if left:
-        yield f"nothing but rounding, and left out: {', '.join(left)}"
+    omitted = [
+        f.label.lower() for i, f in enumerate(sensitivities.figures) if i not in figure_indices
+    ]
+    if omitted:
+        yield f"at rounding level, omitted: {', '.join(omitted)}"
     zero = [
-        parameter_label(found, k)
-        for k, v in enumerate(found.variables)
+        parameter_label(sensitivities, k)
+        for k, v in enumerate(sensitivities.variables)
         if v.usual == 0.0 and v.dimension == "length"
     ]
-    if found.length is None and zero and not all(name in rest for name in zero):
-        yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
-    if any(len(alike) > 1 for alike in found.alike):
-        yield "×2: the row stands for two hinges, which do the same but for signs"
-    if rest:
-        yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
+    if sensitivities.length is None and zero and not all(name in idle for name in zero):
+        yield f"a length of 0 is changed by {value_text(LENGTH, 'length')}"
+    if any(len(names) > 1 for names in sensitivities.alike):
+        yield "×2: the row represents two hinges with equal effects except for signs"
+    if idle:
+        yield f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no effect"
 
 
-def left_out_notes(found: Sensitivities) -> Iterator[str]:
-    """Say what the slopes are where they are no derivatives, and what is not among them, and why.
+def left_out_notes(sensitivities: Sensitivities) -> Iterator[str]:
+    """Yield notes on slopes that are no derivatives, and on the skipped parameters.
 
-    Parameters of one reason stand together.
+    Parameters with one reason share a note.
     """
-    # frequencies that differ by less than this are one [1]
+    # frequencies that differ by less than this are equal [1]
     equal = 1e-4
-    if found.model == "lumped":
-        # no other model moves hinges by themselves
-        hinges = found.request is not None and found.request.hinges
+    if sensitivities.model == "lumped":
+        # no other model varies single hinges
+        hinges = sensitivities.request is not None and sensitivities.request.hinges
         yield LUMPED_ALONE_NOTE if hinges else LUMPED_NOTE
     else:
-        yield f"slopes are {found.provenance.settings['slopes']}"
-    for one, other in combinations(found.figures, 2):
-        if one.quantity == other.quantity == "natural_frequency_hz":
-            values = [float(found.values[found.figures.index(f)]) for f in (one, other)]
+        yield f"slopes are {sensitivities.provenance.settings['slopes']}"
+    for first, second in combinations(sensitivities.figures, 2):
+        if first.quantity == second.quantity == "natural_frequency_hz":
+            values = [
+                float(sensitivities.values[sensitivities.figures.index(f)]) for f in (first, second)
+            ]
             if abs(values[0] - values[1]) <= equal * max(values):
                 yield (
-                    f"{one.name} and {other.name} are equal: what changes them differently mixes "
-                    "their modes, and which of them it moves is open"
+                    f"{first.name} and {second.name} are equal: a parameter that separates them "
+                    "mixes their modes, and its effect cannot be assigned to one of them"
                 )
     reasons: dict[str, list[str]] = {}
-    for name, reason in found.left_out.items():
+    for name, reason in sensitivities.left_out.items():
         reasons.setdefault(reason, []).append(name)
     for reason, names in reasons.items():
-        yield f"left out: {listed(names)}: {reason}"
+        yield f"skipped: {listed(names)}: {reason}"

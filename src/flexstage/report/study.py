@@ -1,4 +1,4 @@
-"""A study as one HTML file that needs nothing else: no network, no other file."""
+"""The report of a study as a self-contained HTML file."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ _DYNAMICS = (*_FREQUENCIES, "out_of_plane_frequency_hz", "damping_ratio")
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
 _STATICS = tuple(name for name in QUANTITIES if name not in (*_DYNAMICS, *_STRESS))
 _VIRTUAL_FILE = "virtual-measurement.html"
-#: What a section consists of, None being nothing.
+#: The content of a section; None is omitted.
 _Show = Callable[[Study], Iterable[Content | None]]
 
 
@@ -62,17 +62,15 @@ class Chapter:
     title: str
     """Its title."""
     finding: Callable[[Study], str]
-    """What it found, in one line computed from the rows of the study."""
+    """Its result in one line, from the rows of the study."""
     sections: Mapping[str, tuple[str, _Show]]
-    """Title and content of each section, by its id; a chapter of one section without a title is
-    that section.
-    """
+    """Title and content of each section, by its id; a single section may have no title."""
 
 
 def report_html(study: Study, memory: Memory | None = None) -> str:
-    """Write the report of a study as one page: what was found, then chapters that are folded.
+    """Return the report of a study as one page: a summary, then folded chapters.
 
-    Chapters that have nothing to show are left out. Pictures that a memory knows are read.
+    Empty chapters are omitted. Pictures are read from the memory, if it has them.
     """
     stage = study.stage
     chapters: list[dict[str, Any]] = []
@@ -90,7 +88,7 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
         lead=f"{findings.size_and_mass(study)}; {stage.material.name}; {len(stage.bodies)} bodies "
         f"({free} free), {len(stage.hinges)} hinges, {drives}",
         version=study.main.provenance.version,
-        links=(("summary", "Result"), *((c["key"], c["title"]) for c in chapters)),
+        links=(("summary", "Summary"), *((c["key"], c["title"]) for c in chapters)),
         notes=stage.notes[:1],
         front=findings.front_page(study),
         outlines=body_outlines(stage),
@@ -100,9 +98,9 @@ def report_html(study: Study, memory: Memory | None = None) -> str:
 
 
 def report_pages(study: Study, memory: Memory | None = None) -> dict[str, str]:
-    """Write the report of a study, and that of its simulated measurement, by name of the file.
+    """Return the report of a study, and that of its simulated measurement, by name of the file.
 
-    They stand in one folder. Pictures that a memory knows are read.
+    They belong in one folder. Pictures are read from the memory, if it has them.
     """
     pages = {"report.html": report_html(study, memory)}
     if isinstance(study.virtual, MeasurementComparison):
@@ -111,13 +109,13 @@ def report_pages(study: Study, memory: Memory | None = None) -> dict[str, str]:
 
 
 def study_files(study: Study, memory: Memory | None = None) -> dict[str, bytes]:
-    """Write the pages of a study, and its results as JSON, by name of the file."""
+    """Return the pages of a study, and its results as JSON, by name of the file."""
     pages = {name: page.encode() for name, page in report_pages(study, memory).items()}
     return pages | {"results.json": results_json(study.to_dict())}
 
 
 def study_section(study: Study, key: str) -> Section:
-    """Return one section of the report of a study; without content where there is none."""
+    """Return one section of the report of a study, which may be empty."""
     title, show = SECTIONS[key]
     content = tuple(part for part in show(study) if part is not None)
     return Section(key=key, title=title, content=content)
@@ -133,13 +131,13 @@ def _drawing(study: Study) -> Iterator[Content]:
 
 
 def _by_model(quantities: Collection[str], caption: str) -> _Show:
-    """Show some quantities by all models."""
+    """Return the content of a section with quantities by all models."""
     return lambda study: (characteristics_table(study.comparison, quantities, caption),)
 
 
 def _against(study: Study) -> Iterator[Content | None]:
     for model, why in study.left_out.items():
-        yield f"The {model} model was left out: {why}."
+        yield f"The {model} model was skipped: {why}."
     yield differences_table(study.comparison)
 
 
@@ -148,8 +146,8 @@ def _bench(study: Study) -> Iterator[Content]:
         yield Picture(
             result=partial(draw_bench, study.stage),
             title="sketch of the bench",
-            caption="Sketch of the bench: drives (orange) and displacement sensors (green) on the "
-            "lines of the probes of the stage.",
+            caption="Sketch of the test bench: drives (orange) and displacement sensors (green) in "
+            "line with the probes of the stage.",
             size="tiny",
         )
 
@@ -159,9 +157,9 @@ def _bode(study: Study) -> Iterator[Content]:
         Picture(
             result=partial(draw_bode, study.main, a.axis),
             title=f"Bode diagram of {a.axis}",
-            caption=f"Bode diagrams of {a.axis}, {study.main.system.model} model. Left: a force in "
-            "place of the drive, whose stiffness is removed. Right: the free displacement of the "
-            "drive, acting through its stiffness; of a rigid drive its length itself.",
+            caption=f"Bode diagrams of {a.axis}, {study.main.system.model} model. Left: force in "
+            "place of the drive, without its stiffness. Right: free displacement of the drive, "
+            "through its stiffness; for a rigid drive its length.",
             size="small",
         )
         for a in study.main.axes
@@ -179,7 +177,7 @@ def _modes(study: Study) -> Iterator[Content]:
     )
 
 
-def _begun(words: str) -> str:
+def _capitalised(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
@@ -188,7 +186,7 @@ def _static(study: Study) -> Iterator[Content]:
         Picture(
             result=partial(draw_static_shape, study.main, a.axis),
             title=f"static shape of {a.axis}",
-            caption=f"{_begun(full_stroke_words(a))}; "
+            caption=f"{_capitalised(full_stroke_words(a))}; "
             f"{study.main.system.model} model; dashed: at rest.",
         )
         for a in study.main.axes
@@ -202,12 +200,12 @@ def _stroke(study: Study) -> Iterator[Content]:
         Picture(
             result=partial(draw_stroke, path, axis),
             title=f"motion of {axis} over its stroke",
-            caption=f"What finite rotations add to the first-order motion of {axis}; lumped model.",
+            caption=f"Motion of {axis} beyond first order, by finite rotations; lumped model.",
         )
         for axis, path in study.paths.items()
     ]
     if plots:
-        # axes that go straight have one curve, and stand side by side
+        # axes that move straight have one curve, and are placed side by side
         narrow = all(len(stroke_curves(path)) == 1 for path in study.paths.values())
         yield Pictures(shown=tuple(plots), columns=2 if narrow else 1)
 
@@ -219,8 +217,8 @@ def _stress(study: Study) -> Iterator[Content]:
             title="largest stress in every hinge",
             caption="Equivalent stress at the surface of each notch at full stroke, "
             f"{study.main.system.model} model. The number after a hinge's name is the one in the "
-            "drawing. Lines: yield, and the peak that fatigue allows when the stress goes from "
-            "nothing to it and back (Soderberg).",
+            "drawing. Lines: yield strength, and the allowable peak of a pulsating stress "
+            "(Soderberg).",
             size="small",
         )
 
@@ -236,7 +234,7 @@ def _hinges(study: Study) -> Iterator[Content]:
 
 
 def _validity(study: Study) -> Iterator[Content]:
-    """Say where the stage and its models stop being valid, where anything is said of it."""
+    """Yield the limits of validity of the stage and its models."""
     notes = dict.fromkeys(note for a in study.analyses.values() for note in a.validity)
     notes = tuple(dict.fromkeys((*study.stage.notes, *notes)))
     if notes:
@@ -244,7 +242,7 @@ def _validity(study: Study) -> Iterator[Content]:
 
 
 def _provenance(study: Study) -> Iterator[Content]:
-    """Say what the results rest on: settings of each model, versions, hash of the stage."""
+    """Yield the provenance of the results: settings of each model, versions, hash of the stage."""
     entries: dict[str, str] = {}
     for name, analysis in study.analyses.items():
         settings = ", ".join(f"{k}: {v}" for k, v in analysis.provenance.settings.items())
@@ -253,7 +251,7 @@ def _provenance(study: Study) -> Iterator[Content]:
         ("flexstage", lambda origin: origin.version),
         ("description, SHA-256", lambda origin: origin.input_hash),
         ("computed", lambda origin: origin.created),
-        ("with", lambda origin: f"Python {origin.python}, {origin.machine}"),
+        ("software", lambda origin: f"Python {origin.python}, {origin.machine}"),
     ):
         values = dict.fromkeys(of(analysis.provenance) for analysis in study.analyses.values())
         entries[title] = "; ".join(values)
@@ -278,9 +276,9 @@ CHAPTERS: dict[str, Chapter] = {
         finding=findings.models,
         sections={
             "drawing": ("Drawing", _drawing),
-            "differences": ("Differences to published figures", _against),
+            "differences": ("Differences from published values", _against),
             "hinges": ("Hinges", _hinges),
-            "convergence": ("Convergence of the mesh", convergence_section),
+            "convergence": ("Mesh convergence", convergence_section),
         },
     ),
     "statics": Chapter(
@@ -291,11 +289,14 @@ CHAPTERS: dict[str, Chapter] = {
                 "Displacement, stiffness, coupling",
                 _by_model(
                     _STATICS,
-                    "Statics at full stroke by model; hold the pointer on a value for its "
-                    "condition. Drives are in place unless the condition says otherwise.",
+                    "Statics at full stroke by model; hover over a value for its condition. Drives "
+                    "are in place unless the condition says otherwise.",
                 ),
             ),
-            "coupling": ("Drives together", lambda study: coupling_section(study.main.coupling)),
+            "coupling": (
+                "Coupling of the drives",
+                lambda study: coupling_section(study.main.coupling),
+            ),
             "static": ("Static shapes", _static),
             "stroke": ("Motion over the stroke", _stroke),
         },
@@ -308,12 +309,12 @@ CHAPTERS: dict[str, Chapter] = {
                 "Natural frequencies",
                 _by_model(
                     _DYNAMICS,
-                    "Natural frequencies by model, drives removed where not said otherwise.",
+                    "Natural frequencies by model, drives removed unless stated otherwise.",
                 ),
             ),
             "bode": ("Bode diagrams", _bode),
             "modes": ("Mode shapes", _modes),
-            "fem-modes": ("Modes of the finite elements", fe_modes_section),
+            "fem-modes": ("Finite-element modes", fe_modes_section),
         },
     ),
     "strength": Chapter(
@@ -321,12 +322,11 @@ CHAPTERS: dict[str, Chapter] = {
         finding=findings.stress,
         sections={
             "safety": (
-                "Largest stress and safety",
+                "Largest stress and safety factors",
                 _by_model(
                     _STRESS,
-                    "Largest stress by model, and safety: against yield, and against fatigue when "
-                    "the stroke is gone through again and again (Soderberg, stress from nothing to "
-                    "peak).",
+                    "Largest stress by model, and safety factors against yield and against fatigue "
+                    "by a pulsating stroke (Soderberg, stress from 0 to peak).",
                 ),
             ),
             "stress": ("Stress in the hinges", _stress),
@@ -334,12 +334,12 @@ CHAPTERS: dict[str, Chapter] = {
         },
     ),
     "measurements": Chapter(
-        title="Measured",
+        title="Measurements",
         finding=findings.measured,
         sections={
-            "published": ("Published figures", lambda study: (published_table(study.comparison),)),
-            "measured": ("Campaign of tests", _measured),
-            "bench": ("The bench", _bench),
+            "published": ("Published values", lambda study: (published_table(study.comparison),)),
+            "measured": ("Test campaign", _measured),
+            "bench": ("Test bench", _bench),
             "virtual": (
                 "Simulated measurement",
                 lambda study: bench_section(study.virtual, _VIRTUAL_FILE),
@@ -366,7 +366,7 @@ CHAPTERS: dict[str, Chapter] = {
         sections={"centring": ("", lambda study: centring_section(study.centring))},
     ),
     "record": Chapter(
-        title="Record",
+        title="Provenance",
         finding=findings.record,
         sections={
             "validity": ("Validity", _validity),

@@ -1,7 +1,7 @@
-"""Sections of the report of a study on its models and on the virtual stage.
+"""Sections of the report of a study on its models and on the simulated stage.
 
 Equations, diagrams, stress and modes of meshes, their convergence; hysteresis, the simulated
-measurement, a scale that was centred.
+measurement, the centring of a scale.
 """
 
 import re
@@ -40,38 +40,40 @@ if TYPE_CHECKING:
 
 
 def equations_section(study: "Study") -> Iterator[Content]:
-    """Say what the lumped model rests on, where the study has one."""
+    """Yield the equations of the lumped model, if the study has one."""
     if "lumped" in study.analyses:
         yield fragment("equations.html", order=study.analyses["lumped"].system.order)
 
 
 def diagram_section(study: "Study") -> Iterator[Content]:
-    """Show the structural diagram of each axis that one drive moves.
+    """Yield the structural diagram of each axis with a drive of its own.
 
-    Nothing where the study has no lumped model, or the stage no such axis.
+    It is empty without a lumped model or such an axis.
     """
-    named = [f"Axis {axis.name}" for axis in study.stage.axes if axis.drive is not None]
-    if "lumped" not in study.analyses or not named:
+    axis_names = [f"Axis {axis.name}" for axis in study.stage.axes if axis.drive is not None]
+    if "lumped" not in study.analyses or not axis_names:
         return
     try:
         drawings = [_inline(svg) for svg in study.diagrams().values()]
     except FlexstageError as error:
         yield f"No diagram could be drawn: {error}"
         return
-    said = (
-        "with the hysteresis that the experiment of this report identified"
+    origin = (
+        "with the hysteresis identified in this report"
         if study.experiments
-        else "stacks with hysteresis of a usual width"
+        else "stacks with a typical hysteresis width"
     )
-    stacks = f", {said}" if any(isinstance(d, PiezoStack) for d in study.stage.drives) else ""
-    found = _difference(study)
-    captions = [f"{name}: lumped model{stacks}.{found and ' '}{found}" for name in named]
+    stacks = f", {origin}" if any(isinstance(d, PiezoStack) for d in study.stage.drives) else ""
+    difference = _difference(study)
+    captions = [
+        f"{name}: lumped model{stacks}.{difference and ' '}{difference}" for name in axis_names
+    ]
     axes = tuple(zip(drawings, captions, strict=True))
     yield fragment("diagrams.html", axes=axes)
 
 
 def _difference(study: "Study") -> str:
-    """Say by how much its frequencies are not those of the Bode diagrams."""
+    """Return a sentence on the difference of its frequencies from those of the Bode diagrams."""
     if study.main.system.model == "lumped" or not study.main.axes:
         return ""
     pairs = [
@@ -84,17 +86,17 @@ def _difference(study: "Study") -> str:
 
 
 def _inline(svg: bytes) -> str:
-    """Return what a drawing consists of, without what only a file of its own has."""
+    """Return the content of a drawing, without the parts of a separate file."""
     text = re.sub(r"^\s*<\?xml[^>]*\?>\s*", "", svg.decode())
-    # in a page a drawing needs no name of its format, and a page that names no address loads none
+    # inline SVG needs no namespace, and the page contains no address
     return re.sub(r'\sxmlns="[^"]*"', "", text, count=1).replace("<svg", "", 1)
 
 
 def neck_stress_section(study: "Study") -> Iterator[Content]:
-    """Show the stress at the necks, by the model with a mesh that leaves the least out."""
+    """Yield the stress at the necks, by the most complete model with a mesh."""
     for name, run in _meshed(study):
-        shown = [a for a in run.analysis.axes if any(a.static.hinge_stress.values())]
-        if not shown:
+        axes = [a for a in run.analysis.axes if any(a.static.hinge_stress.values())]
+        if not axes:
             continue
         assert run.mesh is not None
         sampler = neck_sampler(run.mesh)
@@ -102,8 +104,8 @@ def neck_stress_section(study: "Study") -> Iterator[Content]:
         yield (
             "Displacements are magnified by the factor given; dashed: at rest. Identical necks "
             "are shown once; each close-up moves with its neck. The ring marks the largest stress "
-            "on the surface of the notch; the title gives its value, its place at rest and the "
-            "number of the hinge. Stress at held edges is in no figure of this chapter."
+            "on the surface of the notch; the title gives its value, its position at rest and the "
+            "number of the hinge. This chapter excludes the stress at fixed edges."
         )
         yield Pictures(
             shown=tuple(
@@ -116,14 +118,14 @@ def neck_stress_section(study: "Study") -> Iterator[Content]:
                     f"{mesh_words(name, run)}{where}.",
                     size="small",
                 )
-                for axis in shown
+                for axis in axes
             )
         )
         return
 
 
 def fe_modes_section(study: "Study") -> Iterator[Content]:
-    """Show the modes by the model with a mesh that leaves the least out."""
+    """Yield the modes by the most complete model with a mesh."""
     for name, run in _meshed(study):
         if run.analysis.modes["removed"].frequency_hz.size:
             assert run.mesh is not None
@@ -139,41 +141,41 @@ def fe_modes_section(study: "Study") -> Iterator[Content]:
 
 
 def convergence_section(study: "Study") -> Iterator[Content]:
-    """Show how models settled as their meshes became finer, where one was refined."""
-    shown = []
+    """Yield the mesh convergence of each refined model."""
+    pictures = []
     for name, run in _meshed(study):
-        found = run.refinement
-        if found is None or len(found.steps) < 2:
+        refinement = run.refinement
+        if refinement is None or len(refinement.steps) < 2:
             continue
-        asked = display(found.quantity).label.lower()
+        quantity = display(refinement.quantity).label.lower()
         caption = (
-            f"Change from mesh to mesh; {mesh_words(name, run)}. Requested: {asked} to "
-            f"{100.0 * found.accuracy:.3g} %; estimate of the last mesh: "
-            f"{100.0 * found.estimate:.2g} %. Stress is read at points on the notches and settles "
-            "last."
+            f"Mesh convergence; {mesh_words(name, run)}. Requested: {quantity} to "
+            f"{100.0 * refinement.accuracy:.3g} %; estimated error of the last mesh: "
+            f"{100.0 * refinement.estimate:.2g} %. Stress is evaluated at points on the notches "
+            "and converges last."
         )
         title = f"convergence of model {name}"
-        draw = partial(draw_convergence, found)
-        shown.append(Picture(result=draw, title=title, caption=caption, size="small"))
-    if shown:
+        draw = partial(draw_convergence, refinement)
+        pictures.append(Picture(result=draw, title=title, caption=caption, size="small"))
+    if pictures:
         yield "Refinement cannot reveal errors common to all meshes: geometry, material, supports."
-        yield Pictures(shown=tuple(shown))
+        yield Pictures(shown=tuple(pictures))
 
 
 def mesh_words(name: str, run: "ModelRun") -> str:
-    """Return a model with a mesh in a few words without a full stop."""
+    """Return a short description of a model with a mesh, without a full stop."""
     mesh = run.mesh
     assert mesh is not None
-    held = mesh.system.settings.get("held", "")
+    supports = mesh.system.settings.get("held", "")
     unknowns = f"{mesh.unknowns:,}".replace(",", "\u00a0")
     return (
         f"model {name}, elements of order {mesh.mesh_settings.order}, {unknowns} unknowns, "
-        f"{held or 'nothing is fixed'}"
+        f"{supports or 'no supports'}"
     )
 
 
 def _meshed(study: "Study") -> "Iterator[tuple[str, ModelRun]]":
-    """Models with a mesh, the one that leaves the least out first."""
+    """Yield the models with a mesh, the most complete one first."""
     for name in ("solid", "plane"):
         run = study.runs.get(name)
         if run is not None and run.mesh is not None:
@@ -195,39 +197,41 @@ _MAIN = (
 
 
 def hysteresis_section(study: "Study") -> Iterator[Content]:
-    """Show the experiment on hysteresis, with what is published of the stage.
+    """Yield the hysteresis experiment, with published values of the stage.
 
-    Nothing where no axis has a piezo stack.
+    It is empty if no axis has a piezo stack.
     """
     if study.experiments:
         yield fragment("hysteresis.html", creep=100.0 * CREEP, noise=1e9 * POSITION_NOISE)
         yield _deviations(study.stage, study.experiments)
         yield _loops(study.stage, study.experiments)
-        shown = Picture(
+        picture = Picture(
             result=partial(draw_compensation, study.experiments),
             title="loops without and with the inverse",
-            caption="Simulated stage. Left: loop over the full range of the voltage and the "
-            "identified Bouc-Wen model, below their difference. Middle: output over the reference. "
-            "Right: error over time.",
+            caption="Simulated stage. Left: loop over the full range of the voltage with the "
+            "identified Bouc-Wen model; below: their difference. Middle: output over the "
+            "reference. Right: error over time.",
         )
-        yield Pictures(shown=(shown,))
+        yield Pictures(shown=(picture,))
     for axis, why in study.experiments_left_out.items():
-        yield f"Axis {axis} was left out: {why}."
+        yield f"Axis {axis} was skipped: {why}."
 
 
 def _deviations(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> str:
     words = []
-    for axis, made in experiments.items():
+    for axis, experiment in experiments.items():
         published = measured_value(stage.published, "hysteresis_deviation", axis)
         printed = "" if published is None else f" (published: {_UM * published:.10g} µm)"
-        words.append(f"{_UM * made.deviation:.2f} µm in {axis}{printed}")
-    return f"The identified Bouc-Wen model is within {', '.join(words)} of the loop."
+        words.append(f"{_UM * experiment.deviation:.2f} µm in {axis}{printed}")
+    return f"Largest deviation of the identified Bouc-Wen model from the loop: {', '.join(words)}."
 
 
 def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
     rows = []
-    for axis, made in experiments.items():
-        rows.append(_loop(f"{axis}, open loop", made.open_loop.loop_width, None, made.open_loop))
+    for axis, experiment in experiments.items():
+        rows.append(
+            _loop(f"{axis}, open loop", experiment.open_loop.loop_width, None, experiment.open_loop)
+        )
         rows += [
             _loop(
                 f"{axis}, inverse of {run.title}",
@@ -235,21 +239,21 @@ def _loops(stage: Stage, experiments: "Mapping[str, AxisExperiment]") -> Table:
                 run.reduction_percent,
                 run.tracking,
             )
-            for run in made.runs
+            for run in experiment.runs
         ]
-        width, left, reduction = published_loop(stage.published, axis)
+        width, compensated_width, reduction = published_loop(stage.published, axis)
         if width is not None:
             rows.append(_loop(f"{axis}, published, open loop", width, None, None))
-        if left is not None and reduction is not None:
+        if compensated_width is not None and reduction is not None:
             title = f"{axis}, published, inverse of Bouc-Wen"
-            rows.append(_loop(title, left, reduction, None))
+            rows.append(_loop(title, compensated_width, reduction, None))
     heads = (
-        Column("", "title"), "loop width [µm]", "narrowed by [%]", "error [nm rms]",
+        Column("", "title"), "loop width [µm]", "reduction [%]", "error [nm rms]",
         "largest error [nm]",
     )  # fmt: skip
     caption = (
-        "Loop widths and errors over the reference, which runs over 99 % of the stroke; the loop "
-        "at full range is a little wider. Published rows were measured by the study."
+        "Loop widths and errors for a reference over 99 % of the stroke; the loop over the full "
+        "range is slightly wider. Published rows are measurements of the publication."
     )
     return table(caption, heads, rows)
 
@@ -266,54 +270,54 @@ def _loop(
     )
 
 
-def bench_section(found: MeasurementComparison | str | None, file: str) -> Iterator[Content]:
-    """Show half a page on the simulated measurement, where there is one.
+def bench_section(measurement: MeasurementComparison | str | None, file: str) -> Iterator[Content]:
+    """Yield half a page on the simulated measurement, if there is one.
 
-    The file is the name of the page that it has of its own, beside this one.
+    The file is the name of its own page in the same folder.
     """
-    if isinstance(found, str):
-        yield f"The virtual stage could not be measured: {found}."
-    elif found is not None:
+    if isinstance(measurement, str):
+        yield f"The simulated stage could not be measured: {measurement}."
+    elif measurement is not None:
         yield fragment("bench.html", file=file)
-        yield from _main_figures(found)
-        yield Pictures(shown=tuple(_resonances(found)), columns=2)
+        yield from _main_figures(measurement)
+        yield Pictures(shown=tuple(_resonances(measurement)), columns=2)
 
 
-def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
-    """A row for each main quantity, a column for each axis."""
-    main = [row for row in found.rows if row.figure.quantity in _MAIN]
+def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
+    """Yield a table with a row for each main quantity, a column for each axis."""
+    main = [row for row in measurement.rows if row.figure.quantity in _MAIN]
     figures = [row.figure for row in main if not row.assumed]
     axes = list(dict.fromkeys(figure.axis for figure in figures))
     rows = []
     for quantity in _MAIN:
         of = {f.axis: f.estimate for f in figures if f.quantity == quantity}
         if of:
-            shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
-            k = shown.factor
+            quantity_shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
+            k = quantity_shown.factor
             values = (
                 " ± ".join(beside(k * of[a].value, k * of[a].expanded)) if a in of else "–"
                 for a in axes
             )
-            rows.append((shown.heading, *values))
+            rows.append((quantity_shown.heading, *values))
     if rows:
         caption = "Simulated measurement: main figures, ± at 95 % with all contributions."
         if len(figures) < len(main):
-            caption += " Straightness that nobody has measured is assumed, and left out."
+            caption += " Assumed straightness, without a measurement, is omitted."
         yield table(caption, ("Quantity", *(Column(axis) for axis in axes)), rows)
 
 
-def _resonances(found: MeasurementComparison) -> Iterator[Picture]:
-    published = () if found.stage is None else found.stage.published
-    estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
-    for result in found.found.results:
+def _resonances(measurement: MeasurementComparison) -> Iterator[Picture]:
+    published = () if measurement.stage is None else measurement.stage.published
+    estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in measurement.rows}
+    for result in measurement.found.results:
         fit = result.details.get("fit")
         if fit is None or not fit.modes:
             continue
         axis = result.test.axis
-        known = measured_value(published, "natural_frequency_hz", axis)
+        published_hz = measured_value(published, "natural_frequency_hz", axis)
         agree = (
-            " The simulated stage is set to the published value, so that both agree."
-            if known is not None
+            " The simulated stage is set to the published value, so both agree."
+            if published_hz is not None
             else ""
         )
         yield Picture(
@@ -325,40 +329,41 @@ def _resonances(found: MeasurementComparison) -> Iterator[Picture]:
                 "axis": axis,
                 "label": "simulated measurement",
                 "frequency_hz": estimates.get(("natural_frequency_hz", axis)),
-                "published_hz": known,
+                "published_hz": published_hz,
             },
         )
 
 
-def centring_section(found: CentringTrial | str | None) -> Iterator[Content]:
-    """Show the scale that was centred, where that was asked for."""
-    if found is None:
+def centring_section(trial: CentringTrial | str | None) -> Iterator[Content]:
+    """Yield the centring of a scale, if it was requested."""
+    if trial is None:
         return
-    if isinstance(found, str):
-        yield f"No scale could be centred: {found}."
+    if isinstance(trial, str):
+        yield f"No scale could be centred: {trial}."
         return
-    done = found.done
+    centring = trial.done
     rows = []
-    for count, step in enumerate(done.steps):
+    for count, step in enumerate(centring.steps):
         length = step.reading.length
         low, high = length.interval()
         expected = "" if step.predicted is None else f"{step.predicted.interval()[1] * 1e6:.3f}"
         places = (f"{value * 1e6:.3f}" for value in (*step.command, length.value))
         between = f"{low * 1e6:.3f} to {high * 1e6:.3f}"
         rows.append((count, step.kind, *places, between, expected))
-    target = "met" if done.reached else "not met"
+    target = "met" if centring.reached else "not met"
     yield (
-        f"A scale of {2e3 * SCALE_RADIUS:g} mm diameter, {ECCENTRICITY * 1e6:g} µm off the axis of "
-        f"a virtual table, read by {len(HEADS)} heads with {HEAD_NOISE:g} arcsec of noise; its own "
-        f"lines are off by {LINE_ERRORS:g} arcsec (rms). The stage turns with the table, mounted "
-        "at an unknown angle and mirrored, which trial moves find out. Each command is approached "
-        f"from the low end of both axes. True residual eccentricity: {found.left * 1e9:.2g} nm "
-        f"(target {target}: {done.reason})."
+        f"A scale of {2e3 * SCALE_RADIUS:g} mm diameter has an eccentricity of "
+        f"{ECCENTRICITY * 1e6:g} µm on a simulated rotary table. {len(HEADS)} heads read it with "
+        f"{HEAD_NOISE:g} arcsec of noise; its graduation error is {LINE_ERRORS:g} arcsec (rms). "
+        "The stage turns with the table; trial moves determine its unknown mounting angle and "
+        "mirroring. Each position is approached from the low end of both axes. True residual "
+        f"eccentricity: {trial.left * 1e9:.2g} nm "
+        f"(target {target}: {centring.reason})."
     )
     heads = (
         "", "step", "x [µm]", "y [µm]", "eccentricity [µm]", "95 % interval", "predicted, at most",
     )  # fmt: skip
-    yield table("Centring step by step; simulated.", heads, rows)
-    words = "Graduation error read by the first head before and after centring; simulated."
-    draw = partial(draw_polar, found.fits, found.angles)
+    yield table("Steps of the centring; simulated.", heads, rows)
+    words = "Angle error read by the first head before and after centring; simulated."
+    draw = partial(draw_polar, trial.fits, trial.angles)
     yield Pictures(shown=(Picture(result=draw, title="scale before and after", caption=words),))

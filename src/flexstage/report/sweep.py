@@ -1,9 +1,8 @@
-"""What a sweep found: tables, and one page with parallel coordinates to brush."""
+"""Results of a sweep: tables, and a page with parallel coordinates."""
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from flexstage.base.version import __version__
 from flexstage.quantities.section import Definitions, Picture, Section
 from flexstage.quantities.table import Table, table
 from flexstage.report.figures.style import CYCLE, INK, PAPER
-from flexstage.report.figures.sweep import draw_indices, draw_sweep
 from flexstage.report.page import page_html
 from flexstage.report.tables import LUMPED_NOTE, value_text
 from flexstage.studies.explore.sampling import SobolIndices
@@ -24,26 +22,31 @@ from flexstage.studies.explore.sweep import Sweep
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-#: Rows of a sweep of one variable that are shown, and columns of figures.
+#: Most rows of a sweep of one variable, and most columns of figures.
 _ROWS, _COLUMNS = 13, 8
-#: Lines of parallel coordinates beyond which nobody sees more, and a page becomes slow.
+#: Most lines of parallel coordinates: more cannot be distinguished and make the page slow.
 _LINES = 2000
-#: Variables that have an axis among parallel coordinates: with more a line cannot be followed.
+#: Most variables with an axis in parallel coordinates: with more, a line cannot be followed.
 _AXES = 8
 #: Smallest total index of a variable that is listed.
-_SHARE = 0.01
+_LEAST_INDEX = 0.01
+#: Use of parallel coordinates.
+INSTRUCTIONS = (
+    "Drag along an axis to select lines, click outside the selection to clear it, drag a heading "
+    "to move its axis."
+)
 
 
 def sweep_tables(sweep: Sweep) -> Iterator[Table]:
-    """Yield what people read of a sweep first."""
+    """Yield the tables of a sweep."""
     if len(sweep.variables) == 1 and sweep.moving:
         yield _rows(sweep)
     yield from range_tables(sweep)
 
 
 def range_tables(sweep: Sweep) -> Iterator[Table]:
-    """Yield between what the figures of a sweep lie, and where they are least and greatest."""
-    # variables whose values are shown where a figure is least and greatest
+    """Yield the ranges of the figures of a sweep, and the points of their extremes."""
+    # most variables in the table of extremes
     variables = 6
     yield _ranges(sweep)
     if 1 < len(sweep.variables) <= variables:
@@ -53,58 +56,57 @@ def range_tables(sweep: Sweep) -> Iterator[Table]:
 
 
 def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
-    """Return what is to be known of a sweep: what is no stage and why, and what does not vary."""
+    """Return notes on a sweep: infeasible points, their reasons, and figures that do not vary."""
     notes = list(sweep.notes)
-    gone = int((~sweep.possible).sum())
-    if gone:
-        are = "is" if gone == 1 else "are"
-        notes.append(f"{gone} of {len(sweep.points)} points {are} no possible stage")
+    infeasible = int((~sweep.possible).sum())
+    if infeasible:
+        verb = "is" if infeasible == 1 else "are"
+        notes.append(f"{infeasible} of {len(sweep.points)} points {verb} infeasible")
         notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.reasons[:3]]
         if sweep.advice:
             notes.append(sweep.advice)
-    still = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.moving]
-    if still:
-        notes.append(f"vary by less than 0.1 %: {', '.join(still)}")
+    constant = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.moving]
+    if constant:
+        notes.append(f"variation below 0.1 %: {', '.join(constant)}")
     if sweep.indices is not None and sweep.indices.left_out:
         notes.append(
-            f"Sobol' indices without {sweep.indices.left_out} base samples, which hold an "
-            "impossible stage"
+            f"Sobol' indices exclude {sweep.indices.left_out} base samples with an infeasible stage"
         )
     if sweep.indices is not None and _beyond(sweep.indices, sweep.moving):
         notes.append(
-            "an index lies from 0 to 1: an interval that goes beyond shows how much chance is in "
-            "its estimate, and more --samples narrow it"
+            "an index is between 0 and 1: an interval beyond these limits shows the sampling "
+            "error, which more --samples reduce"
         )
     if sweep.model == "lumped":
         notes.append(LUMPED_NOTE)
     return tuple(notes)
 
 
-def _beyond(found: SobolIndices, moving: Sequence[int]) -> bool:
-    """Say whether an interval that is listed, with two decimals, leaves 0 to 1."""
+def _beyond(indices: SobolIndices, moving: Sequence[int]) -> bool:
+    """Return whether a listed interval, with two decimals, exceeds 0 to 1."""
     rows = list(moving)
-    listed = found.total[rows] >= _SHARE
-    low = np.minimum(found.first_low, found.total_low)[rows][listed].min(initial=0.0)
-    high = np.maximum(found.first_high, found.total_high)[rows][listed].max(initial=0.0)
+    listed = indices.total[rows] >= _LEAST_INDEX
+    low = np.minimum(indices.first_low, indices.total_low)[rows][listed].min(initial=0.0)
+    high = np.maximum(indices.first_high, indices.total_high)[rows][listed].max(initial=0.0)
     return bool(low < -0.005 or high > 1.005)
 
 
 def sweep_title(sweep: Sweep) -> str:
-    """Return what was done, in a line."""
+    """Return stage, model and sampling of a sweep."""
     shape = " × ".join(map(str, sweep.counts))
-    how = {
+    sampling = {
         "grid": f"grid of {shape}",
         "latin-hypercube": "Latin hypercube",
         "sobol": "Sobol' sequence",
     }[sweep.plan.sampling]
     points = len(sweep.points)
     if sweep.plan.indices:
-        how = f"{points // (len(sweep.variables) + 2)} base samples of a Sobol' sequence"
-    return f"{sweep.stage}: {sweep.model}, {points} points, {how}"
+        sampling = f"{points // (len(sweep.variables) + 2)} base samples of a Sobol' sequence"
+    return f"{sweep.stage}: {sweep.model}, {points} points, {sampling}"
 
 
 def sweep_html(sweep: Sweep) -> str:
-    """Return one HTML page: parallel coordinates, pictures and tables; it needs nothing else.
+    """Return one self-contained HTML page: parallel coordinates, pictures and tables.
 
     Raises
     ------
@@ -121,86 +123,88 @@ def sweep_html(sweep: Sweep) -> str:
         sections=sections,
         notes=sweep_notes(sweep),
         template="sweep.html",
-        said=_said_of_lines(sweep),
+        instructions=_instructions(sweep),
         drawing=_coordinates(sweep),
     )
 
 
 def _sections(sweep: Sweep) -> Iterator[Section]:
-    picture = Picture(
-        result=partial(draw_sweep, sweep),
-        title="Figures over what was varied",
-        caption="Figures that vary, over what was varied.",
+    overview = Picture(
+        result=sweep,
+        title="Figures over the parameters",
+        caption="Figures that vary, over the varied parameters.",
     )
-    first = sweep_tables(replace(sweep, indices=None))
-    yield Section(key="figures", title="Figures", content=(picture, *first))
+    tables = sweep_tables(replace(sweep, indices=None))
+    yield Section(key="figures", title="Figures", content=(overview, *tables))
     if sweep.indices is not None:
-        bars = Picture(
-            result=partial(draw_indices, sweep),
+        indices_picture = Picture(
+            result=sweep,
+            view="indices",
             title="Sobol' indices",
             caption="Shares of the variance of each figure between the bounds of all variables.",
         )
-        yield Section(key="indices", title="Sobol' indices", content=(bars, _indices(sweep)))
+        yield Section(
+            key="indices", title="Sobol' indices", content=(indices_picture, _indices(sweep))
+        )
     ranges = {
         v.name: f"{value_text(v.low, v.dimension)} to {value_text(v.high, v.dimension)}"
         for v in sweep.variables
     }
-    made = sweep.provenance
+    provenance = sweep.provenance
     settings = Definitions(
         {
             **ranges,
-            **{key: text for key, text in made.settings.items() if key not in ranges},
-            "computed by": f"flexstage {made.version}, Python {made.python}, {made.machine}",
-            "on": made.created,
-            "from the description": made.input_hash,
+            **{key: text for key, text in provenance.settings.items() if key not in ranges},
+            "software": f"flexstage {provenance.version}, Python {provenance.python}, "
+            f"{provenance.machine}",
+            "date": provenance.created,
+            "description, SHA-256": provenance.input_hash,
         }
     )
     yield Section(key="settings", title="Settings", content=(settings,))
 
 
-def _said_of_lines(sweep: Sweep) -> str:
+def _instructions(sweep: Sweep) -> str:
     possible = int(sweep.possible.sum())
-    shown = min(possible, _LINES)
-    of = "" if shown == possible else f"{shown} of "
-    gone = len(sweep.points) - possible
-    left_out = f" {gone} points that are no possible stage are left out." if gone else ""
+    drawn_lines = min(possible, _LINES)
+    of = "" if drawn_lines == possible else f"{drawn_lines} of "
+    infeasible = len(sweep.points) - possible
+    omitted = f" {infeasible} infeasible points are omitted." if infeasible else ""
     count = len(sweep.variables)
     if count > _AXES:
-        left_out += f" Of {count} variables the {_AXES} that move a figure most have an axis."
-    return (
-        f"A line for each of {of}{possible} stages. Draw along an axis to keep the lines that pass "
-        "there, click beside the stretch to let go, drag a heading to move its axis."
-        f"{left_out}"
-    )
+        omitted += f" The {_AXES} most influential of {count} variables have an axis."
+    return f"Each line is one of {of}{possible} stages. {INSTRUCTIONS}{omitted}"
 
 
 def _coordinates(sweep: Sweep) -> "Markup":
-    """Return parallel coordinates of what was varied and what varies."""
+    """Return parallel coordinates of the varied parameters and the figures that vary."""
     rows = np.flatnonzero(sweep.possible)
     if len(rows) > _LINES:
-        # a sequence is even from its start; of a grid every so many would be the same values
-        drawn = np.random.default_rng(0).permutation(rows) if sweep.counts else rows
-        rows = np.sort(drawn[:_LINES])
+        # a sequence is uniform from its start; a grid is sampled at random
+        order = np.random.default_rng(0).permutation(rows) if sweep.counts else rows
+        rows = np.sort(order[:_LINES])
     axes: list[tuple[str, np.ndarray]] = [
         (sweep.variables[i].heading, sweep.points[rows, i] * sweep.variables[i].factor)
         for i in sweep.strongest(_AXES)
     ]
     first = len(axes) if sweep.moving else 0
     for k in sweep.moving:
-        shown = sweep.shown(k)
-        axes.append((sweep.figures[k].heading_in(shown), sweep.values[rows, k] * shown.factor))
+        quantity = sweep.shown(k)
+        axes.append(
+            (sweep.figures[k].heading_in(quantity), sweep.values[rows, k] * quantity.factor)
+        )
     return parallel_coordinates(axes, first)
 
 
 def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> "Markup":
-    """Return parallel coordinates with the library that draws them, as HTML.
+    """Return parallel coordinates with their drawing library, as HTML.
 
     An axis is a heading and a value of each line; `first` is the axis that colours them at first.
     """
     import plotly.graph_objects as go
     from markupsafe import Markup
 
-    # with the digits that are seen
+    # with the visible digits
     values = [[float(f"{value:.6g}") for value in column] for _, column in axes]
 
     def colour(i: int) -> dict[str, Any]:
@@ -245,7 +249,7 @@ def parallel_coordinates(axes: Sequence[tuple[str, np.ndarray]], first: int) -> 
 
 
 def _broken(heading: str) -> str:
-    """Break a heading into two lines of about the same length, as axes stand close."""
+    """Break a heading into two lines of about equal length, as axes are narrow."""
     places = [m.end() for m in re.finditer(r"[ ._]", heading)]
     if len(heading) <= 14 or not places:
         return heading
@@ -254,21 +258,21 @@ def _broken(heading: str) -> str:
 
 
 def _rows(sweep: Sweep) -> Table:
-    """Some rows of a sweep of one variable, evenly over its range."""
+    """Return rows of a sweep of one variable, evenly over its range."""
     variable, possible = sweep.variables[0], sweep.possible
     order = np.argsort(sweep.points[:, 0], kind="stable")
     count = min(_ROWS, len(order))
-    chosen = order[np.unique(np.round(np.linspace(0, len(order) - 1, count)).astype(int))]
-    shown = sweep.moving[:_COLUMNS]
-    quantities = [sweep.shown(k) for k in shown]
-    headings = [sweep.figures[k].heading_in(q) for k, q in zip(shown, quantities, strict=True)]
-    places = [_place(sweep, row, 0) for row in chosen]
+    selected = order[np.unique(np.round(np.linspace(0, len(order) - 1, count)).astype(int))]
+    columns = sweep.moving[:_COLUMNS]
+    quantities = [sweep.shown(k) for k in columns]
+    headings = [sweep.figures[k].heading_in(q) for k, q in zip(columns, quantities, strict=True)]
+    places = [_place(sweep, row, 0) for row in selected]
     decimals = max(len(place.partition(".")[2]) for place in places)
     rows = []
-    for row, place in zip(chosen, places, strict=True):
+    for row, place in zip(selected, places, strict=True):
         cells = [
             q.text(float(sweep.values[row, k])) if possible[row] else "–"
-            for k, q in zip(shown, quantities, strict=True)
+            for k, q in zip(columns, quantities, strict=True)
         ]
         rows.append([f"{float(place):.{decimals}f}", *cells])
     of = f"{len(rows)} of {len(order)} points" if len(rows) < len(order) else ""
@@ -276,71 +280,75 @@ def _rows(sweep: Sweep) -> Table:
 
 
 def _ranges(sweep: Sweep) -> Table:
-    """Range of each figure, and which variable moves it most."""
-    one = len(sweep.variables) == 1
-    headings = ["figure", "<unit", "as described", "least", "greatest"]
-    headings.append("rank correlation" if one else "<moved most by (rank correlation)")
+    """Return the range of each figure, and its most influential variables."""
+    single = len(sweep.variables) == 1
+    headings = ["figure", "<unit", "as described", "minimum", "maximum"]
+    headings.append("rank correlation" if single else "<main variables (rank correlation)")
     rows = []
     correlations, least, greatest = sweep.correlations, sweep.least, sweep.greatest
     for k, figure in enumerate(sweep.figures):
-        shown = sweep.shown(k)
+        quantity = sweep.shown(k)
         ends = [sweep.values[row, k] for row in (least[k], greatest[k])]
         described = sweep.described[k]
         texts = [
-            "–" if np.isnan(value) else shown.text(float(value)) for value in (described, *ends)
+            "–" if np.isnan(value) else quantity.text(float(value)) for value in (described, *ends)
         ]
-        rows.append([figure.label, shown.shown_unit, *texts, _trend(sweep, correlations[k])])
+        rows.append([figure.label, quantity.shown_unit, *texts, _trend(sweep, correlations[k])])
     return table(sweep_title(sweep), headings, rows)
 
 
-def _trend(sweep: Sweep, found: Array) -> str:
-    """Which variables move a figure most, and which way, by its correlations."""
-    if np.isnan(found).all():
+def _trend(sweep: Sweep, correlations: Array) -> str:
+    """Return the most influential variables of a figure, with their correlations."""
+    if np.isnan(correlations).all():
         return "–"
-    if len(found) == 1:
-        return f"{found[0]:+.2f}"
-    best = np.argsort(-np.abs(found), kind="stable")[:2]
-    words = (f"{sweep.variables[i].name} {found[i]:+.2f}" for i in best if abs(found[i]) >= 0.1)
+    if len(correlations) == 1:
+        return f"{correlations[0]:+.2f}"
+    strongest = np.argsort(-np.abs(correlations), kind="stable")[:2]
+    words = (
+        f"{sweep.variables[i].name} {correlations[i]:+.2f}"
+        for i in strongest
+        if abs(correlations[i]) >= 0.1
+    )
     return ", ".join(words) or "none alone"
 
 
 def _extremes(sweep: Sweep) -> Table:
-    """Where each figure is least and greatest."""
+    """Return the points of the minimum and maximum of each figure."""
     rows = []
     least, greatest = sweep.least, sweep.greatest
     for k in sweep.moving:
-        figure, shown = sweep.figures[k], sweep.shown(k)
-        for word, row in (("least", least[k]), ("greatest", greatest[k])):
+        figure, quantity = sweep.figures[k], sweep.shown(k)
+        for word, row in (("minimum", least[k]), ("maximum", greatest[k])):
             at = (_place(sweep, row, i) for i in range(len(sweep.variables)))
-            value = f"{shown.text(float(sweep.values[row, k]))} {shown.shown_unit}".strip()
+            value = f"{quantity.text(float(sweep.values[row, k]))} {quantity.shown_unit}".strip()
             rows.append([figure.label, word, value, *at])
     heads = ["figure", "<", "value", *(variable.heading for variable in sweep.variables)]
-    return table("Where figures are least and greatest.", heads, rows, divided=True)
+    return table("Minima and maxima of the figures.", heads, rows, divided=True)
 
 
 def _indices(sweep: Sweep) -> Table:
-    """Sobol' indices of the variables that have a part in a figure."""
-    found = sweep.indices
-    assert found is not None
+    """Return the Sobol' indices of the influential variables of each figure."""
+    indices = sweep.indices
+    assert indices is not None
     rows = []
     for k in sweep.moving:
         figure = sweep.figures[k]
-        for i in np.argsort(-found.total[k], kind="stable"):
-            if found.total[k, i] < _SHARE:
+        for i in np.argsort(-indices.total[k], kind="stable"):
+            if indices.total[k, i] < _LEAST_INDEX:
                 continue
             rows.append(
                 [
                     figure.label,
                     sweep.variables[i].name,
-                    f"{found.first[k, i]:.3f}",
-                    f"{found.first_low[k, i]:.2f} to {found.first_high[k, i]:.2f}",
-                    f"{found.total[k, i]:.3f}",
-                    f"{found.total_low[k, i]:.2f} to {found.total_high[k, i]:.2f}",
+                    f"{indices.first[k, i]:.3f}",
+                    f"{indices.first_low[k, i]:.2f} to {indices.first_high[k, i]:.2f}",
+                    f"{indices.total[k, i]:.3f}",
+                    f"{indices.total_low[k, i]:.2f} to {indices.total_high[k, i]:.2f}",
                 ]
             )
-    percent = f"{100.0 * found.confidence:g} %"
+    percent = f"{100.0 * indices.confidence:g} %"
     return table(
-        f"Sobol' indices: shares of the variance between the bounds, from {_SHARE:g} on",
+        f"Sobol' indices: shares of the variance between the bounds, at least {_LEAST_INDEX:g}",
         ["figure", "<variable", "first order", percent, "total", percent],
         rows,
         divided=True,
@@ -348,5 +356,5 @@ def _indices(sweep: Sweep) -> Table:
 
 
 def _place(sweep: Sweep, row: int, i: int) -> str:
-    """Write the value of a variable, without zeros at its end, as on a grid it is a round one."""
+    """Return the value of a variable without trailing zeros."""
     return f"{float(f'{sweep.points[row, i] * sweep.variables[i].factor:.4g}'):.10g}"

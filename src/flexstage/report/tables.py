@@ -1,4 +1,4 @@
-"""Tables of the report of a study, and of what its drives do together."""
+"""Tables of the report of a study, and of the coupling of its drives."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
@@ -21,68 +21,71 @@ if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 
-def coupling_tables(found: CoupledAxes) -> Iterator[Table]:
-    """Show the Jacobian, the decoupling matrix and the workspace of all drives."""
-    turns = dict(zip(found.names, (unit == "rad" for unit in found.units), strict=True))
+def coupling_tables(coupling: CoupledAxes) -> Iterator[Table]:
+    """Yield the Jacobian, the decoupling matrix and the workspace of all drives."""
+    turns = dict(zip(coupling.names, (unit == "rad" for unit in coupling.units), strict=True))
     yield table(
-        "Jacobian: axis per elongation of each drive, the other drives held",
-        ("axis", *(f"drive {name}" for name in found.drives), "<unit"),
+        "Jacobian: motion of each axis per elongation of each drive, other drives held",
+        ("axis", *(f"drive {name}" for name in coupling.drives), "<unit"),
         [
             (axis, *map(_figure, row), "µrad/µm" if turns[axis] else "µm/µm")
-            for axis, row in zip(found.names, found.jacobian.tolist(), strict=True)
+            for axis, row in zip(coupling.names, coupling.jacobian.tolist(), strict=True)
         ],
     )
-    if found.independent:
+    if coupling.independent:
         yield table(
-            "Decoupling: elongation of each drive for one unit of an axis alone",
-            ("drive", *(f"{axis} [µm/{'µrad' if turns[axis] else 'µm'}]" for axis in found.names)),
+            "Decoupling matrix: elongation of each drive per unit motion of one axis alone",
+            (
+                "drive",
+                *(f"{axis} [µm/{'µrad' if turns[axis] else 'µm'}]" for axis in coupling.names),
+            ),
             [
                 (drive, *map(_figure, row))
-                for drive, row in zip(found.drives, found.decoupling.tolist(), strict=True)
+                for drive, row in zip(coupling.drives, coupling.decoupling.tolist(), strict=True)
             ],
         )
-    reached = found.workspace
-    if reached is None:
+    workspace = coupling.workspace
+    if workspace is None:
         return
-    rows = [("all drives over their strokes", number(1e12 * reached.area), "µm²")]
-    if len(reached.axes) > 2:
+    rows = [("all drives over their strokes", number(1e12 * workspace.area), "µm²")]
+    if len(workspace.axes) > 2:
         rows = [
-            ("at the middle rotation", number(1e12 * reached.area), "µm²"),
-            ("at any rotation", number(1e12 * reached.projected_area), "µm²"),
-            ("with the rotations", number(1e18 * reached.volume), "µm² µrad"),
+            ("at the middle rotation", number(1e12 * workspace.area), "µm²"),
+            ("at any rotation", number(1e12 * workspace.projected_area), "µm²"),
+            ("with the rotations", number(1e18 * workspace.volume), "µm² µrad"),
         ]
-    title = f"Workspace of all drives, {' and '.join(reached.axes[:2])}"
-    yield table(title, ("what", "reached", "<unit"), rows)
+    title = f"Workspace of all drives, {' and '.join(workspace.axes[:2])}"
+    yield table(title, ("condition", "size", "<unit"), rows)
 
 
-def coupling_section(found: CoupledAxes | None) -> Iterator[Content]:
-    """Show what all drives do together, where axes are coupled."""
-    if found is None or not found.coupled:
+def coupling_section(coupling: CoupledAxes | None) -> Iterator[Content]:
+    """Yield the coupling of the drives, for coupled axes."""
+    if coupling is None or not coupling.coupled:
         return
     yield (
-        "The drives move the axes together. The Jacobian is for one drive at a time, all others "
-        "held at no elongation; with the decoupling matrix they move one axis alone, as in the "
-        "figures of each axis here."
+        "Each drive moves several axes. The Jacobian applies to one drive at a time, with all "
+        "others held at zero elongation. With the decoupling matrix the drives move one axis "
+        "alone, as for the figures of each axis here."
     )
-    yield from coupling_tables(found)
-    if (reached := found.workspace) is not None:
+    yield from coupling_tables(coupling)
+    if (workspace := coupling.workspace) is not None:
         yield Picture(
-            result=reached,
+            result=workspace,
             title="workspace of all drives",
-            caption="What all drives reach within their strokes. Arrows: the stroke of each by "
-            "itself, from where all are at the lower end of theirs.",
+            caption="Workspace of all drives within their strokes. Arrows: the stroke of each "
+            "drive alone, from the lower ends of all strokes.",
             size="tiny",
         )
 
 
 def cause_words(analysis: Analysis) -> str:
-    """Say what stands before the name of an axis where something is said to come of it."""
-    alone = all(len(axis.drives) == 1 for axis in analysis.axes)
-    return "drive of" if alone else "motion of"
+    """Return the cause of a load or motion, to precede the name of an axis."""
+    separate = all(len(axis.drives) == 1 for axis in analysis.axes)
+    return "drive of" if separate else "motion of"
 
 
 def full_stroke_words(axis: AxisAnalysis) -> str:
-    """Say what the drives do in a picture of an axis at full stroke."""
+    """Return the state of the drives in a picture of an axis at full stroke."""
     if len(axis.drives) == 1:
         return f"drive of {axis.axis} at full stroke, the others removed"
     return f"all drives together over the full stroke of {axis.axis} alone"
@@ -92,28 +95,27 @@ def _figure(value: float) -> str:
     return number(value) if abs(value) > 1e-12 else "≈ 0"
 
 
-#: What the figures of a lumped model are against those of the other commands.
+#: Accuracy of the lumped model compared with the other commands.
 LUMPED_ALONE_NOTE = (
-    "figures are those of the lumped model, some per cent from those of superelements that "
-    "analyse and tolerance give"
+    "figures by the lumped model, a few per cent from the superelement figures of analyse and "
+    "tolerance"
 )
-#: The same where another model can be asked for.
-LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement has them, and takes longer"
+#: The same for a command with other models.
+LUMPED_NOTE = f"{LUMPED_ALONE_NOTE}; --model superelement gives those, but takes longer"
 
 _TITLES = {
     "published-analytic": "analytic",
     "published-fem": "FEM",
     "published-measured": "measured",
 }
-#: What also depends on manufacture: no model of the ideal geometry is compared with it.
+#: Quantities that also depend on manufacture: no model of the ideal geometry is compared with them.
 MANUFACTURE = frozenset(("straightness", "straightness_out_of_plane", "linearity"))
 _LABELS = (Column("Quantity", "long words"), "<Axis")
 _SPREAD_NOTE = (
-    "±: of a model the estimate of what its mesh leaves out, or, of a stress that "
-    "has none, by how much the elements about its point differ; of a measurement the standard "
-    "uncertainty."
+    "±: of a model the estimated error of the mesh, or, of a stress without an estimate, the "
+    "difference between the elements at its point; of a measurement the standard uncertainty."
 )
-# what the study says of its own models: each against the experiment, and one against the other
+# differences that the publication gives: each model to the experiment, and between the models
 _PAIRS = (
     ("published-measured", "published-analytic"),
     ("published-measured", "published-fem"),
@@ -122,7 +124,7 @@ _PAIRS = (
 
 
 def value_text(value: float, dimension: str, digits: int = 5) -> str:
-    """Write a value with the unit in which it is easily read; a plain number has none.
+    """Return a value with a readable unit; a plain number has none.
 
     Examples
     --------
@@ -131,17 +133,17 @@ def value_text(value: float, dimension: str, digits: int = 5) -> str:
     """
     if not dimension:
         return f"{value:.{digits}g}"
-    number_, _, unit = readable_text(float(f"{value:.{digits}g}"), dimension).partition(" ")
-    return f"{float(number_):.{digits}g} {unit.replace('um', 'µm')}"
+    digits_text, _, unit = readable_text(float(f"{value:.{digits}g}"), dimension).partition(" ")
+    return f"{float(digits_text):.{digits}g} {unit.replace('um', 'µm')}"
 
 
 def column_title(column: str) -> str:
-    """Return what a column of a comparison, an origin or a variant, is called."""
+    """Return the title of a column of a comparison, an origin or a variant."""
     return _TITLES.get(column, column)
 
 
 def percent(value: float | None) -> str:
-    """Write a difference in percent with its sign and one decimal; empty for none."""
+    """Return a difference in percent with its sign and one decimal; empty for none."""
     if value is None:
         return ""
     # a difference that rounds to nothing has no sign
@@ -153,22 +155,22 @@ def published_loop(
 ) -> tuple[float | None, float | None, float | None]:
     """Return the widths of a loop in open loop and compensated [m], and the reduction [%].
 
-    As they were measured and published of an axis; None where they were not.
+    Measured and published values of an axis; None without.
     """
-    width, left = (
+    width, compensated = (
         measured_value(rows, f"{of}_loop_width", axis) for of in ("hysteresis", "compensated")
     )
-    if width is None or left is None:
-        return width, left, None
-    return width, left, 100.0 * (1.0 - left / width)
+    if width is None or compensated is None:
+        return width, compensated, None
+    return width, compensated, 100.0 * (1.0 - compensated / width)
 
 
 def characteristics_table(
     comparison: Comparison, quantities: Collection[str], caption: str
 ) -> Table | None:
-    """Set some quantities by all origins side by side, the best of ours set off.
+    """Return quantities by all origins side by side, the best column of ours highlighted.
 
-    A row that is the same for all axes stands once. None where we have no value of any of them.
+    A row that is the same for all axes is given once. None without a value of ours.
     """
     rows = [
         row
@@ -182,15 +184,15 @@ def characteristics_table(
     heads, marks = [], {}
     for column in comparison.columns:
         if any(column in row.cells for row in rows):
-            group = "published" if column in comparison.published else "here, by model"
+            group = "published" if column in comparison.published else "computed here, by model"
             heads.append(Column(column_title(column), group=group, spare=column in others))
             marks[column] = "ours" if column == ours else "variant" if column in others else ""
     lines = []
     units = comparison.units
     for row in rows:
-        shown = units[row.quantity]
-        values = (_value(row, column, shown, mark) for column, mark in marks.items())
-        lines.append((*_label(row, shown), *values))
+        quantity = units[row.quantity]
+        values = (_value(row, column, quantity, mark) for column, mark in marks.items())
+        lines.append((*_label(row, quantity), *values))
     spread = any(isinstance(cell, Cell) and cell.small for line in lines for cell in line[2:])
     return table(
         caption, (*_LABELS, *heads), lines, notes=[_SPREAD_NOTE] if spread else [], divided=True
@@ -198,12 +200,12 @@ def characteristics_table(
 
 
 def differences_table(comparison: Comparison) -> Table | None:
-    """Say by how much each of our models differs from each published origin.
+    """Return the differences of each model here from each published origin.
 
-    None where nothing was published.
+    None without published values.
     """
     models = comparison.models
-    # the longest name may be broken, or the last column stands outside the page
+    # the longest name may be broken, so that the table fits the page
     heads = [
         Column(
             m.replace("superelement", "super\u00adelement"),
@@ -216,7 +218,7 @@ def differences_table(comparison: Comparison) -> Table | None:
     lines = []
     for row in shared_rows(comparison.rows):
         if row.quantity in MANUFACTURE or row.quantity == "input_displacement":
-            continue  # the latter is put into every model
+            continue  # the latter is an input of every model
         signed = [
             percent(row.difference_percent(m, c)).removesuffix(" %")
             for c in comparison.published
@@ -225,14 +227,14 @@ def differences_table(comparison: Comparison) -> Table | None:
         if any(signed):
             label = _label(row, replace(display(row.quantity), shown_unit=""))
             lines.append((*label, *signed))
-    caption = "Difference of each model here to each published origin [% of the published value]."
+    caption = "Difference of each model here from each published origin [% of the published value]."
     return table(caption, (*_LABELS, *heads), lines) if lines else None
 
 
 def published_table(comparison: Comparison) -> Table | None:
-    """Set what was published side by side, with the differences between its own columns.
+    """Return the published values side by side, with the differences between their columns.
 
-    None where nothing was published.
+    None without published values.
     """
     if not comparison.published:
         return None
@@ -247,22 +249,25 @@ def published_table(comparison: Comparison) -> Table | None:
     units = comparison.units
     for row in shared_rows(comparison.rows):
         if any(column in row.cells for column in comparison.published):
-            shown = units[row.quantity]
-            cells = [*_label(row, shown), *(_value(row, c, shown) for c in comparison.published)]
+            quantity = units[row.quantity]
+            cells = [
+                *_label(row, quantity),
+                *(_value(row, c, quantity) for c in comparison.published),
+            ]
             cells += [percent(row.difference_percent(a, b)) for a, b in pairs]
             remarks = (row.cells[c].note for c in comparison.published if c in row.cells)
             lines.append((*cells, "; ".join(dict.fromkeys(filter(None, remarks)))))
     caption = (
-        "Published figures, and the differences between their own columns [% of the second one]. "
-        "Values as they are printed."
+        "Published values as printed, and the differences between their columns [% of the second "
+        "one]."
     )
     return table(caption, heads, lines)
 
 
 def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
-    """Set the stiffness of every kind of hinge of a stage side by side.
+    """Return the stiffness of every kind of hinge of a stage.
 
-    Hinges that are alike in notch and roots share a row.
+    Hinges with equal notches and roots share a row.
     """
     most_names = 12  # hinges that a row names
     numbers = {hinge.name: i for i, hinge in enumerate(stage.hinges, start=1)}
@@ -272,20 +277,20 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
         key = (spring.hinge.profile, spring.plane, roots and tuple(round(w, 9) for w in roots))
         groups[key].append(spring)
     lines = []
-    for (profile, state, _), alike in groups.items():
-        k = alike[0].stiffness
-        named = [f"{s.hinge.name} ({numbers[s.hinge.name]})" for s in alike]
-        if len(named) > most_names:
-            named[most_names - 1 :] = [f"and {len(named) - most_names + 1} more"]
+    for (profile, state, _), group in groups.items():
+        k = group[0].stiffness
+        names = [f"{s.hinge.name} ({numbers[s.hinge.name]})" for s in group]
+        if len(names) > most_names:
+            names[most_names - 1 :] = [f"and {len(names) - most_names + 1} more"]
         lines.append(
             (
-                ", ".join(named),
+                ", ".join(names),
                 _profile_text(profile),
                 number(profile.neck_thickness * 1e3, 3),
                 number(k[0, 0] * 1e-6),
                 number(k[1, 1] * 1e-6),
                 number(k[2, 2]),
-                f"{alike[0].method}, plane {state}",
+                f"{group[0].method}, plane {state}",
             )
         )
     heads = (
@@ -293,15 +298,15 @@ def hinge_table(stage: Stage, springs: "Iterable[HingeSpring]") -> Table:
         "Axial [N/µm]", "Shear [N/µm]", "Rotation [N m/rad]", "<Method",
     )  # fmt: skip
     caption = (
-        "Stiffness about the neck, lumped model. Hinges that are alike in notch and adjoining "
-        "bodies share a row."
+        "Stiffness about the neck, lumped model. Hinges with equal notches and adjoining bodies "
+        "share a row."
     )
     return table(caption, heads, lines)
 
 
-def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
-    """Say what was found of each neck of a drawing, and how sure it is."""
-    # a neck that lies nearer to its profile is on it [m]
+def necks_table(recognised: "DrawnStage", caption: str = "") -> Table:
+    """Return the necks of a drawing, with the certainty of each."""
+    # a smaller deviation from the profile is 0 [m]
     exact = 0.5e-9
     rows = [
         (
@@ -314,11 +319,11 @@ def necks_table(drawn: "DrawnStage", caption: str = "") -> Table:
             Cell(f"{neck.ratio:.3g}"),
             neck.certainty,
         )
-        for hinge, neck in zip(drawn.stage.hinges, drawn.necks, strict=True)
+        for hinge, neck in zip(recognised.stage.hinges, recognised.necks, strict=True)
     ]
     headings = (
         *("neck", "~<bodies", "at, mm", "<profile", "thickness, mm"),
-        *("off, um", "body/neck", "<certainty"),
+        *("deviation, um", "body/neck", "<certainty"),
     )
     return table(caption, headings, rows)
 
@@ -334,21 +339,21 @@ def _profile_text(profile: Profile) -> str:
     return f"{profile.kind}{side}" + "".join(f", {size}" for size in sizes)
 
 
-def _label(row: ComparisonRow, shown: Quantity) -> tuple[Cell, str]:
-    return Cell(shown.heading, small=row.remark), row.axis
+def _label(row: ComparisonRow, quantity: Quantity) -> tuple[Cell, str]:
+    return Cell(quantity.heading, small=row.remark), row.axis
 
 
 def _value(
-    row: ComparisonRow, column: str, shown: Quantity, mark: Literal["", "ours", "variant"] = ""
+    row: ComparisonRow, column: str, quantity: Quantity, mark: Literal["", "ours", "variant"] = ""
 ) -> Cell:
     cell = row.cells.get(column)
     if cell is None:
         return Cell("–", mark=mark)
     return Cell(
-        cell.text(shown),
-        value=cell.value * shown.factor,
+        cell.text(quantity),
+        value=cell.value * quantity.factor,
         note=cell.note,
-        small=f"± {spread}" if (spread := cell.spread_text(shown)) else "",
+        small=f"± {spread}" if (spread := cell.spread_text(quantity)) else "",
         mark=mark,
         failing=cell.failing,
         names={

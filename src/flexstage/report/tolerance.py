@@ -1,4 +1,4 @@
-"""Tables and page of what the workshop makes of a stage."""
+"""Tables and page of a tolerance analysis."""
 
 import math
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from flexstage.studies.explore.tolerance import VALIDITY, ToleranceChoice, Toler
 from flexstage.studies.explore.tolerance_choice import COARSEST, FINEST
 from flexstage.virtual.imperfections import Scatter
 
-_LEAST = 0.01  # share of the variance that is told [1]
+_LEAST = 0.01  # smallest share of the variance in a table [1]
 
 
 def spread_table(study: ToleranceStudy) -> Table:
-    """Return how every figure is spread."""
+    """Return mean and scatter of every figure."""
     return table(
-        f"{study.stage.name}: {study.samples} stages as they come from the machine.",
-        ("figure", "as drawn", "mean", "95 % lie from", "to", "standard deviation", "~in parts"),
+        f"{study.stage.name}: {study.samples} simulated parts.",
+        ("figure", "nominal", "mean", "95 % range from", "to", "standard deviation", "~relative σ"),
         [(spread.figure.heading, *_cells(spread)) for spread in study.spreads],
         notes=tuple(_few(study)),
     )
@@ -31,47 +31,51 @@ def spread_table(study: ToleranceStudy) -> Table:
 
 def _few(study: ToleranceStudy) -> Iterator[str]:
     needed = samples_for(2.5)
-    few = [spread.figure.name for spread in study.spreads if spread.count < needed]
-    if few:
-        names = "" if len(few) == len(study.spreads) else f" of {', '.join(few)}"
-        yield f"what 95 %{names} lie between needs at least {needed} samples"
+    uncertain = [spread.figure.name for spread in study.spreads if spread.count < needed]
+    if uncertain:
+        names = "" if len(uncertain) == len(study.spreads) else f" of {', '.join(uncertain)}"
+        yield f"the 95 % range{names} needs at least {needed} samples"
 
 
 def _cells(spread: Spread) -> tuple[str, ...]:
-    most_decimals = 9  # that a figure has at most
-    shown = spread.figure.shown
-    deviation = spread.standard_deviation * shown.factor
+    most_decimals = 9
+    quantity = spread.figure.shown
+    deviation = spread.standard_deviation * quantity.factor
     if spread.still:
-        same = shown.text(spread.nominal)
+        same = quantity.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
-    # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values
-    known = 1.0 / math.sqrt(2.0 * max(spread.count - 1, 1))
-    digits = 1 if known > 0.1 else 2 if known > 0.01 else 3
-    # the same decimals in all of a row, of which the deviation has one digit or two
+    # relative uncertainty of a standard deviation: 1 / sqrt(2 (n - 1)) for normal values
+    relative_error = 1.0 / math.sqrt(2.0 * max(spread.count - 1, 1))
+    digits = 1 if relative_error > 0.1 else 2 if relative_error > 0.01 else 3
+    # the same decimals throughout a row, so that the deviation has one digit or two
     last = math.floor(math.log10(float(f"{deviation:.1e}"))) - (digits > 1)
     decimals = min(max(-last, 0), most_decimals)
-    plain = 1e-3 <= abs(spread.nominal * shown.factor) < 1e6
+    plain = 1e-3 <= abs(spread.nominal * quantity.factor) < 1e6
 
     def text(value: float) -> str:
         if not math.isfinite(value):
             return "–"
-        return f"{value * shown.factor:.{decimals}f}" if plain else number(value * shown.factor)
+        return (
+            f"{value * quantity.factor:.{decimals}f}" if plain else number(value * quantity.factor)
+        )
 
     texts = [text(value) for value in (spread.nominal, spread.mean, *spread.middle)]
-    share = "" if shown.zero else _percent(spread.standard_deviation / abs(spread.nominal), digits)
+    share = (
+        "" if quantity.zero else _percent(spread.standard_deviation / abs(spread.nominal), digits)
+    )
     if digits == 1:
         return (*texts, f"{float(f'{deviation:.1g}'):g}", share)
     return (*texts, f"{deviation:.{decimals}f}" if plain else number(deviation, 2), share)
 
 
 def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
-    """Return the share of stages that meet each requirement, and all."""
+    """Return the share of parts that meet each requirement, and all of them."""
     return table(
         caption,
-        ("required", "good", "share", "95 % interval from", "to"),
+        ("requirement", "good", "yield", "95 % interval from", "to"),
         [
             (
-                "all of these" if y.requirement is None else y.requirement.text,
+                "all requirements" if y.requirement is None else y.requirement.text,
                 f"{y.met} of {y.count}",
                 _percent(y.share, 4),
                 _percent(y.low, 4),
@@ -83,13 +87,13 @@ def yield_table(yields: tuple[Yield, ...], caption: str = "Yield.") -> Table:
 
 
 def share_table(study: ToleranceStudy) -> Table:
-    """Return which deviations spread each figure, the largest first."""
-    most_named = 3  # hinges that are named
+    """Return the contributions of deviations to the scatter of each figure, the largest first."""
+    most_named = 3  # most hinges of a row
     rows = []
     deviations = {spread.figure: spread.standard_deviation for spread in study.spreads}
     for of in study.shares:
         for i, part in enumerate(p for p in of.contributions if p.share >= _LEAST):
-            most = ", ".join(
+            main_contributors = ", ".join(
                 f"{name} {100.0 * share:.0f} %"
                 for name, share in part.largest[:most_named]
                 if share >= _LEAST
@@ -101,33 +105,33 @@ def share_table(study: ToleranceStudy) -> Table:
                     scatter_text(study.scatter, part.kind),
                     f"{100.0 * part.share:.1f} %",
                     _change(of.figure, part.slope, deviations[of.figure]),
-                    most,
+                    main_contributors,
                 )
             )
         if of.rest >= _LEAST:
-            rows.append(("", "joint or bent effects", "", f"{100.0 * of.rest:.1f} %", "", ""))
+            rows.append(("", "interactions, nonlinearity", "", f"{100.0 * of.rest:.1f} %", "", ""))
     return table(
-        "What spreads them: shares of the variance.",
-        ("figure", "<deviation", "scatter", "share", "one deviation changes", "<most of it by"),
+        "Contributions to the scatter: shares of the variance.",
+        ("figure", "<deviation", "scatter", "share", "effect of 1 σ", "<main contributors"),
         rows,
     )
 
 
 def _change(figure: Figure, slope: float, deviation: float) -> str:
-    """Write what a deviation changes, with the decimals that a hundredth of the spread has."""
-    shown = figure.shown
-    size = deviation * shown.factor
+    """Return the effect of a deviation, with the decimals of a hundredth of the scatter."""
+    quantity = figure.shown
+    size = deviation * quantity.factor
     if not 1e-5 <= size < 1e6:
         return figure.text(slope)
     decimals = max(0, 2 - math.floor(math.log10(size)))
-    return f"{slope * shown.factor:.{decimals}f} {shown.shown_unit}".strip()
+    return f"{slope * quantity.factor:.{decimals}f} {quantity.shown_unit}".strip()
 
 
 def choice_table(choice: ToleranceChoice) -> Table:
-    """Return the tolerances that reach a yield beside the usual ones."""
+    """Return the tolerances for a yield, compared with the present ones."""
     return table(
-        f"Cheapest scatter for a yield of {_percent(choice.target)}.",
-        ("deviation", "now", "allowed", "in parts of now"),
+        f"Least expensive scatter for a yield of {_percent(choice.target)}.",
+        ("deviation", "present", "allowed", "allowed/present"),
         [
             (
                 LABELS[kind],
@@ -135,20 +139,20 @@ def choice_table(choice: ToleranceChoice) -> Table:
                 scatter_text(choice.chosen, kind),
                 f"{choice.factor(kind):.2f}",
             )
-            # those at one end of what is looked at differ by rounding: they stay in their order
+            # factors at one end of the search range differ by rounding: they stay in their order
             for kind in sorted(choice.kinds, key=lambda k: round(choice.factor(k), 2))
         ],
         notes=(
-            "standard deviations; 95 % of parts are within twice as much",
-            f"{FINEST:g} to {COARSEST:g} times what is now is looked at",
+            "standard deviations σ; 95 % of parts are within ±2 σ",
+            f"search range: {FINEST:g} to {COARSEST:g} times the present scatter",
         ),
     )
 
 
 def scatter_table(scatter: Scatter) -> Table:
-    """Return what a process scatters."""
+    """Return the scatter of a manufacturing process."""
     return table(
-        "The process: standard deviations.",
+        "Manufacturing process: standard deviations.",
         ("deviation", "<name", "scatter"),
         [(kind.label, kind.name, scatter_text(scatter, kind.name)) for kind in KINDS],
     )
@@ -166,16 +170,15 @@ def _percent(share: float, digits: int = 3) -> str:
 
 
 def tolerance_page(study: ToleranceStudy) -> str:
-    """Return a page of what the workshop makes of a stage, and what to tighten."""
+    """Return the page of a tolerance analysis."""
     return page_html(
-        heading=f"{study.stage.name}: what the workshop makes of it",
+        heading=f"{study.stage.name}: tolerance analysis",
         lead=(
-            f"{study.samples} stages drawn from a process, seed {study.lot.seed}; {study.model}; "
-            "intervals are those of 95 %"
+            f"{study.samples} simulated parts, seed {study.lot.seed}; {study.model}; 95 % intervals"
         ),
         version=__version__,
         sections=_sections(study),
-        # the first says what the description is, such as a reconstruction
+        # the first states the kind of the description, such as a reconstruction
         notes=(*study.notes, *study.stage.notes[:1]),
     )
 
@@ -187,24 +190,28 @@ def _sections(study: ToleranceStudy) -> Iterator[Section]:
     histograms = Picture(
         result=study,
         title="Histograms of the figures",
-        caption="Distribution of every figure; grey is what 95 % of the stages lie between.",
+        caption="Distribution of every figure; grey: range of 95 % of the parts.",
     )
-    yield Section(key="figures", title="Figures", content=(spread_table(study), histograms))
+    yield Section(key="figures", title="Characteristics", content=(spread_table(study), histograms))
     if study.shares:
-        bars = Picture(
+        picture = Picture(
             result=study,
             view="shares",
             title="Shares of the variance",
-            caption="What the variance of every figure consists of.",
+            caption="Contributions to the variance of every figure.",
         )
-        yield Section(key="shares", title="What spreads them", content=(bars, share_table(study)))
+        yield Section(
+            key="shares",
+            title="Contributions to the scatter",
+            content=(picture, share_table(study)),
+        )
     if choice is not None:
-        verdict = choice.verdict[0].upper() + choice.verdict[1:] + "."
-        tables = (choice_table(choice), yield_table(choice.after, "Yield with these."))
+        conclusion = choice.verdict[0].upper() + choice.verdict[1:] + "."
+        tables = (choice_table(choice), yield_table(choice.after, "Yield with these tolerances."))
         yield Section(
             key="tighten",
-            title=f"Tolerances for {_percent(choice.target)}",
-            content=(verdict, *(tables if choice.found else ())),
+            title=f"Tolerances for a yield of {_percent(choice.target)}",
+            content=(conclusion, *(tables if choice.found else ())),
         )
     yield Section(
         key="process",

@@ -1,4 +1,4 @@
-"""The section of a study on traditional stages: motion errors, what else differs, drift."""
+"""The section of a study on traditional stages: motion errors, other differences, drift."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -26,65 +26,66 @@ _UM = 1e6
 
 
 def motion_error_section(study: "Study") -> Iterator[Content]:
-    """Show the claim against every definition of a traditional stage, and the parts of each."""
-    if (found := study.traditional) is not None:
-        yield Bullets(verdict(found))
-        yield claim_table(found)
-        yield error_table(found)
-        yield other_table(found)
+    """Yield the claim for every definition of a traditional stage, and the parts of the errors."""
+    if (comparison := study.traditional) is not None:
+        yield Bullets(verdict(comparison))
+        yield claim_table(comparison)
+        yield error_table(comparison)
+        yield other_table(comparison)
 
 
 def drift_section(study: "Study") -> Iterator[Content]:
-    """Show what temperature does to each stage."""
-    if (found := study.traditional) is not None:
-        yield Bullets(drift_verdict(found))
-        yield drift_table(found)
+    """Yield the thermal drift of each stage."""
+    if (comparison := study.traditional) is not None:
+        yield Bullets(drift_verdict(comparison))
+        yield drift_table(comparison)
 
 
 def assumption_section(study: "Study") -> Iterator[Content]:
-    """Say what traditional stages are taken to be, and where the comparison ends."""
-    if (found := study.traditional) is None:
+    """Yield the assumptions about traditional stages, and the limits of the comparison."""
+    if (comparison := study.traditional) is None:
         return
-    scatter, mounting = found.scatter, Mounting()
+    scatter, mounting = comparison.scatter, Mounting()
     path = (
-        "The path of the stage itself is that of plane finite elements with finite displacements."
-        if found.knows_straightness
-        else "The path of the stage itself is that of rigid bodies with what elastic ones add to "
-        "first order; its legs stretch as it moves, which takes it up to half as far across again: "
-        "the plane model has that."
+        "The path of this stage is by plane finite elements with finite displacements."
+        if comparison.knows_straightness
+        else "The path of this stage is by rigid bodies with first-order elastic deformation. Only "
+        "the plane model includes the stretch of its legs, which increases the motion across by up "
+        "to a half."
     )
     yield Bullets(
         (
-            "The study does not say which traditional stages it means. Here they have guides of "
-            "the legs of each of its axes (notches, length, spacing), a platform of the same "
-            "height, the same plate and material, and an actuator of the same kind on the "
-            "platform itself, which goes as far as the stage does. Single parallelograms or double "
-            "ones, one plate on the other; or single ones side by side in one plate.",
-            "The point of interest is the middle of the platform, on the top of the upper plate.",
-            f"As made: necks {_UM * scatter.neck_common:g} µm in common and "
-            f"{_UM * scatter.neck_own:g} µm each, places {_UM * scatter.position:g} µm in x and y, "
-            f"axes of notches {1e3 * scatter.lean:g} mrad, lines of drives {_UM * scatter.drive:g} "
-            "µm (standard deviations as of good wire erosion, measured on no machine); stacked "
-            f"plates {_UM * mounting.squareness:.0f} µrad in squareness and tilt (20 arcsec).",
+            "The publication does not define the traditional stages. Here they have guides with "
+            "the legs of each axis (notches, length, spacing), a platform of the same height, and "
+            "the same plate and material. An actuator of the same kind acts on the platform, with "
+            "the travel of this stage. The guides are single or double parallelograms in two "
+            "stacked plates, or single ones side by side in one plate.",
+            "The point of interest is the centre of the platform, on the top of the upper plate.",
+            f"Manufacturing scatter: necks {_UM * scatter.neck_common:g} µm in common and "
+            f"{_UM * scatter.neck_own:g} µm each, positions {_UM * scatter.position:g} µm in x and "
+            f"y, axes of notches {1e3 * scatter.lean:g} mrad, lateral offset of drives "
+            f"{_UM * scatter.drive:g} µm. These are standard deviations of good wire erosion, not "
+            f"measured on a machine. Stacked plates: {_UM * mounting.squareness:.0f} µrad in "
+            "squareness and tilt (20 arcsec).",
             path,
-            "Paths of traditional stages are those of rigid bodies with what elastic ones add to "
-            "first order: by plane finite elements with finite displacements they go up to 0.05 µm "
-            "less across, and double parallelograms 0.02 µm more.",
-            f"{found.catalogue.title.capitalize()}: {found.catalogue.source}. Nothing is said of a "
-            "travel as short as this one: it is an upper limit.",
-            "Motion along the normal is what leaning hinges and drives off the middle of the plate "
-            "do; gravity, screws that push askew and a base that is not flat are not in it.",
-            "No public price of an actuator was found: their number, kind and stroke are given.",
+            "The paths of traditional stages are by rigid bodies with first-order elastic "
+            "deformation. Plane finite elements with finite displacements give up to 0.05 µm less "
+            "motion across, for double parallelograms 0.02 µm more.",
+            f"{comparison.catalogue.title.capitalize()}: {comparison.catalogue.source}. It gives "
+            "no value for such a short travel: it is an upper limit.",
+            "Motion along the normal results from tilted hinges and from drives off the mid-plane "
+            "of the plate. Gravity, misaligned screws and an uneven base are not included.",
+            "No public prices of actuators were found: their number, kind and stroke are given.",
         )
     )
 
 
-def claim_table(found: TraditionalComparison) -> Table:
-    """Say what becomes of the claim for each definition of a traditional stage."""
-    by = {m: {r.against: r for r in found.reductions(m)} for m in MEASURES}
+def claim_table(comparison: TraditionalComparison) -> Table:
+    """Return the assessment of the claim for each definition of a traditional stage."""
+    by = {m: {r.against: r for r in comparison.reductions(m)} for m in MEASURES}
     rows = []
-    for row in found.reductions():
-        straight = by["straightness"].get(row.against) if found.knows_straightness else None
+    for row in comparison.reductions():
+        straight = by["straightness"].get(row.against) if comparison.knows_straightness else None
         yaw = by["yaw"].get(row.against)
         rows.append(
             (
@@ -96,16 +97,16 @@ def claim_table(found: TraditionalComparison) -> Table:
             )
         )
     return table(
-        f"The claim, {100.0 * found.claim:.0f} % less motion error, by what is called traditional: "
-        f"it holds where the share is at most {1.0 - found.claim:.2f}. Motion across: largest less "
-        f"smallest over the stroke, worse axis, median of {found.samples} stages as made. Share: "
-        "the stage of the study over the traditional one.",
+        f"Claim of {100.0 * comparison.claim:.0f} % less motion error, by definition of a "
+        f"traditional stage. It holds for a ratio of at most {1.0 - comparison.claim:.2f}. Motion "
+        f"across: peak to valley over the stroke, worse axis, median of {comparison.samples} "
+        "manufactured stages. Ratio: this stage over the traditional one.",
         (
             Column("Traditional stage", "long words"),
             "Motion across [µm]",
-            Column("across", group="share"),
-            Column("straightness", group="share"),
-            Column("yaw", group="share"),
+            Column("across", group="ratio"),
+            Column("straightness", group="ratio"),
+            Column("yaw", group="ratio"),
             Column("across", "words", group="claim holds"),
             Column("pairs of stages", group="claim holds"),
         ),
@@ -113,30 +114,34 @@ def claim_table(found: TraditionalComparison) -> Table:
     )
 
 
-def error_table(found: TraditionalComparison) -> Table:
-    """Show motion errors of every axis, and their parts."""
+def error_table(comparison: TraditionalComparison) -> Table:
+    """Return the motion errors of every axis, and their parts."""
     rows = [
-        (stage.title, name, *_errors(axis, found.knows_straightness or stage is not found.own))
-        for stage in _stages(found)
+        (
+            stage.title,
+            name,
+            *_errors(axis, comparison.knows_straightness or stage is not comparison.own),
+        )
+        for stage in _stages(comparison)
         for name, axis in stage.axes.items()
     ]
-    as_drawn, made, whole = "as drawn [µm]", "as made, deviation [µm]", "whole, median [µm]"
+    nominal, manufactured, total = "nominal [µm]", "manufactured, σ [µm]", "total, median [µm]"
     return table(
-        "Motion errors over the stroke. As drawn: motion across by finite rotations of rigid "
-        "bodies, and what elastic ones add. As made: standard deviation by scatter, and by "
-        "mounting and scattered rotations times the Abbe offset. Whole: all of it, by sample.",
+        "Motion errors over the stroke. Nominal: motion across by finite rotations of rigid "
+        "bodies, and by elastic deformation. Manufactured: standard deviation by scatter, and by "
+        "mounting and scattered rotations times the Abbe offset. Total: all parts, by sample.",
         (
             Column("Stage", "long words"),
             "<Axis",
             "Travel [µm]",
-            Column("rotations", group=as_drawn),
-            Column("elastic", group=as_drawn),
-            Column("scatter", group=made),
-            Column("mounting", group=made),
-            Column("across", group=whole),
-            Column("95 %", group=whole),
-            Column("straight\u00adness", group=whole),
-            Column("normal", group=whole),
+            Column("rotations", group=nominal),
+            Column("elastic", group=nominal),
+            Column("scatter", group=manufactured),
+            Column("mounting", group=manufactured),
+            Column("across", group=total),
+            Column("95 %", group=total),
+            Column("straight\u00adness", group=total),
+            Column("normal", group=total),
             Column("yaw", group="[µrad]"),
             Column("roll, pitch", group="[µrad]"),
         ),
@@ -153,14 +158,14 @@ def _errors(axis: "AxisErrors", straight: bool) -> Iterator[str]:
         yield _small(_UM * value)
     yield _small(_UM * axis.figures("straightness")[0]) if straight else "–"
     yield _small(_UM * axis.figures("normal")[0])
-    for what in ("yaw", "tilt"):
-        yield number(_UM * axis.figures(what)[0], 3)
+    for quantity in ("yaw", "tilt"):
+        yield number(_UM * axis.figures(quantity)[0], 3)
 
 
-def other_table(found: TraditionalComparison) -> Table:
-    """Show what else differs: frequency, how alike the axes are, coupling, size, mass, drives."""
+def other_table(comparison: TraditionalComparison) -> Table:
+    """Return other differences: frequency, symmetry of the axes, coupling, size, mass, drives."""
     rows = []
-    for stage in _stages(found):
+    for stage in _stages(comparison):
         sizes = " × ".join(f"{1e3 * v:.0f}" for v in stage.size)
         coupling = max((axis.coupling for axis in stage.axes.values()), key=abs)
         rows.append(
@@ -177,11 +182,11 @@ def other_table(found: TraditionalComparison) -> Table:
         )
     axes, differ = "natural frequency [Hz]", "axes differ by [%]"
     return table(
-        "What else differs. Axes differ: larger less smaller over their mean, of frequency and of "
-        "motion across. Coupling: motion across over motion along as drawn, worse axis.",
+        "Other differences. Axes differ by: difference over mean, of frequency and of motion "
+        "across. Coupling: nominal motion across over motion along, worse axis.",
         (
             Column("Stage", "long words"),
-            *(Column(name, group=axes) for name in found.own.axes),
+            *(Column(name, group=axes) for name in comparison.own.axes),
             Column("frequency", group=differ),
             Column("motion across", group=differ),
             "Coupling [%]",
@@ -199,10 +204,10 @@ def spread(figures: Mapping[str, float]) -> float:
     return (max(values) - min(values)) / (sum(values) / len(values))
 
 
-def drift_table(found: TraditionalComparison) -> Table:
-    """Show how far the platform of each stage drifts with temperature."""
+def drift_table(comparison: TraditionalComparison) -> Table:
+    """Return the thermal drift of the platform of each stage."""
     rows = []
-    for stage in _stages(found):
+    for stage in _stages(comparison):
         cells: list[str] = [stage.title]
         for load in LOADS:
             x, y, turned = stage.drift[load]
@@ -210,25 +215,29 @@ def drift_table(found: TraditionalComparison) -> Table:
             cells.append(_small(_UM * turned, 2))
         rows.append(cells)
     groups = (
-        "1 K everywhere",
-        *(f"1 K over {1e3 * SPAN:.0f} mm in {axis}" for axis in "xy"),
+        "uniform 1 K",
+        *(f"1 K per {1e3 * SPAN:.0f} mm in {axis}" for axis in "xy"),
     )
     return table(
-        "Drift of the middle of the platform [nm], and its rotation [µrad]; two-dimensional finite "
-        "elements, drives removed, the base held and without expansion.",
+        "Thermal drift of the centre of the platform [nm], and its rotation [µrad]; "
+        "two-dimensional finite elements, drives removed, base fixed and without expansion.",
         (
             Column("Stage", "long words"),
-            *(Column(what, group=group) for group in groups for what in ("x", "y", "total", "yaw")),
+            *(
+                Column(component, group=group)
+                for group in groups
+                for component in ("x", "y", "total", "yaw")
+            ),
         ),
         [[Cell(text) for text in row] for row in rows],
     )
 
 
-def _stages(found: TraditionalComparison) -> tuple[ComparedStage, ...]:
-    return (found.own, *found.others, found.asymmetric)
+def _stages(comparison: TraditionalComparison) -> tuple[ComparedStage, ...]:
+    return (comparison.own, *comparison.others, comparison.asymmetric)
 
 
 def _small(value: float, decimals: int = 3) -> str:
-    """Write a figure with as many decimals as a comparison needs; one that rounds to 0 as 0."""
+    """Return a value with the decimals of a comparison; "0" for one that rounds to 0."""
     text = f"{value:.{decimals}f}"
     return text.replace("-", "−") if float(text) else "0"

@@ -9,6 +9,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import RecordError
+from flexstage.base.progress import subtask
 from flexstage.files.result import Result
 from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
 from flexstage.hysteresis.coupled_drives.periodic import (
@@ -95,18 +96,18 @@ class CoupledDriveIdentification(Result):
                 "input_rms": level.input_rms,
                 "output_rms": level.output_rms,
                 "records": level.records,
-                "noise": level.noise,
-                "floor": level.floor,
+                "noise": _plain(level.noise),
+                "floor": _plain(level.floor),
                 "linear_error": level.linear_error,
                 "error": level.error,
-                "held_out": self.held_out[k] if self.held_out else math.nan,
+                "held_out": _plain(self.held_out[k]) if self.held_out else None,
             }
             for k, level in enumerate(self.levels)
         ]
         modes = [
             {
-                "frequency_hz": [float(level.frequency_hz[i]) for level in self.levels],
-                "damping_ratio": [float(level.damping_ratio[i]) for level in self.levels],
+                "frequency_hz": [_plain(level.frequency_hz[i]) for level in self.levels],
+                "damping_ratio": [_plain(level.damping_ratio[i]) for level in self.levels],
                 "input_shape": self.modes.input_shapes[i].tolist(),
                 "imaginary_share": float(self.modes.imaginary_share[i]),
                 "compliance": float(self.model.drives.compliance[i]),
@@ -267,6 +268,11 @@ def held_out_errors(
     )
 
 
+def _plain(value: float) -> float | None:
+    """Return a number as JSON has it: none for what is not known."""
+    return None if math.isnan(value) else float(value)
+
+
 def _error(values: Complex) -> float:
     """Return the rms of a signal over records and channels from its spectra."""
     return float(np.sqrt(np.sum(np.abs(values) ** 2) / (values.shape[0] * values.shape[2])))
@@ -314,8 +320,10 @@ def _drives(
         response, _ = best_linear(spectra.inputs, spectra.outputs, weights)
         return still, spectra.inputs, response
     fit = SofteningFit(spectra, weights)
-    point = fit.fit(start, modes=False, iterations=10)
-    point = fit.fit(point.drives, modes=True, iterations=30)
+    with subtask(0.1, 0.3):
+        point = fit.fit(start, modes=False, iterations=10)
+    with subtask(0.3, 0.9):
+        point = fit.fit(point.drives, modes=True, iterations=30)
     return point.drives, point.state.total, point.response
 
 

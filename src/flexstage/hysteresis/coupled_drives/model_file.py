@@ -85,12 +85,12 @@ def read_coupled_model(path: Path) -> CoupledDriveModel:
     content: _Content = decoder.build(_Content, root, "")
     model = content.model
     shapes = (model.drives.input_shapes.shape, model.system.feedthrough.shape)
-    wanted = (
+    expected = (
         (model.drives.compliance.size, len(model.inputs)),
         (len(model.outputs), len(model.inputs)),
     )
-    if shapes != wanted:
+    if shapes != expected:
         raise ModelError(
-            f"{path}: arrays of shapes {shapes} do not fit inputs and outputs, {wanted}"
+            f"{path}: arrays of shapes {shapes} do not fit inputs and outputs, {expected}"
         )
     return model

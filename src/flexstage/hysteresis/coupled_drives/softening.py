@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array, Complex
+from flexstage.base.progress import update
 from flexstage.hysteresis.coupled_drives.periodic import PeriodicSpectra, best_linear
 from flexstage.hysteresis.coupled_drives.state_space import Modes
 
@@ -269,7 +270,8 @@ class SofteningFit:
         penalty = np.where(np.arange(vector.size) < free, 0.0, _SCALE.penalty)
         point = self._point(start.moved(vector), None)
         cost, damping, k = point.cost, 1e-3, start.compliance.size
-        for _ in range(iterations):
+        for number in range(iterations):
+            update("softening of the drives", number / iterations)
             jacobian = self._jacobian(start, point, modes).view(np.float32)
             residual = np.moveaxis(point.residuals * self._weights[:, None, None], 0, -1)
             residual = residual.reshape(-1).astype(np.complex64).view(np.float32)

@@ -1,4 +1,4 @@
-"""How rigid bodies move: at full stroke, on the way there, in the modes; what drives reach."""
+"""Motion of rigid bodies: at full stroke, over the stroke, in modes; the workspace of drives."""
 
 import math
 from collections.abc import Mapping
@@ -24,10 +24,10 @@ from flexstage.report.figures.style import (
     add_arrow,
     add_heading,
     add_legend,
-    entitle,
     label_axes,
     one_panel,
     panels,
+    set_title,
 )
 from flexstage.stage import Stage
 from flexstage.system import Analysis, AxisAnalysis, MechanicalSystem
@@ -44,52 +44,52 @@ _COLOURS = "viridis"
 
 
 def exaggeration(size: float, motion: float) -> float:
-    """Return a round factor by which motion is drawn larger than it is.
+    """Return a round factor by which motion is exaggerated in a drawing.
 
-    It is 1, 2 or 5 times a power of ten; 1 where nothing moves. Size of what is drawn and largest
-    displacement in one unit.
+    It is 1, 2 or 5 times a power of ten, and 1 without motion. Size of the drawn object and largest
+    displacement are in one unit.
 
     Examples
     --------
     >>> exaggeration(0.2, 65e-6)
     50.0
     """
-    # the largest motion is drawn as about this part of the size of the stage
-    shown = 0.02
-    return round_below(shown * size / motion) if motion > 0.0 else 1.0
+    # size of the largest motion in the drawing, relative to the stage
+    drawn_size = 0.02
+    return round_below(drawn_size * size / motion) if motion > 0.0 else 1.0
 
 
 def elongation_words(result: AxisAnalysis) -> str:
-    """Say how far each drive of an axis goes for its full stroke."""
+    """Return the elongation of each drive of an axis at its full stroke."""
     words = [f"'{name}' {'+' * (w >= 0.0)}{number(w * 1e6)}" for name, w in result.drives.items()]
     return f"drive{'s' * (len(words) > 1)} {', '.join(words)} µm"
 
 
 def full_stroke(analysis: Analysis, axis: AxisAnalysis) -> str:
-    """Say how far the drives of an axis go for its full stroke, and what its probe reads."""
+    """Return the elongation of the drives at full stroke of an axis, and its reading."""
     unit = "µrad" if analysis.system.probe(axis.probe).unit == "rad" else "µm"
-    read = f"{number(axis.output_displacement * 1e6)} {unit}"
-    return f"{elongation_words(axis)}: '{axis.probe}' reads {read}"
+    reading = f"{number(axis.output_displacement * 1e6)} {unit}"
+    return f"{elongation_words(axis)}: '{axis.probe}' reads {reading}"
 
 
 def drawn_axis(analysis: Analysis, axis: str) -> AxisAnalysis:
-    """Return what the analysis found of an axis.
+    """Return the analysis of an axis.
 
     Raises
     ------
     ModelError
-        It has no such axis.
+        There is no such axis.
     """
-    found = next((a for a in analysis.axes if a.axis == axis), None)
-    if found is None:
+    analysed = next((a for a in analysis.axes if a.axis == axis), None)
+    if analysed is None:
         raise ModelError(f"the analysis has no axis '{axis}'")
-    return found
+    return analysed
 
 
 def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
     """Draw the stage with one drive at full stroke and the others removed.
 
-    Motion is magnified by the factor in the title; the place at rest is a thin line.
+    Motion is magnified by the factor in the title; a thin line shows the position at rest.
     """
     result = drawn_axis(analysis, axis)
     shapes = body_shapes(analysis.stage)
@@ -97,18 +97,20 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
     size = max(x1 - x0, y1 - y0)
     motion = result.static.body_motion
     centres = {port.name: np.array(port.centre) for port in analysis.system.bodies}
-    still = (0.0, 0.0, 0.0)
+    at_rest = (0.0, 0.0, 0.0)
     largest = max(
-        float(_displacement(np.vstack(s.loops), centres[n], motion.get(n, still)).max())
+        float(_displacement(np.vstack(s.loops), centres[n], motion.get(n, at_rest)).max())
         for s in shapes
         if (n := s.body.name) in centres
     )
     factor = exaggeration(size, largest)
 
-    # room for the bar at the right and for the words, also about a long, thin stage
-    shown = 5.1 / max(x1 - x0, 0.8 * (y1 - y0))
+    # with room for the colour bar and the labels, also of a long, thin stage
+    inch_per_metre = 5.1 / max(x1 - x0, 0.8 * (y1 - y0))
     figure, axes = one_panel(
-        max(shown * (x1 - x0), 2.0) + 1.1, max(shown * (y1 - y0), 1.6) + 0.5, grid=False
+        max(inch_per_metre * (x1 - x0), 2.0) + 1.1,
+        max(inch_per_metre * (y1 - y0), 1.6) + 0.5,
+        grid=False,
     )
     margin = 0.035 * size
     axes.set(
@@ -117,7 +119,7 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
         xlabel="x [mm]",
         ylabel="y [mm]",
     )
-    entitle(axes, f"{full_stroke(analysis, result)}; motion × {factor:g}")
+    set_title(axes, f"{full_stroke(analysis, result)}; motion × {factor:g}")
     _bodies(axes, analysis, motion, factor, largest)
     _colour_bar(figure, axes, largest)
     return figure
@@ -125,8 +127,8 @@ def draw_static_shape(analysis: Analysis, axis: str) -> "Figure":
 
 def draw_modes(analysis: Analysis) -> "Figure":
     """Draw the lowest modes as motions of the bodies, each with its share of the largest one."""
-    found = analysis.modes["removed"]
-    count = min(MOST_SHOWN, found.frequency_hz.size)
+    modes = analysis.modes["removed"]
+    count = min(MOST_MODES, modes.frequency_hz.size)
     x0, y0, x1, y1 = (v * MM for v in extent(body_shapes(analysis.stage)))
     size = max(x1 - x0, y1 - y0)
     margin, columns, rows = 0.06 * size, min(3, count), math.ceil(count / 3)
@@ -135,9 +137,9 @@ def draw_modes(analysis: Analysis) -> "Figure":
     for k, axes in enumerate(grid):
         axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin))
         axes.set_axis_off()
-        entitle(axes, f"{number(float(found.frequency_hz[k]))} Hz, drives removed")
-        motion = mode_motion(analysis.system, found.shapes[:, k], analysis.stage)
-        _bodies(axes, analysis, motion, SHOWN_OF_MODES * size / MM, 1.0)
+        set_title(axes, f"{number(float(modes.frequency_hz[k]))} Hz, drives removed")
+        motion = mode_motion(analysis.system, modes.shapes[:, k], analysis.stage)
+        _bodies(axes, analysis, motion, MODE_AMPLITUDE * size / MM, 1.0)
     return figure
 
 
@@ -148,7 +150,7 @@ def _bodies(
     factor: float,
     largest: float,
 ) -> None:
-    """Draw every body where its motion takes it."""
+    """Draw every body, displaced by its motion."""
     centres = {port.name: np.array(port.centre) for port in analysis.system.bodies}
     for shape in sorted(body_shapes(analysis.stage), key=lambda s: not s.body.fixed):
         name = shape.body.name
@@ -197,7 +199,7 @@ def _body(
 
 
 def _displacement(points: Array, centre: Array, motion: tuple[float, float, float]) -> Array:
-    """Magnitude of the displacement of points of a rigid body."""
+    """Return the magnitude of the displacement of points of a rigid body."""
     ux, uy, angle = motion
     arm = points - centre
     return np.hypot(ux - angle * arm[:, 1], uy + angle * arm[:, 0])
@@ -214,18 +216,18 @@ def _colour_bar(figure: "Figure", axes: "Axes", largest: float) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-# metres and radians below this are rounding of the solution
-_NOTHING = 1e-13
+# smaller motions are rounding of the solution [m, rad]
+_ROUNDING = 1e-13
 
 
 def draw_stroke(path: "StrokePath", axis: str) -> "Figure":
-    """Draw how far an axis is from the straight line of its first-order model.
+    """Draw the deviation of an axis from the straight line of its first-order model.
 
     Deviation along the axis, across it, and rotation, over the elongation of the drive.
     """
-    x, shown = path.displacement, stroke_curves(path)
-    figure, grid = panels((5.1, 10.2, 10.2)[len(shown) - 1], 2.9, len(shown), len(shown))
-    for axes, (label, values, unit) in zip(grid, shown, strict=True):
+    x, curves = path.displacement, stroke_curves(path)
+    figure, grid = panels((5.1, 10.2, 10.2)[len(curves) - 1], 2.9, len(curves), len(curves))
+    for axes, (label, values, unit) in zip(grid, curves, strict=True):
         factor, prefix = _scale(float(np.abs(values).max()))
         axes.plot(1e6 * x, factor * values, color=CYCLE[0], linewidth=1.4)
         axes.set_xlim(1e6 * x[0], 1e6 * x[-1])
@@ -240,7 +242,7 @@ def draw_stroke(path: "StrokePath", axis: str) -> "Figure":
 
 
 def stroke_curves(path: "StrokePath") -> list[tuple[str, Array, str]]:
-    """Return label, values and unit of each curve that is seen: one of an axis going straight."""
+    """Return label, values and unit of each visible curve: one for a straight motion."""
     if path.displacement.size < 3:
         raise ModelError("a path needs at least three states to be drawn")
     x = path.displacement
@@ -248,11 +250,11 @@ def stroke_curves(path: "StrokePath") -> list[tuple[str, Array, str]]:
     slope = np.polyfit(x[:3], path.along[:3], 2)[1]
     along = path.along - path.along[0] - slope * (x - x[0])
     curves = [
-        ("along, less first order", along, "m"),
-        ("across, off the best line", path.deviation, "m"),
+        ("along, beyond first order", along, "m"),
+        ("across, from the best-fit line", path.deviation, "m"),
         ("rotation", path.rotation - path.rotation[0], "rad"),
     ]
-    return [c for c in curves if np.abs(c[1]).max() > _NOTHING] or curves[:1]
+    return [c for c in curves if np.abs(c[1]).max() > _ROUNDING] or curves[:1]
 
 
 def _scale(largest: float) -> tuple[float, str]:
@@ -263,16 +265,16 @@ def _scale(largest: float) -> tuple[float, str]:
 
 
 def _quantity(value: float, unit: str) -> str:
-    if abs(value) < _NOTHING:
+    if abs(value) < _ROUNDING:
         return "0"
     factor, prefix = _scale(abs(value))
     return f"{number(factor * value)} {prefix}{unit}"
 
 
-#: Modes that are drawn for each condition of the drives.
-MOST_SHOWN = 6
-#: The largest motion of a mode is drawn as this part of the size of the stage [1].
-SHOWN_OF_MODES = 0.03
+#: Most modes of a figure for each condition of the drives.
+MOST_MODES = 6
+#: Largest motion of a mode in a drawing, relative to the size of the stage [1].
+MODE_AMPLITUDE = 0.03
 
 
 def mode_motion(
@@ -285,35 +287,35 @@ def mode_motion(
     ports = {port.name: port for port in system.bodies}
     motion: dict[str, tuple[float, float, float]] = {}
     largest = 0.0
-    for drawn in body_shapes(stage):
-        port = ports.get(drawn.body.name)
+    for body_shape in body_shapes(stage):
+        port = ports.get(body_shape.body.name)
         if port is None:
             continue
         ux, uy, angle = map(float, port.matrix @ shape)
         motion[port.name] = (ux, uy, angle)
-        moved = _displacement(np.vstack(drawn.loops), np.array(port.centre), motion[port.name])
+        moved = _displacement(np.vstack(body_shape.loops), np.array(port.centre), motion[port.name])
         largest = max(largest, float(moved.max()))
     scale = 1.0 / largest if largest > 0.0 else 0.0
     return {name: (ux * scale, uy * scale, a * scale) for name, (ux, uy, a) in motion.items()}
 
 
 def body_outlines(stage: Stage) -> tuple[str, ...]:
-    """Return the outline of every body as a path of SVG [mm], which the cards of modes refer to."""
+    """Return the outline of every body as a path of SVG [mm], for the cards of modes."""
     return tuple(shape.svg_path() for shape in body_shapes(stage))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MovingBody:
-    """How a body moves in a picture of a mode, by which the page moves it."""
+    """Motion of a body in a picture of a mode, for the animation of the page."""
 
     opacity: str
-    """How strong its colour is: the more, the further it moves."""
+    """Opacity of its colour, which increases with its motion."""
     motion: str
     """Displacement x and y [mm, y down] and rotation [deg]."""
     centre: str
-    """What it turns about [mm, y down]."""
+    """Its centre of rotation [mm, y down]."""
     transform: str
-    """The same motion at full amplitude, as SVG has it."""
+    """The same motion at full amplitude, as an SVG transform."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,9 +327,9 @@ class ModeCard:
     frequency: str
     """Its natural frequency [Hz]."""
     box: str
-    """What is seen [mm]: left, top, width, height."""
+    """Visible area [mm]: left, top, width, height."""
     bodies: tuple[MovingBody | None, ...]
-    """Motion of each body, in the order of `body_outlines`; None of one that rests."""
+    """Motion of each body, in the order of `body_outlines`; None of one at rest."""
 
 
 def mode_cards(analysis: Analysis) -> Mapping[str, tuple[ModeCard, ...]]:
@@ -335,10 +337,10 @@ def mode_cards(analysis: Analysis) -> Mapping[str, tuple[ModeCard, ...]]:
     shapes = body_shapes(analysis.stage)
     return {
         condition: tuple(
-            _card(analysis, shapes, found.shapes[:, k], k, float(found.frequency_hz[k]))
-            for k in range(min(MOST_SHOWN, found.frequency_hz.size))
+            _card(analysis, shapes, modes.shapes[:, k], k, float(modes.frequency_hz[k]))
+            for k in range(min(MOST_MODES, modes.frequency_hz.size))
         )
-        for condition, found in analysis.modes.items()
+        for condition, modes in analysis.modes.items()
     }
 
 
@@ -352,19 +354,21 @@ def _card(
     x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     margin = 0.03 * size
-    reach = SHOWN_OF_MODES * size
+    reach = MODE_AMPLITUDE * size
     motion = mode_motion(analysis.system, shape, analysis.stage)
     centres = {port.name: port.centre for port in analysis.system.bodies}
     bodies: list[MovingBody | None] = []
-    for drawn in shapes:
-        name = drawn.body.name
-        if drawn.body.fixed or name not in motion:
+    for body_shape in shapes:
+        name = body_shape.body.name
+        if body_shape.body.fixed or name not in motion:
             bodies.append(None)
             continue
         ux, uy, angle = motion[name]
         centre = f"{centres[name][0] * MM:.2f} {-centres[name][1] * MM:.2f}"
-        part = _displacement(np.vstack(drawn.loops), np.array(centres[name]), motion[name]).mean()
-        # y points down in the picture, so the sense of rotation is turned over as well
+        part = _displacement(
+            np.vstack(body_shape.loops), np.array(centres[name]), motion[name]
+        ).mean()
+        # y points down in the picture, so the sense of rotation is reversed as well
         dx, dy, turn = ux * reach, -uy * reach, -np.degrees(angle * reach / MM)
         bodies.append(
             MovingBody(
@@ -379,36 +383,41 @@ def _card(
     return ModeCard(number=index + 1, frequency=number(frequency), box=box, bodies=tuple(bodies))
 
 
-def draw_reachable_area(found: ReachableArea) -> "Figure":
-    """Draw the positions that all drives reach together, in micrometres.
+def draw_reachable_area(workspace: ReachableArea) -> "Figure":
+    """Draw the workspace of all drives, in micrometres.
 
-    With a rotation: those at its middle, filled, and those at any. Arrows are what the stroke of
-    each drive does by itself, from where all are at the lower end of theirs.
+    With a rotation: the positions at its middle, filled, and at any rotation. Arrows show the
+    stroke of each drive alone, from the lower ends of all strokes.
     """
     figure, axes = one_panel(5.2, 4.9)
-    section = UM * found.section()
-    whole = UM * found.projection
-    turns = len(found.axes) > 2
+    section = UM * workspace.section()
+    projection = UM * workspace.projection
+    turns = len(workspace.axes) > 2
     label = None
     if turns:
         _closed(
-            axes, whole, color=MUTED, linewidth=1.0, linestyle=LONG_DASHED, label="any rotation"
+            axes,
+            projection,
+            color=MUTED,
+            linewidth=1.0,
+            linestyle=LONG_DASHED,
+            label="any rotation",
         )
-        label = f"{found.axes[2]} = {number(UM * float(found.middle[2]))} µrad"
+        label = f"{workspace.axes[2]} = {number(UM * float(workspace.middle[2]))} µrad"
     axes.fill(*section.T, color=CYCLE[0], alpha=0.14, linewidth=0.0)
     _closed(axes, section, color=CYCLE[0], linewidth=1.4, label=label)
-    ends = _arrows(axes, found)
-    points = np.vstack((whole, ends))
+    ends = _arrows(axes, workspace)
+    points = np.vstack((projection, ends))
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.09 * float((high - low).max())
     axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
     axes.set_aspect("equal")
-    label_axes(axes, f"{found.axes[0]} [µm]", f"{found.axes[1]} [µm]")
-    title = f"{number(found.area * UM**2)} µm²"
+    label_axes(axes, f"{workspace.axes[0]} [µm]", f"{workspace.axes[1]} [µm]")
+    title = f"{number(workspace.area * UM**2)} µm²"
     if turns:
-        title += f" at the middle rotation, {number(found.projected_area * UM**2)} µm² at any"
+        title += f" at the middle rotation, {number(workspace.projected_area * UM**2)} µm² at any"
         add_legend(axes, loc="best")
-    entitle(axes, title)
+    set_title(axes, title)
     return figure
 
 
@@ -417,12 +426,12 @@ def _closed(axes: "Axes", corners: Array, **line: object) -> None:
     axes.plot(*around.T, **line)  # type: ignore[arg-type]
 
 
-def _arrows(axes: "Axes", found: ReachableArea) -> Array:
+def _arrows(axes: "Axes", workspace: ReachableArea) -> Array:
     """Draw the stroke of each drive; return the ends of all arrows."""
-    origin = UM * found.lowest[:2]
-    ends = origin + UM * found.generators[:2].T
+    origin = UM * workspace.lowest[:2]
+    ends = origin + UM * workspace.generators[:2].T
     axes.plot(*origin, "o", color=CYCLE[1], markersize=3.5)
-    for name, end in zip(found.drives, ends, strict=True):
+    for name, end in zip(workspace.drives, ends, strict=True):
         add_arrow(axes, tuple(end), tuple(origin), CYCLE[1], 1.2, 9)
         axes.annotate(
             name, 0.55 * end + 0.45 * origin, ha="center", va="center", fontsize=8, color=CYCLE[1],

@@ -1,4 +1,4 @@
-"""The error of a scale over the turn, before and after it was centred, and its harmonics."""
+"""Error of a scale over the turn, before and after centring, and its harmonics."""
 
 import math
 from collections.abc import Sequence
@@ -17,9 +17,9 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_legend,
-    dress,
-    entitle,
     new_figure,
+    set_title,
+    style_axes,
 )
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from flexstage.centring.from_records import CentredRecords
 
 
-def draw_centred(found: "CentredRecords") -> "Figure":
-    """Draw the settings of a scale one after the other, as their first heads read them."""
-    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.settings), strict=True)
+def draw_centred(centred: "CentredRecords") -> "Figure":
+    """Draw the successive setups of a scale, as read by their first heads."""
+    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in centred.settings), strict=True)
     return draw_polar(fits, angles)
 
 
@@ -42,27 +42,26 @@ def draw_polar(
 ) -> "Figure":
     """Draw errors over the turn in polar coordinates, and the amplitudes of their harmonics.
 
-    One record, or several one after the other: before and after, all in rad or all in m; angles of
-    the samples [rad]. Errors stand about a dashed circle of none, outwards where the scale reads
-    more; harmonics with their 95 % intervals. Labels are before, after, or before and numbers where
-    not given.
+    One record, or several successive ones, all in rad or all in m; angles of the samples [rad]. A
+    dashed circle marks zero error; errors are outwards where the scale reads more. Harmonics have
+    95 % intervals. Default labels are before and after, or before and numbers.
     """
-    # below this share of the largest error, the last one cannot be read beside it
-    small = 0.25
+    # the last error is drawn again below this share of the largest error
+    enlarged_below = 0.25
     if not fits or len(fits) != len(angles) or len({f.unit for f in fits}) > 1:
         raise ModelError("a polar plot needs one fit or more, of one unit, each with its angles")
     names = _labels(len(fits)) if labels is None else list(labels)
     unit, factor = ("arcsec", 1.0 / ARCSEC) if fits[0].unit == "rad" else ("µm", 1e6)
-    # an error that is much smaller afterwards is drawn once more, on a scale of its own
-    alone = len(fits) > 1 and _reach(fits[-1:]) < small * _reach(fits)
-    figure = new_figure(12.6 if alone else 9.6, 4.3)
-    grid = figure.add_gridspec(1, 3 if alone else 2, width_ratios=(1.0, *[1.0] * alone, 1.15))
+    # a much smaller error is drawn again on a scale of its own
+    enlarged = len(fits) > 1 and _reach(fits[-1:]) < enlarged_below * _reach(fits)
+    figure = new_figure(12.6 if enlarged else 9.6, 4.3)
+    grid = figure.add_gridspec(1, 3 if enlarged else 2, width_ratios=(1.0, *[1.0] * enlarged, 1.15))
     polar = figure.add_subplot(grid[0, 0], projection="polar")
     colours = [CYCLE[i % len(CYCLE)] for i in range(len(fits))]
     _polar(polar, fits, angles, names, colours, (unit, factor))
-    if alone:
-        own = figure.add_subplot(grid[0, 1], projection="polar")
-        _polar(own, fits[-1:], angles[-1:], names[-1:], colours[-1:], (unit, factor))
+    if enlarged:
+        own_scale = figure.add_subplot(grid[0, 1], projection="polar")
+        _polar(own_scale, fits[-1:], angles[-1:], names[-1:], colours[-1:], (unit, factor))
     bars = figure.add_subplot(grid[0, -1])
     _bars(bars, fits, names, unit, factor)
     return figure
@@ -82,7 +81,7 @@ def _polar(
     colours: Sequence[str],
     scale: tuple[str, float],
 ) -> None:
-    # samples that are drawn, at most
+    # most samples of a curve
     points = 3000
     unit, factor = scale
     turn = np.linspace(0.0, 2.0 * math.pi, 721)
@@ -95,9 +94,9 @@ def _polar(
         colour = colours[i]
         thin = slice(None, None, max(1, theta.size // points))
         dots = factor * (f.residual + f.evaluate(theta) - f.offset.value)
-        kept = np.ones(theta.size, dtype=bool)
-        kept[[o.index for o in f.outliers]] = False
-        at = np.flatnonzero(kept)[thin]
+        inliers = np.ones(theta.size, dtype=bool)
+        inliers[[o.index for o in f.outliers]] = False
+        at = np.flatnonzero(inliers)[thin]
         axes.plot(theta[at], dots[at], ".", color=colour, markersize=1.6, alpha=0.45)
         axes.plot(turn, curve, color=colour, linewidth=1.3, label=name or None)
         out = [o for o in f.outliers if abs(factor * o.residual) < 1.9 * top]
@@ -111,20 +110,20 @@ def _polar(
     axes.set_ylim(-2.0 * top, 1.15 * top)
     ticks = [-top, 0.0, top]
     axes.set_yticks(ticks, [f"{t:g}".replace("-", "\N{MINUS SIGN}") for t in ticks])
-    polar: Any = axes  # of polar axes, which the annotation does not tell
+    polar: Any = axes  # polar axes, which the type does not show
     polar.set_rlabel_position(112.0)
     axes.tick_params(labelsize=8, labelcolor=INK, pad=1)
     axes.grid(color=GRID, linewidth=0.6)
     axes.spines["polar"].set_color(MUTED)
     axes.spines["polar"].set_linewidth(0.6)
-    what = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
-    entitle(axes, f"{what} [{unit}]; dashed circle: zero")
+    title = f"error {names[0]}".rstrip() if len(fits) == 1 else "error"
+    set_title(axes, f"{title} [{unit}]; dashed circle: zero")
     if axes.get_legend_handles_labels()[0]:
         add_legend(axes, loc="upper left", bbox_to_anchor=(-0.22, 0.08))
 
 
 def _reach(fits: Sequence[HarmonicFit]) -> float:
-    """Return the largest of the curves, and of the noise about them."""
+    """Return the maximum of the curves and of the noise about them."""
     turn = np.linspace(0.0, 2.0 * math.pi, 721)
     curves = [float(np.abs(f.evaluate(turn) - f.offset.value).max()) for f in fits]
     return max(*curves, *(3.0 * f.residual_rms for f in fits))
@@ -133,7 +132,7 @@ def _reach(fits: Sequence[HarmonicFit]) -> float:
 def _bars(
     axes: "Axes", fits: Sequence[HarmonicFit], names: Sequence[str], unit: str, factor: float
 ) -> None:
-    dress(axes)
+    style_axes(axes)
     orders = sorted({n for f in fits for n in f.orders})
     place = {n: i for i, n in enumerate(orders)}
     width = 0.8 / len(fits)
@@ -143,10 +142,17 @@ def _bars(
         at = np.array([place[n] for n in f.orders]) + (i - 0.5 * (len(fits) - 1)) * width
         value = np.array([factor * h.amplitude.value for h in f.harmonics])
         ends = factor * np.array([h.amplitude.interval() for h in f.harmonics])
-        shown = np.abs(np.column_stack((value - ends[:, 0], ends[:, 1] - value)).T)
+        half_widths = np.abs(np.column_stack((value - ends[:, 0], ends[:, 1] - value)).T)
         axes.bar(at, value, 0.86 * width, color=colour, label=name)
         axes.errorbar(
-            at, value, yerr=shown, fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.6, capthick=0.7
+            at,
+            value,
+            yerr=half_widths,
+            fmt="none",
+            ecolor=INK,
+            elinewidth=0.7,
+            capsize=1.6,
+            capthick=0.7,
         )
         positive = np.concatenate((value, ends[:, 0]))
         positive = positive[positive > 0.0]
@@ -157,13 +163,13 @@ def _bars(
         axes.set_ylim(max(0.6 * least, 1e-5 * most), 1.7 * most)
     step = max(1, math.ceil(len(orders) / 13))
     axes.set_xticks(range(0, len(orders), step), [str(n) for n in orders[::step]])
-    axes.set(xlabel="order, times per turn", ylabel=f"amplitude [{unit}]")
+    axes.set(xlabel="order [per turn]", ylabel=f"amplitude [{unit}]")
     if len(fits) > 1:
         add_legend(axes, loc="upper right")
-    entitle(axes, "harmonics, with their 95 % intervals")
+    set_title(axes, "harmonics with 95 % intervals")
 
 
 def _round_step(value: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, that goes one to five times into a value."""
+    """Return 1, 2 or 5 times a power of ten that divides a value into one to five steps."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(s * power for s in (0.5, 1.0, 2.0) if value <= 5.0 * s * power)

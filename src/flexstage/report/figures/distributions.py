@@ -1,4 +1,4 @@
-"""Distributions, and the shares of their variance: of a result, and of the stages of a workshop."""
+"""Distributions and their variance contributions: of a result, and of manufactured stages."""
 
 import math
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from flexstage.report.figures.style import (
     MUTED,
     add_legend,
     add_shared_legend,
-    entitle,
     one_panel,
     panels,
+    set_title,
     shortened,
 )
 from flexstage.studies.explore.deviations import LABELS
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH = 9.6  # [inch]
-#: Lines of the budget that are drawn, at most; what is left is one bar.
+#: Most lines of a budget; one bar shows the others.
 _BARS = 12
 
 
 def draw_budget(
     propagated: Propagated,
-    drawn: MonteCarlo,
+    monte_carlo: MonteCarlo,
     *,
     quantity: str = "result",
     unit: str = "",
@@ -45,13 +45,13 @@ def draw_budget(
 ) -> "Figure":
     """Draw the Monte Carlo trials with both intervals, and the shares of the influences.
 
-    The density of the first order, normal or Student, stands over the histogram. `factor` is how
-    many of the drawn unit one of the result's is.
+    The density of the first order, normal or Student, is drawn over the histogram. `factor` is the
+    drawn unit in the unit of the result.
     """
     count = min(len(propagated.lines), _BARS + 1)
     high = max(3.4, 1.3 + 0.28 * count)
     figure, (left, right) = panels(_WIDTH, high, 2, 2, width_ratios=(1.35, 1.0))
-    _distribution(left, propagated, drawn, quantity, unit, factor)
+    _distribution(left, propagated, monte_carlo, quantity, unit, factor)
     _budget(right, propagated)
     return figure
 
@@ -59,21 +59,23 @@ def draw_budget(
 def _distribution(
     axes: "Axes",
     propagated: Propagated,
-    drawn: MonteCarlo,
+    monte_carlo: MonteCarlo,
     quantity: str,
     unit: str,
     factor: float,
 ) -> None:
     bins = 80
     tails = 0.5e-3
-    ends = np.quantile(drawn.values, (tails, 1.0 - tails))
-    # where nothing is uncertain one bar stands in a unit about the value
-    span = max(float(np.ptp(ends)), 1e-12 * abs(drawn.value)) or factor
+    ends = np.quantile(monte_carlo.values, (tails, 1.0 - tails))
+    # without uncertainty one bar of unit width is drawn at the value
+    span = max(float(np.ptp(ends)), 1e-12 * abs(monte_carlo.value)) or factor
     edges = np.linspace(ends[0] - 0.06 * span, ends[1] + 0.06 * span, bins + 1)
-    counts = np.diff(np.searchsorted(drawn.values, edges))
-    density = counts / (drawn.trials * np.diff(edges)) * factor
-    shown = edges / factor
-    axes.stairs(density, shown, fill=True, color=CYCLE[5], alpha=0.55, label="Monte Carlo trials")
+    counts = np.diff(np.searchsorted(monte_carlo.values, edges))
+    density = counts / (monte_carlo.trials * np.diff(edges)) * factor
+    scaled_edges = edges / factor
+    axes.stairs(
+        density, scaled_edges, fill=True, color=CYCLE[5], alpha=0.55, label="Monte Carlo trials"
+    )
     peak = float(density.max())
     if propagated.uncertainty > 0.0:
         x = np.linspace(edges[0], edges[-1], 400)
@@ -81,35 +83,36 @@ def _distribution(
         peak = max(peak, float(first.max()))
         axes.plot(x / factor, first, color=CYCLE[1], linewidth=1.2, label="first order (GUM)")
     top = 1.32 * peak
-    percent = f"{100.0 * drawn.confidence:g} %"
+    percent = f"{100.0 * monte_carlo.confidence:g} %"
     bars = (
-        (drawn.symmetric, CYCLE[0], f"Monte Carlo, {percent}", 0.80),
-        (drawn.shortest, CYCLE[2], f"Monte Carlo, shortest {percent}", 0.86),
-        (propagated.interval(drawn.confidence), CYCLE[1], f"first order, {percent}", 0.92),
+        (monte_carlo.symmetric, CYCLE[0], f"Monte Carlo, {percent}", 0.80),
+        (monte_carlo.shortest, CYCLE[2], f"Monte Carlo, shortest {percent}", 0.86),
+        (propagated.interval(monte_carlo.confidence), CYCLE[1], f"first order, {percent}", 0.92),
     )
     for (low, high), colour, label, height in bars:
         axes.plot(
             (low / factor, high / factor), (height * top,) * 2, color=colour, linewidth=2.0,
             marker="|", markersize=8, label=label,
         )  # fmt: skip
-    axes.set_xlim(shown[0], shown[-1])
-    low, high = propagated.interval(drawn.confidence)
+    axes.set_xlim(scaled_edges[0], scaled_edges[-1])
+    low, high = propagated.interval(monte_carlo.confidence)
     axes.set_xlim(
-        min(shown[0], (low - 0.03 * span) / factor), max(shown[-1], (high + 0.03 * span) / factor)
+        min(scaled_edges[0], (low - 0.03 * span) / factor),
+        max(scaled_edges[-1], (high + 0.03 * span) / factor),
     )
     axes.set_ylim(0.0, top)
-    shown_unit = "" if unit == "1" else unit.replace("um", "µm").replace("urad", "µrad")
-    bracket = f" [{shown_unit}]" if shown_unit else ""
-    per = f" [1/{shown_unit}]" if shown_unit else ""
+    unit_text = "" if unit == "1" else unit.replace("um", "µm").replace("urad", "µrad")
+    bracket = f" [{unit_text}]" if unit_text else ""
+    per = f" [1/{unit_text}]" if unit_text else ""
     axes.set(xlabel=f"{quantity}{bracket}", ylabel=f"probability density{per}")
     axes.ticklabel_format(axis="x", useOffset=False)
     axes.locator_params(axis="x", nbins=6)
     add_legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
-    entitle(axes, f"{quantity}: {drawn.trials} trials")
+    set_title(axes, f"{quantity}: {monte_carlo.trials} trials")
 
 
 def _density(propagated: Propagated, x: Array) -> Array:
-    """Density of the t distribution that the first order stands for."""
+    """Return the density of the t distribution of the first order."""
     from scipy.stats import norm, t
 
     z = (x - propagated.value) / propagated.uncertainty
@@ -121,8 +124,8 @@ def _budget(axes: "Axes", propagated: Propagated) -> None:
     ranked = sorted(propagated.lines, key=lambda line: -abs(line.share))
     bars = [(line.name, 100.0 * line.share, line.kind) for line in ranked[:_BARS]]
     if len(ranked) > _BARS:
-        rest = 100.0 * sum(line.share for line in ranked[_BARS:])
-        bars.append((f"{len(ranked) - _BARS} more", rest, ""))
+        others = 100.0 * sum(line.share for line in ranked[_BARS:])
+        bars.append((f"{len(ranked) - _BARS} more", others, ""))
     at = _rows(axes, [shortened(name, 24) for name, _, _ in bars])
     values = np.array([share for _, share, _ in bars])
     colours = [{"A": CYCLE[0], "B": CYCLE[4]}.get(kind, MUTED) for _, _, kind in bars]
@@ -137,14 +140,14 @@ def _budget(axes: "Axes", propagated: Propagated) -> None:
     )
     axes.grid(visible=False, axis="y")
     kinds = {kind for _, _, kind in bars}
-    said = {"A": "blue: kind A", "B": "orange: kind B"}
-    entitle(axes, f"budget ({', '.join(said[k] for k in 'AB' if k in kinds)})")
+    types = {"A": "blue: type A", "B": "orange: type B"}
+    set_title(axes, f"budget ({', '.join(types[k] for k in 'AB' if k in kinds)})")
 
 
 def draw_spreads(study: ToleranceStudy) -> "Figure":
-    """Draw a histogram of every figure: the stage as drawn, 95 % of the lot, and the limits.
+    """Draw a histogram of every figure with the nominal value, the 95 % range and the limits.
 
-    What varies by rounding alone is left out, unless there is nothing else.
+    Figures that vary only by rounding are omitted, unless there are no others.
     """
     spreads = [s for s in study.spreads if not s.still] or list(study.spreads)
     columns = _columns(len(spreads))
@@ -154,23 +157,23 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
     required = {r.figure: r for r in study.requirements}
     for axes, spread in zip(cells, spreads, strict=True):
         _histogram(axes, spread, required.get(spread.figure))
-        # labels of a narrow spread are long
+        # labels of a narrow distribution are long
         axes.locator_params(axis="x", nbins=4 if columns < 4 else 3)
     for axes in cells[::columns]:
-        axes.set_ylabel("stages in a bin [%]", fontsize=7.5)
+        axes.set_ylabel("parts per bin [%]", fontsize=7.5)
     add_shared_legend(figure, size=8)
     return figure
 
 
 def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) -> None:
-    shown = spread.figure.shown.fitting(float(np.abs(spread.edges).max()))
-    edges, low_high = spread.edges * shown.factor, np.array(spread.middle) * shown.factor
+    quantity = spread.figure.shown.fitting(float(np.abs(spread.edges).max()))
+    edges, low_high = spread.edges * quantity.factor, np.array(spread.middle) * quantity.factor
     share = 100.0 * spread.counts / max(spread.count, 1)
     if np.isfinite(low_high).all():
-        axes.axvspan(*low_high, color=GRID, alpha=0.55, linewidth=0.0, label="95 % of the stages")
-    axes.stairs(share, edges, fill=True, color=CYCLE[5], alpha=0.75, label="stages")
+        axes.axvspan(*low_high, color=GRID, alpha=0.55, linewidth=0.0, label="95 % of the parts")
+    axes.stairs(share, edges, fill=True, color=CYCLE[5], alpha=0.75, label="parts")
     axes.axvline(
-        spread.nominal * shown.factor, color=INK, linewidth=1.1, linestyle="--", label="as drawn"
+        spread.nominal * quantity.factor, color=INK, linewidth=1.1, linestyle="--", label="nominal"
     )
     ends = [edges[0], edges[-1]]
     width = ends[1] - ends[0]
@@ -178,14 +181,14 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
     for bound in bounds:
         if bound is None:
             continue
-        at = bound * shown.factor
-        # a limit that is far off leaves the histogram its room, and is told in the corner
+        at = bound * quantity.factor
+        # a distant limit is only printed in the corner
         if ends[0] - 0.8 * width <= at <= ends[1] + 0.8 * width:
             ends = [min(ends[0], at - 0.05 * width), max(ends[1], at + 0.05 * width)]
     for bound, beyond in zip(bounds, (0, 1), strict=False):
         if bound is None:
             continue
-        at = bound * shown.factor
+        at = bound * quantity.factor
         if ends[0] <= at <= ends[1]:
             axes.axvline(at, color=CYCLE[1], linewidth=1.5, label="limit")
             axes.axvspan(at, ends[beyond], color=CYCLE[1], alpha=0.13, linewidth=0.0)
@@ -199,20 +202,20 @@ def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) ->
     axes.set_ylim(0.0, 1.12 * float(share.max() or 1.0))
     axes.locator_params(axis="y", nbins=4)
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
-    entitle(axes, spread.figure.heading_in(shown), 8.5)
+    set_title(axes, spread.figure.heading_in(quantity), 8.5)
 
 
 def _columns(count: int) -> int:
-    """Return how many stand beside each other: pairs of axes in a row, few places left empty."""
+    """Return the number of columns: pairs of axes in a row, few empty places."""
     if count <= 3:
         return count
     return min((4, 3, 2), key=lambda columns: (-count % columns, count != 4 and columns == 2))
 
 
 def draw_shares(study: ToleranceStudy) -> "Figure":
-    """Draw what the variance of every figure consists of, a bar each."""
-    least = 0.005  # share that is worth a colour [1]
-    # kinds of deviations that have a colour of their own; the others are one
+    """Draw the contributions to the variance of every figure, a bar each."""
+    least = 0.005  # smallest share with a colour [1]
+    # most kinds of deviations with a colour of their own; the others share one
     own_colours = 5
     shares = study.shares
     total: dict[str, float] = {}
@@ -220,18 +223,18 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
         for part in of.contributions:
             total[part.kind] = max(total.get(part.kind, 0.0), part.share)
     ranked = [k for k in sorted(total, key=lambda k: -total[k]) if total[k] >= least]
-    named = ranked[:own_colours]
+    kinds = ranked[:own_colours]
     figure, axes = one_panel(_WIDTH, 1.3 + 0.34 * len(shares), grid=False)
     at = _rows(axes, [of.figure.label for of in shares])
     left = np.zeros(len(shares))
     by_kind = [{c.kind: c.share for c in of.contributions} for of in shares]
-    bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(named)]
-    others = [sum(v for kind, v in b.items() if kind not in named) for b in by_kind]
+    bars = [(LABELS[kind], CYCLE[i], [b[kind] for b in by_kind]) for i, kind in enumerate(kinds)]
+    others = [sum(v for kind, v in b.items() if kind not in kinds) for b in by_kind]
     if max(others, default=0.0) >= least:
         bars.append(("other deviations", CYCLE[own_colours], others))
-    rest = [of.rest for of in shares]
-    if max(rest, default=0.0) >= least:
-        bars.append(("joint or bent effects", MUTED, rest))
+    unexplained = [of.rest for of in shares]
+    if max(unexplained, default=0.0) >= least:
+        bars.append(("interactions, nonlinearity", MUTED, unexplained))
     for label, colour, values in bars:
         percent = 100.0 * np.array(values)
         axes.barh(at, percent, left=left, height=0.66, color=colour, label=label)
@@ -248,7 +251,7 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
 
 
 def _rows(axes: "Axes", names: Sequence[str]) -> Integers:
-    """Name the rows of bars of shares, the first on top; return where they are."""
+    """Label the rows of bars of shares, the first on top; return their positions."""
     at = np.arange(len(names))[::-1]
     axes.set_yticks(at, names, fontsize=8, parse_math=False)
     axes.tick_params(axis="y", length=0)

@@ -1,4 +1,4 @@
-"""The drawing of a stage: bodies, hinges, drives and probes, with a key of their names."""
+"""Drawing of a stage: bodies, hinges, drives and probes, with a key of their names."""
 
 import math
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from flexstage.report.figures.style import (
     PAPER,
     PLATFORM,
     add_arrow,
-    entitle,
     one_panel,
     panels,
+    set_title,
     shortened,
 )
 from flexstage.stage import Drive, Screw, Stage
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _HINGE, _DRIVE, _PROBE = CYCLE[0], CYCLE[1], CYCLE[2]
-#: Longer side of the drawing itself [inch], with a key beside it and alone.
+#: Longer side of the drawing itself [inch], with and without a key.
 _LONGEST, _ALONE = 7.2, 4.2
 #: Width of a column of the key, and height of a row [inch].
 _COLUMN, _ROW = 1.45, 0.155
@@ -49,9 +49,9 @@ class _Entry:
     text: str = ""
     """The name."""
     mark: str = ""
-    """The number that stands in the drawing."""
+    """The number in the drawing."""
     detail: str = ""
-    """What stands at the right end of the row."""
+    """The text at the right end of the row."""
     colour: str = INK
     """Colour of the mark."""
 
@@ -59,7 +59,7 @@ class _Entry:
 def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     """Draw a stage to scale, in millimetres.
 
-    With `key`, bodies and hinges are numbered, and the names of everything stand beside it.
+    With `key`, bodies and hinges are numbered, and a key next to the drawing lists all names.
 
     Examples
     --------
@@ -75,23 +75,28 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
     x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
     per_inch = max(x1 - x0, y1 - y0) / (_LONGEST if key else _ALONE)
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
-    tall = max(height, 3.4)
+    figure_height = max(height, 3.4)
     width = max(width, 2.5)
     if key:
-        columns = _arrange(_entries(stage, shapes), tall)
+        columns = _arrange(_entries(stage, shapes), figure_height)
         key_width = len(columns) * _COLUMN
-        figure, (axes, beside) = panels(
-            width + key_width + 0.7, tall + 0.8, 2, 2, grid=False, width_ratios=(width, key_width)
+        figure, (axes, key_axes) = panels(
+            width + key_width + 0.7,
+            figure_height + 0.8,
+            2,
+            2,
+            grid=False,
+            width_ratios=(width, key_width),
         )
-        _draw_key(beside, columns, tall)
+        _draw_key(key_axes, columns, figure_height)
     else:
         figure, axes = one_panel(width + 0.7, height + 0.8, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     if key:
-        entitle(axes, stage.title or stage.name, 10.0)
+        set_title(axes, stage.title or stage.name, 10.0)
 
     draw_bodies(axes, stage, shapes)
-    # points of type in millimetres of the drawing: sizes of labels are told in it
+    # one typographic point in millimetres of the drawing, the unit of label sizes
     point = per_inch / 72.0
     placer = Placer((x0, y0, x1, y1))
     for drive in stage.drives:
@@ -106,7 +111,7 @@ def draw_stage(stage: Stage, *, key: bool = True) -> "Figure":
 
 
 def fill_of(stage: Stage, name: str) -> str:
-    """Return the colour that a body is filled with, by what it is for."""
+    """Return the colour of a body by its function."""
     if stage.body(name).fixed:
         return FIXED
     carries = [probe.body for probe in stage.probes] + [drive.reacts for drive in stage.drives]
@@ -118,7 +123,7 @@ def fill_of(stage: Stage, name: str) -> str:
 
 
 def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> None:
-    """Draw the bodies with their holes, coloured by what they are for."""
+    """Draw the bodies with their holes, coloured by function."""
     for shape in shapes:
         add_hatched(axes, shape, fill_of(stage, shape.body.name))
         for hole in shape.body.mounting_holes:
@@ -129,13 +134,13 @@ def draw_bodies(axes: "Axes", stage: Stage, shapes: tuple[BodyShape, ...]) -> No
 
 
 def _drive(axes: "Axes", drive: Drive, placer: Placer, longest: float, point: float) -> None:
-    """Draw the drive as a bar between its points, and an arrow the way it pushes."""
+    """Draw the drive as a bar between its points, with an arrow in its direction."""
     from matplotlib.patches import Polygon
 
     tip = (drive.at[0][0] * MM, drive.at[0][1] * MM)
     c, s = math.cos(drive.direction), math.sin(drive.direction)
     gap = (tip[0] - drive.at[1][0] * MM) * c + (tip[1] - drive.at[1][1] * MM) * s
-    # a screw runs back through the body that it stands on
+    # a screw extends back through its body
     length = max(gap, 0.11 * longest if isinstance(drive, Screw) else 0.08 * longest)
     half = drive.patch_half_width * MM
 
@@ -187,7 +192,7 @@ def turning_arrow(
     width: float,
     head: float,
 ) -> None:
-    """Draw an arrow that goes three quarters round a point, to the left: a rotation that is read.
+    """Draw an arrow of three quarters of a turn to the left: a measured rotation.
 
     Colour, width and head are those of a straight arrow.
     """
@@ -195,7 +200,7 @@ def turning_arrow(
     x = [centre[0] + radius * math.cos(a) for a in angles]
     y = [centre[1] + radius * math.sin(a) for a in angles]
     axes.plot(x, y, color=colour, linewidth=width, zorder=6)
-    # long enough for its head
+    # long enough for the head
     near = (
         x[-1] + 0.3 * radius * math.sin(angles[-1]),
         y[-1] - 0.3 * radius * math.cos(angles[-1]),
@@ -220,7 +225,7 @@ def _label(
 
 
 def _numbers(axes: "Axes", shapes: tuple[BodyShape, ...], placer: Placer, point: float) -> None:
-    """Put the number of each body into it, on a dark disc."""
+    """Draw the number of each body in it, on a dark disc."""
     for number, shape in enumerate(shapes, start=1):
         x, y = (v * MM for v in shape.label_at)
         size = 6.5 if shape.room * MM > 6.0 * point else 5.0
@@ -256,7 +261,7 @@ def _middle() -> dict[str, Any]:
 def _halo() -> dict[str, Any]:
     from matplotlib.patheffects import withStroke
 
-    # a dollar sign in a name is no formula; no label leaves its axes, and measuring it takes long
+    # a dollar sign in a name is no formula; labels stay in their axes, and measuring is slow
     return {
         "parse_math": False,
         "in_layout": False,
@@ -305,17 +310,17 @@ def _entries(stage: Stage, shapes: tuple[BodyShape, ...]) -> list[_Entry]:
 
 
 def _arrange(entries: list[_Entry], height: float) -> list[list[_Entry]]:
-    """Break a key into columns of so many inches; the last row says how many were left out."""
+    """Break a key into columns of a height [inch]; the last row counts omitted entries."""
     most_columns = 4
     fit = max(int(height / _ROW), 8)
     columns = min(math.ceil(len(entries) / fit), most_columns)
     if len(entries) > columns * fit:
-        left_out = len(entries) - columns * fit + 1
-        entries = [*entries[: columns * fit - 1], _Entry(kind="gap", text=f"… and {left_out} more")]
+        omitted = len(entries) - columns * fit + 1
+        entries = [*entries[: columns * fit - 1], _Entry(kind="gap", text=f"… and {omitted} more")]
     out: list[list[_Entry]] = [[]]
     for entry in entries:
-        alone = entry.kind == "heading" and len(out[-1]) == fit - 1
-        if len(out[-1]) == fit or (alone and len(out) < columns):
+        last_heading = entry.kind == "heading" and len(out[-1]) == fit - 1
+        if len(out[-1]) == fit or (last_heading and len(out) < columns):
             out.append([])
         if out[-1] or entry.kind != "gap" or entry.text:
             out[-1].append(entry)
@@ -323,7 +328,7 @@ def _arrange(entries: list[_Entry], height: float) -> list[list[_Entry]]:
 
 
 def _draw_key(axes: "Axes", columns: list[list[_Entry]], height: float) -> None:
-    """Write the key on axes of its own, so many inches high, whose frame is taken off."""
+    """Draw the key on axes of its own without a frame; height [inch]."""
     axes.set_axis_off()
     axes.set(xlim=(0.0, len(columns) * _COLUMN), ylim=(-height, 0.0))
     for number, column in enumerate(columns):
@@ -339,7 +344,7 @@ def _draw_row(axes: "Axes", entry: _Entry, left: float, y: float) -> None:
 
     def write(x: float, text: str, **style: Any) -> None:
         usual = {"va": "center_baseline", "fontsize": 7, "color": INK, "parse_math": False}
-        # no row leaves its column, and measuring it takes long
+        # rows stay in their column, and measuring is slow
         axes.text(x, y, text, None, in_layout=False, **(usual | style))
 
     at = left + 0.14

@@ -1,4 +1,4 @@
-"""Stages in outline: found in a drawing, with their issues, on one sheet, on the bench."""
+"""Outlines of stages: recognised in a drawing, with issues, on a sheet, on a test bench."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ from flexstage.report.figures.style import (
     PAPER,
     add_arrow,
     add_words,
-    entitle,
     on_paper,
     one_panel,
     panels,
+    set_title,
 )
 from flexstage.stage import Drive, PiezoStack, Probe, Stage
 
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawnStage
 
 
-# bodies beside each other differ; they are no figures, so their colours only have to be pale
+# pale colours that differ between neighbouring bodies
 _PALE = ("#bcd9ee", "#f6d5b3", "#c5e5d5", "#f0d3e3", "#f5e6b8", "#d5d9f2", "#e3e8ee")
 _COLOURS = {"sure": CYCLE[2], "likely": CYCLE[4], "doubtful": CYCLE[1]}
 
 
-def draw_found(drawn: "DrawnStage") -> "Figure":
-    """Draw the bodies of a drawing in colours, and its necks by number and certainty.
+def draw_recognised(recognised: "DrawnStage") -> "Figure":
+    """Draw the recognised bodies in colours, and the necks by number and certainty.
 
     Numbers are those of the names: 3 is ``neck-3``.
     """
     longest = 7.0  # longer side of the picture [inch]
-    stage = drawn.stage
+    stage = recognised.stage
     shapes = body_shapes(stage)
     x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     margin = 0.06 * max(x1 - x0, y1 - y0)
@@ -59,8 +59,8 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
     width, height = (x1 - x0) / per_inch, (y1 - y0) / per_inch
     figure, axes = one_panel(max(width, 3.4) + 0.7, height + 1.4, grid=False)
     axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-    entitle(axes, f"{stage.name}: {len(stage.bodies)} bodies, {len(stage.hinges)} necks", 10.0)
-    _bodies(axes, drawn)
+    set_title(axes, f"{stage.name}: {len(stage.bodies)} bodies, {len(stage.hinges)} necks", 10.0)
+    _bodies(axes, recognised)
     point = per_inch / 72.0
     placer = Placer((x0, y0, x1, y1))
     for hinge in stage.hinges:
@@ -73,13 +73,13 @@ def draw_found(drawn: "DrawnStage") -> "Figure":
                 x, y, number, color=MUTED, fontsize=6.5, ha="center", va="center_baseline", zorder=6
             )
             placer.take(x, y, 4.5 * len(number) * point, 7.0 * point)
-    _necks(axes, drawn, placer, point)
-    _legend(axes, drawn)
+    _necks(axes, recognised, placer, point)
+    _legend(axes, recognised)
     return figure
 
 
-def _bodies(axes: "Axes", drawn: "DrawnStage") -> None:
-    stage = drawn.stage
+def _bodies(axes: "Axes", recognised: "DrawnStage") -> None:
+    stage = recognised.stage
     shapes = body_shapes(stage)
     number = {b.name: k for k, b in enumerate(stage.bodies)}
     joined: dict[str, set[str]] = {b.name: set() for b in stage.bodies}
@@ -89,19 +89,19 @@ def _bodies(axes: "Axes", drawn: "DrawnStage") -> None:
         joined[b].add(a)
     colours: dict[str, int] = {}
     for body in stage.bodies:
-        # the first colour that none of its neighbours has, beginning elsewhere each time
-        taken = {colours[n] for n in joined[body.name] if n in colours}
+        # the first colour of none of its neighbours, from a start of its own
+        used = {colours[n] for n in joined[body.name] if n in colours}
         order = [(number[body.name] + k) % len(_PALE) for k in range(len(_PALE))]
-        colours[body.name] = next((c for c in order if c not in taken), order[0])
+        colours[body.name] = next((c for c in order if c not in used), order[0])
     for shape in shapes:
         body = shape.body
         add_hatched(axes, shape, FIXED if body.fixed else _PALE[colours[body.name]])
 
 
-def _necks(axes: "Axes", drawn: "DrawnStage", placer: Placer, point: float) -> None:
+def _necks(axes: "Axes", recognised: "DrawnStage", placer: Placer, point: float) -> None:
     from matplotlib.patheffects import withStroke
 
-    for hinge, neck in zip(drawn.stage.hinges, drawn.necks, strict=True):
+    for hinge, neck in zip(recognised.stage.hinges, recognised.necks, strict=True):
         colour = _COLOURS[neck.certainty]
         half = 0.5 * hinge.profile.neck_thickness
         ends = [hinge.to_plane(0.0, across) for across in (-half, half)]
@@ -121,18 +121,18 @@ def _necks(axes: "Axes", drawn: "DrawnStage", placer: Placer, point: float) -> N
         )  # fmt: skip
 
 
-def _legend(axes: "Axes", drawn: "DrawnStage") -> None:
-    """Say what the colours of the necks mean, below the picture."""
+def _legend(axes: "Axes", recognised: "DrawnStage") -> None:
+    """Draw the legend of the colours of the necks, below the picture."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    found = [n.certainty for n in drawn.necks]
+    certainties = [n.certainty for n in recognised.necks]
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=colour, linewidth=2.0, label=f"{found.count(word)} {word}")
+        Line2D([], [], color=colour, linewidth=2.0, label=f"{certainties.count(word)} {word}")
         for word, colour in _COLOURS.items()
-        if word in found
+        if word in certainties
     ]
-    handles.append(Patch(facecolor=FIXED, edgecolor=HATCH, hatch="///", label="held"))
+    handles.append(Patch(facecolor=FIXED, edgecolor=HATCH, hatch="///", label="fixed"))
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=7,
         frameon=False,
@@ -140,12 +140,12 @@ def _legend(axes: "Axes", drawn: "DrawnStage") -> None:
 
 
 _SEVERITIES = {"error": CYCLE[1], "warning": CYCLE[4]}
-#: More issues than that are not marked: their numbers would cover the drawing.
+#: Most issues with a mark: more would cover the drawing.
 MARKED = 12
 
 
 def draw_checked(stage: Stage, issues: Sequence["Issue"]) -> "Figure":
-    """Draw a stage, and a numbered ring at each thing that is wrong, in the order of the issues.
+    """Draw a stage with a numbered ring at each issue, in their order.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def draw_checked(stage: Stage, issues: Sequence["Issue"]) -> "Figure":
     shapes = {shape.body.name: shape for shape in body_shapes(stage)}
     x0, y0, x1, y1 = extent(tuple(shapes.values()))
     size = 0.022 * max(x1 - x0, y1 - y0) * MM
-    taken: list[tuple[float, float]] = []
+    occupied: list[tuple[float, float]] = []
     for number, issue in enumerate(issues[:MARKED], start=1):
         places = [at for name in issue.what if (at := _place(stage, shapes, name)) is not None]
         if not places:
@@ -170,12 +170,12 @@ def draw_checked(stage: Stage, issues: Sequence["Issue"]) -> "Figure":
         for x, y in places:
             axes.plot(x, y, "o", markersize=11, markerfacecolor="none", markeredgecolor=colour,
                       markeredgewidth=1.8, zorder=9)  # fmt: skip
-        _number(axes, number, places[0], size, taken, colour)
+        _number(axes, number, places[0], size, occupied, colour)
     return figure
 
 
 def _place(stage: Stage, shapes: dict[str, BodyShape], name: str) -> tuple[float, float] | None:
-    """Return where a hinge, body, drive or probe is [mm]; None of what is none of them."""
+    """Return the position of a hinge, body, drive or probe [mm]; None of other names."""
     places = {drive.name: drive.at[0] for drive in stage.drives}
     places |= {probe.name: probe.at for probe in stage.probes}
     places |= {body: shape.label_at for body, shape in shapes.items()}
@@ -188,17 +188,17 @@ def _number(
     number: int,
     at: tuple[float, float],
     size: float,
-    taken: list[tuple[float, float]],
+    occupied: list[tuple[float, float]],
     colour: str,
 ) -> None:
-    """Put a number beside a ring, where no other number stands."""
+    """Draw a number next to a ring, away from other numbers."""
     place = at
     for k in range(24):
         angle, radius = math.radians(45 + 45 * k), (1.7 + 0.9 * (k // 8)) * size
         place = (at[0] + radius * math.cos(angle), at[1] + radius * math.sin(angle))
-        if all(math.dist(place, other) > 1.8 * size for other in taken):
+        if all(math.dist(place, other) > 1.8 * size for other in occupied):
             break
-    taken.append(place)
+    occupied.append(place)
     box = {"boxstyle": "circle,pad=0.25", "facecolor": colour, "edgecolor": "none"}
     axes.text(*place, str(number), color=PAPER, fontsize=7, fontweight="bold", ha="center",
               va="center_baseline", bbox=box, zorder=10, gid="issue", in_layout=False)  # fmt: skip
@@ -206,14 +206,14 @@ def _number(
 
 #: Size of a stage with its name [inch].
 _WIDTH, _HEIGHT = 2.5, 2.7
-#: Height of the window that it is drawn in [inch], and how much larger than the stage that is.
+#: Height of the window of its drawing [inch], and size of the window relative to the stage.
 _TALL, _ROOM = 2.2, 1.12
 
 
 def draw_contact_sheet(stages: Mapping[str, Stage]) -> "Figure":
-    """Draw stages beside one another, each as large as there is room, with its name and its size.
+    """Draw stages side by side, each scaled to its place, with its name and size.
 
-    Blue points are necks; arrows show how drives push.
+    Blue points are necks; arrows show the directions of drives.
 
     Examples
     --------
@@ -237,7 +237,7 @@ def _small_stage(axes: "Axes", name: str, stage: Stage) -> None:
     draw_bodies(axes, stage, shapes)
     x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     longest = max(x1 - x0, y1 - y0)
-    # a window of one shape for all, so that names stand in rows
+    # one shape of window for all, so that names are aligned
     x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     per_inch = _ROOM * max((x1 - x0) / _WIDTH, (y1 - y0) / _TALL) / 2.0
     axes.set(
@@ -256,9 +256,9 @@ def _small_stage(axes: "Axes", name: str, stage: Stage) -> None:
         start = (x - back * math.cos(drive.direction), y - back * math.sin(drive.direction))
         add_arrow(axes, (x, y), start, CYCLE[1], zorder=6)
     axes.set_title(name, fontsize=8, fontweight="bold", loc="center", pad=12)
-    said = f"{x1 - x0:.0f} mm x {y1 - y0:.0f} mm, {len(stage.hinges)} hinges"
+    size_text = f"{x1 - x0:.0f} mm x {y1 - y0:.0f} mm, {len(stage.hinges)} hinges"
     axes.text(
-        0.5, 1.0, said, transform=axes.transAxes, ha="center", va="bottom", fontsize=6.5,
+        0.5, 1.0, size_text, transform=axes.transAxes, ha="center", va="bottom", fontsize=6.5,
         color=MUTED,
     )  # fmt: skip
 
@@ -266,8 +266,8 @@ def _small_stage(axes: "Axes", name: str, stage: Stage) -> None:
 def draw_bench(stage: Stage) -> "Figure":
     """Draw the stage with its drives and a sensor in front of each probe.
 
-    A sketch: outlines, drives and probes where the stage has them; a sensor stands outside the
-    outline on the line of its probe.
+    A sketch of outlines, drives and probes; each sensor is outside the outline, in line with its
+    probe.
 
     Examples
     --------
@@ -280,8 +280,8 @@ def draw_bench(stage: Stage) -> "Figure":
     x0, y0, x1, y1 = (v * MM for v in extent(shapes))
     size = max(x1 - x0, y1 - y0)
     box = (x0, y0, x1, y1)
-    read = [p for p in stage.probes if p.direction is not None]
-    ends = [point for probe in read for point in _reach(probe, box, size)]
+    probes = [p for p in stage.probes if p.direction is not None]
+    ends = [point for probe in probes for point in _reach(probe, box, size)]
     near = 0.1 * size
     left, right = (f([e[0] for e in ends], default=x0) for f in (min, max))
     low, high = (f([e[1] for e in ends], default=y0) for f in (min, max))
@@ -334,8 +334,8 @@ def _drive(axes: "Axes", drive: Drive, size: float) -> None:
 def _reach(
     probe: Probe, box: tuple[float, float, float, float], size: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return where the sensor of a probe begins and ends, on its line outside the outline."""
-    along = 1e-9  # of a direction, less is across
+    """Return the ends of the sensor of a probe, in line with it and outside the outline."""
+    along = 1e-9  # a smaller component of a direction is 0
     x, y = MM * probe.at[0], MM * probe.at[1]
     c, s = probe.along
     edges = [
@@ -353,7 +353,7 @@ def _sensor(
     place: tuple[tuple[float, float], tuple[float, float]],
     size: float,
 ) -> None:
-    """Draw a sensor on the line on which its probe reads."""
+    """Draw a sensor in line with its probe."""
     from matplotlib.patches import Polygon
 
     x, y = MM * probe.at[0], MM * probe.at[1]
@@ -363,7 +363,7 @@ def _sensor(
     axes.plot(x, y, "o", color=CYCLE[2], markersize=4)
     half = 0.028 * size
     corners = [(px - s * b, py + c * b) for px, py in place for b in (half, -half)]
-    corners[2:] = corners[:1:-1]  # round the box, not across it
+    corners[2:] = corners[:1:-1]  # around the box, not across it
     axes.add_patch(Polygon(corners, facecolor=CYCLE[2], edgecolor=INK, linewidth=0.5))
     beyond = abs(s) > 0.5
     at = end if beyond else (0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]) + half)

@@ -1,4 +1,4 @@
-"""Hinges: the contour of a notch, the stress in every one against its limits, and about necks."""
+"""Hinges: contour of a notch, stress in each hinge with its limits, stress fields at necks."""
 
 import math
 from collections.abc import Sequence
@@ -25,12 +25,12 @@ from flexstage.report.figures.style import (
     PAPER,
     add_legend,
     add_words,
-    dress,
-    entitle,
     label_axes,
     new_figure,
     on_paper,
     one_panel,
+    set_title,
+    style_axes,
 )
 from flexstage.report.tables import cause_words
 from flexstage.stage import Hinge
@@ -56,7 +56,7 @@ def draw_notch(profile: Profile) -> "Figure":
     figure, axes = one_panel(4.5, 3.2)
     axes.fill_between(x, lower, upper, facecolor=BODY, edgecolor=INK, linewidth=1.0)
     axes.set(xlabel="along the hinge [mm]", ylabel="across [mm]", aspect="equal")
-    entitle(axes, f"{profile.kind} notch, neck {profile.neck_thickness * MM:g} mm")
+    set_title(axes, f"{profile.kind} notch, neck {profile.neck_thickness * MM:g} mm")
     return figure
 
 
@@ -67,8 +67,8 @@ def draw_stress(analysis: Analysis) -> "Figure":
     """
     from matplotlib.patches import Patch
 
-    most = 48  # bars beyond this are too thin to read
-    nothing = 0.01  # less than this part of the largest stress is not drawn
+    most = 48  # more bars would be too thin to read
+    smallest = 0.01  # smaller stress is not drawn, relative to the largest
 
     stress = {axis: values for axis, values in analysis.hinge_stress.items() if values}
     if not stress:
@@ -80,11 +80,11 @@ def draw_stress(analysis: Analysis) -> "Figure":
     axes.grid(visible=False, axis="y")
     rows = np.arange(len(names))
     for row, name in enumerate(names):
-        # an axis that leaves a hinge at rest gets no room in its row
+        # an axis without stress in a hinge has no bar in its row
         bars = [
             (values[name] * MPA, CYCLE[k % len(CYCLE)])
             for k, values in enumerate(stress.values())
-            if values[name] > nothing * largest[names[0]]
+            if values[name] > smallest * largest[names[0]]
         ]
         height = 0.72 / max(len(bars), 1)
         for k, (value, colour) in enumerate(bars):
@@ -95,15 +95,15 @@ def draw_stress(analysis: Analysis) -> "Figure":
     limits: list[tuple[float, str, Any]] = [
         (limit * MPA, label, dashes)
         for limit, label, dashes in (
-            (pulsating_limit(material), "fatigue, 0 to peak, allows", DASHED),
+            (pulsating_limit(material), "pulsating fatigue limit", DASHED),
             (material.yield_strength, "yield", "solid"),
         )
         if limit is not None
     ]
     furthest = max([*(value for value, *_ in limits), largest[names[0]] * MPA]) or 1.0
     limits.sort(key=lambda limit: limit[0])
-    # two limits of nearly the same height have their words on either side
-    apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
+    # labels of two limits close to each other are on either side
+    far_apart = len(limits) < 2 or limits[1][0] - limits[0][0] > 0.25 * furthest
     for i, (limit, label, dashes) in enumerate(limits):
         axes.axvline(limit, color=INK, linestyle=dashes, linewidth=1.0)
         add_words(
@@ -112,17 +112,17 @@ def draw_stress(analysis: Analysis) -> "Figure":
             (limit, 1.0),
             (0, 3),
             xycoords=("data", "axes fraction"),
-            ha="center" if apart else ("right", "left")[i],
+            ha="center" if far_apart else ("right", "left")[i],
         )
     axes.set(xlim=(0.0, 1.08 * furthest), ylim=(len(names) - 0.4, -0.6))
     axes.set_yticks(
         rows, [f"{name} · {numbers[name]}" for name in names], fontsize=6.5, parse_math=False
     )
     axes.set_xlabel(f"equivalent stress [MPa], {material.name}", parse_math=False)
-    left_out = len(numbers) - len(names)
-    if left_out:
+    omitted = len(numbers) - len(names)
+    if omitted:
         axes.annotate(
-            f"{left_out} hinges with less stress are not shown", (1.0, 0.01),
+            f"{omitted} hinges with less stress are not shown", (1.0, 0.01),
             xycoords="axes fraction", ha="right", fontsize=7, color=MUTED,
         )  # fmt: skip
     of = cause_words(analysis)
@@ -134,14 +134,14 @@ def draw_stress(analysis: Analysis) -> "Figure":
     return figure
 
 
-#: Colours of stress, and over which part of their scale they set in [1].
+#: Colours of stress, and the transparent part of their scale [1].
 STRESS_COLOURS, STRESS_CLEAR = "YlOrRd", 0.25
 _OVERVIEW, _MARGIN = 5.0, 0.035  # larger side of the whole stage [inch], room about it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StressedNeck:
-    """A neck that stands for those like it."""
+    """A neck that represents all with equal profile and stress."""
 
     hinge: Hinge
     """Its hinge."""
@@ -149,7 +149,7 @@ class StressedNeck:
     """The number of the hinge in the drawing."""
     stress: float
     """Largest equivalent stress on its surface [Pa]."""
-    alike: int
+    count: int
     """Number of hinges of the same profile and stress, itself included."""
 
 
@@ -158,7 +158,7 @@ def worst_necks(analysis: Analysis, axis: str, most: int = 4) -> tuple[StressedN
 
     The drive of the axis is at full stroke; none where no hinge bears stress.
     """
-    alike = 0.05  # necks of one profile whose stress differs by less are shown once
+    tolerance = 0.05  # necks of one profile whose stress differs by less are shown once
     stress = analysis.hinge_stress[axis]
     hinges = [(i, h) for i, h in enumerate(analysis.stage.hinges, start=1) if h.name in stress]
     largest = max(stress.values(), default=0.0)
@@ -167,28 +167,28 @@ def worst_necks(analysis: Analysis, axis: str, most: int = 4) -> tuple[StressedN
     groups: list[list[tuple[int, Hinge]]] = []
 
     def rank(entry: tuple[int, Hinge]) -> tuple[float, int]:
-        # what is equal but for the mesh goes by its number
+        # necks that differ only by the mesh are in order of their numbers
         i, hinge = entry
         return -round(stress[hinge.name] / largest, 3), i
 
     for i, hinge in sorted(hinges, key=rank):
         for group in groups:
             first = group[0][1]
-            same = abs(stress[hinge.name] - stress[first.name]) <= alike * stress[first.name]
+            same = abs(stress[hinge.name] - stress[first.name]) <= tolerance * stress[first.name]
             if same and first.profile == hinge.profile:
                 group.append((i, hinge))
                 break
         else:
             groups.append([(i, hinge)])
     return tuple(
-        StressedNeck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], alike=len(g))
+        StressedNeck(hinge=g[0][1], number=g[0][0], stress=stress[g[0][1].name], count=len(g))
         for g in groups[:most]
         if stress[g[0][1].name] > 0.01 * largest
     )
 
 
 def neck_sampler(model: "StageModel") -> "Sampler":
-    """Return what reads the fields of a model, finely enough for a picture of a neck.
+    """Return a sampler of the fields of a model, fine enough for a picture of a neck.
 
     In the plane, or on the middle plane of a solid.
     """
@@ -203,9 +203,9 @@ def draw_neck_stress(
     """Draw the stress of the whole stage and about its most stressed necks.
 
     The drive of the axis is at full stroke, the others removed. The equivalent stress of von Mises,
-    in three dimensions on the middle plane, on the shape that is deformed by a factor that each
-    title tells; a neck stays in the middle of its picture. The ring marks where the surface of the
-    notch bears most. Several figures of one model may share its sampler.
+    of a solid on the middle plane, is drawn on the deformed shape; titles give the magnification. A
+    neck stays in the centre of its picture. The ring marks the largest stress on the surface of the
+    notch. Several figures of one model may share its sampler.
     """
     result = drawn_axis(analysis, axis)
     necks = worst_necks(analysis, axis)
@@ -216,19 +216,19 @@ def draw_neck_stress(
     bands = Bands(0.0, necks[0].stress * MPA, STRESS_COLOURS, clear=STRESS_CLEAR)
 
     x0, y0, x1, y1 = window(sample.points[:, :2], _MARGIN)
-    figure, overview, panels, bar = _arranged((y1 - y0) / (x1 - x0), len(necks))
+    figure, overview, panels, bar = _lay_out((y1 - y0) / (x1 - x0), len(necks))
     peaks = [sampler.neck_peak(result.static.q, n.hinge.name) for n in necks]
     factor = _overview(overview, sampler, sample, bands)
     _letters(overview, sample, necks, factor)
-    entitle(overview, f"{axis}: {elongation_words(result)}; motion × {factor:g}")
+    set_title(overview, f"{axis}: {elongation_words(result)}; motion × {factor:g}")
     for letter, axes, neck, (at, _) in zip("ABCD", panels, necks, peaks, strict=False):
         _neck(axes, sampler, sample, bands, neck, at, letter)
     add_bar(bar, bands, "von Mises stress [MPa]")
     return figure
 
 
-def _arranged(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axes]":
-    """Lay out the overview, of this height to width, the pictures of the necks, and the bar."""
+def _lay_out(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axes]":
+    """Lay out the overview by its aspect ratio, the pictures of the necks, and the colour bar."""
     left, top, foot, title, gap = 0.62, 0.42, 0.5, 0.4, 0.15
     width = min(_OVERVIEW, _OVERVIEW / aspect)
     rows, columns = (1, 1) if count == 1 else (2, math.ceil(count / 2))
@@ -254,11 +254,11 @@ def _arranged(aspect: float, count: int) -> "tuple[Figure, Axes, list[Axes], Axe
 
 
 def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) -> float:
-    """Draw the whole stage; return by how much its motion is exaggerated."""
+    """Draw the complete stage; return the magnification of its motion."""
     x0, y0, x1, y1 = window(sample.points[:, :2], 0.0)
     size = max(x1 - x0, y1 - y0)
     factor = exaggeration(size, float(sample.magnitude.max()))
-    dress(axes, grid=False)
+    style_axes(axes, grid=False)
     frame(axes, window(sample.points[:, :2], _MARGIN), ticks=True)
     label_axes(axes, "x [mm]", "y [mm]", 8)
     moved = sample.moved(factor)[:, :2]
@@ -268,7 +268,7 @@ def _overview(axes: "Axes", sampler: "Sampler", sample: "Sample", bands: Bands) 
 
 
 def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], factor: float) -> None:
-    """Name the necks that have a picture of their own."""
+    """Label the necks that have a picture of their own."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     size = 0.045 * max(x1 - x0, y1 - y0)
     placer = Placer((x0, y0, x1, y1))
@@ -283,10 +283,10 @@ def _letters(axes: "Axes", sample: "Sample", necks: Sequence[StressedNeck], fact
         # away from the nearest of the others, so that no two lines cross
         others = [(x - a, y - b) for i, (a, b) in enumerate(centres) if i != k]
         ax, ay = min(others, key=lambda d: math.hypot(*d), default=(1.0, 0.0))
-        wanted = math.atan2(ay, ax)
+        preferred = math.atan2(ay, ax)
         turns = sorted((math.pi / 12.0 * i for i in range(-12, 12)), key=abs)
         places = [
-            (x + r * size * math.cos(wanted + t), y + r * size * math.sin(wanted + t))
+            (x + r * size * math.cos(preferred + t), y + r * size * math.sin(preferred + t))
             for r in (1.6, 2.4)
             for t in turns
         ]
@@ -312,28 +312,30 @@ def _neck(
     lengths = 2.6  # side of a picture of a neck, in lengths of its notch
     hinge = neck.hinge
     half = 0.5 * lengths * max(hinge.profile.length, 3.0 * hinge.profile.neck_thickness)
-    (x, y), still = hinge.at, _motion(sample, hinge.at)
+    (x, y), neck_motion = hinge.at, _motion(sample, hinge.at)
     near = np.abs(sample.points[:, :2] - hinge.at).max(axis=1) < half
-    relative = sample.displacement - still
+    relative = sample.displacement - neck_motion
     largest = float(np.linalg.norm(relative[near], axis=1).max())
     factor = exaggeration(6.0 * half, largest)
     moved = (sample.points + factor * relative)[:, :2]
     sight = (x - half, y - half, x + half, y + half)
-    dress(axes, grid=False)
+    style_axes(axes, grid=False)
     frame(axes, sight, ticks=False)
     fill(axes, moved, sample.cells, sample.von_mises * MPA, sampler.outline, bands)
     at_rest = sample.points[:, :2]
     trace(axes, at_rest, sampler.outline, linewidths=0.5, colors=MUTED, linestyles=[(0, (3, 2))])
     trace(axes, moved, sampler.outline, linewidths=0.6)
-    own = sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - still
-    where = MM * (peak + factor * own)[:2]
+    peak_motion = (
+        sample.displacement[np.argmin(np.linalg.norm(sample.points - peak, axis=1))] - neck_motion
+    )
+    where = MM * (peak + factor * peak_motion)[:2]
     ring = {"fillstyle": "none", "markersize": 13, "zorder": 5}
     axes.plot(*where, "o", color=PAPER, markeredgewidth=2.4, **ring)
     axes.plot(*where, "o", color=INK, markeredgewidth=1.0, **ring)
-    like = f", {neck.alike - 1} more alike" if neck.alike > 1 else ""
-    # adding nothing makes a rounded minus zero positive
+    like = f", {neck.count - 1} more equal" if neck.count > 1 else ""
+    # adding 0 makes a rounded minus zero positive
     px, py = (f"{round(MM * float(v), 2) + 0.0:.2f}".replace("-", "−") for v in peak[:2])
-    entitle(
+    set_title(
         axes,
         f"{letter} · {neck.hinge.name} · {neck.number}{like}\n"
         f"{number(neck.stress * MPA)} MPa at ({px}, {py}) mm",
@@ -343,7 +345,7 @@ def _neck(
 
 
 def _ruler(axes: "Axes", half: float, words: str) -> None:
-    """A bar of a round length, in place of coordinates, and words beside its length."""
+    """Draw a scale bar of round length with a label."""
     length = round_below(0.6 * half * MM)
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = x0 + 0.04 * (x1 - x0), y0 + 0.05 * (y1 - y0)
@@ -352,6 +354,6 @@ def _ruler(axes: "Axes", half: float, words: str) -> None:
 
 
 def _motion(sample: "Sample", at: Sequence[float]) -> Array:
-    """Displacement of the corner that is nearest to a point [m]."""
+    """Return the displacement of the corner nearest to a point [m]."""
     distance = np.hypot(*(sample.points[:, :2] - np.asarray(at)[:2]).T)
     return sample.displacement[int(np.argmin(distance))]

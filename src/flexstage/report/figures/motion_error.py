@@ -1,4 +1,4 @@
-"""Measured motion: errors over the stroke, the workspace that was reached, and positioning."""
+"""Measured motion: errors over the stroke, workspace, and positioning."""
 
 from typing import TYPE_CHECKING
 
@@ -17,9 +17,9 @@ from flexstage.report.figures.style import (
     PAPER,
     add_legend,
     add_words,
-    entitle,
     label_axes,
     one_panel,
+    set_title,
 )
 
 if TYPE_CHECKING:
@@ -40,24 +40,24 @@ def draw_motion_error(
 ) -> "Figure":
     """Draw a measured error over the stroke, forward and backward, with its 95 % band.
 
-    `line` is the straight line of the mean of both runs that is taken off; labels are without unit.
+    `line` is the straight line of the mean of both runs, which is subtracted; labels have no unit.
     """
     x = curve.grid()
     off = line_weights(x, line)
     mean = curve.rows(x, "mean")
-    # an offset is no error of motion: without a line the mean level is taken off
+    # an offset is no error of motion: without a line the mean is subtracted
     base = off @ mean if line != "none" else np.tile(mean.mean(axis=0), (x.size, 1))
     figure, axes = one_panel(6.4, 3.3)
-    drawn = []
+    curves = []
     for name in ("forward", "backward"):
         rows = curve.rows(x, name) - base
-        found = [curve.of_coefficients(r) for r in rows]
-        values = np.array([e.value for e in found])
-        drawn.append((name, values, np.array([e.expanded for e in found])))
-    reach = max(float(np.abs(v).max() + u.max()) for _, v, u in drawn)
+        estimates = [curve.of_coefficients(r) for r in rows]
+        values = np.array([e.value for e in estimates])
+        curves.append((name, values, np.array([e.expanded for e in estimates])))
+    reach = max(float(np.abs(v).max() + u.max()) for _, v, u in curves)
     factor, prefix = prefixed(reach)
     across, unit = prefixed(float(np.abs(x).max())) if curve.position_unit == "m" else (1.0, "")
-    for colour, style, (name, values, band) in zip(CYCLE, ("-", (0, (5, 2))), drawn, strict=False):
+    for colour, style, (name, values, band) in zip(CYCLE, ("-", (0, (5, 2))), curves, strict=False):
         axes.fill_between(
             across * x, factor * (values - band), factor * (values + band), color=colour,
             alpha=0.18, linewidth=0.0,
@@ -78,17 +78,17 @@ def draw_motion_error(
             title_fontproperties={"size": 7.5},
         ).get_title().set_color(MUTED)
     if title:
-        entitle(axes, title)
+        set_title(axes, title)
     return figure
 
 
-def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
-    """Draw the area that a stage reached, with corners, sides and diagonals, in micrometres.
+def draw_workspace(workspace: Workspace, *, title: str = "") -> "Figure":
+    """Draw the measured workspace, with corners, sides and diagonals, in micrometres.
 
-    The title is the area where not given.
+    The default title is the area.
     """
     figure, axes = one_panel(5.0, 4.7)
-    corners = 1e6 * found.corners
+    corners = 1e6 * workspace.corners
     closed = np.vstack((corners, corners[:1]))
     axes.fill(closed[:, 0], closed[:, 1], color=CYCLE[0], alpha=0.12, linewidth=0.0)
     axes.plot(closed[:, 0], closed[:, 1], color=CYCLE[0], linewidth=1.3)
@@ -96,28 +96,32 @@ def draw_workspace(found: Workspace, *, title: str = "") -> "Figure":
         axes.plot(*corners[[i, j]].T, color=MUTED, linewidth=0.8, linestyle=LONG_DASHED)
     axes.plot(*corners.T, "o", color=CYCLE[1], markersize=4.0)
     middle = corners.mean(axis=0)
-    _label(axes, 0.5 * (corners[0] + corners[1]), found.stroke_x[0], (0, -5), "center", "top")
-    _label(axes, 0.5 * (corners[3] + corners[2]), found.stroke_x[1], (0, 5), "center", "bottom")
-    _label(axes, 0.5 * (corners[0] + corners[3]), found.stroke_y[0], (-5, 0), "right", "center", 90)
-    _label(axes, 0.5 * (corners[1] + corners[2]), found.stroke_y[1], (5, 0), "left", "center", 90)
+    _label(axes, 0.5 * (corners[0] + corners[1]), workspace.stroke_x[0], (0, -5), "center", "top")
+    _label(axes, 0.5 * (corners[3] + corners[2]), workspace.stroke_x[1], (0, 5), "center", "bottom")
+    _label(
+        axes, 0.5 * (corners[0] + corners[3]), workspace.stroke_y[0], (-5, 0), "right", "center", 90
+    )
+    _label(
+        axes, 0.5 * (corners[1] + corners[2]), workspace.stroke_y[1], (5, 0), "left", "center", 90
+    )
     for i, (j, k) in enumerate(((0, 2), (1, 3))):
         # a quarter from the upper end, so that the two texts do not meet
         at = corners[j] + 0.74 * (corners[k] - corners[j])
         turn = float(np.degrees(np.arctan2(*(corners[k] - corners[j])[::-1])))
         turn = turn if i == 0 else turn - 180.0
-        _label(axes, at, found.diagonals[i], (0, 0), "center", "center", turn, box=True)
+        _label(axes, at, workspace.diagonals[i], (0, 0), "center", "center", turn, box=True)
     axes.set_aspect("equal")
     span = np.ptp(corners, axis=0)
     for bounds, centre, size in ((axes.set_xlim, middle[0], span[0]),
                                  (axes.set_ylim, middle[1], span[1])):  # fmt: skip
         bounds(centre - 0.64 * size, centre + 0.64 * size)
     label_axes(axes, "x [µm]", "y [µm]")
-    area, angle = found.area.times(1e12), found.squareness.times(1e6)
+    area, angle = workspace.area.times(1e12), workspace.squareness.times(1e6)
     # the squareness of a straight workspace is small: in microradians
-    entitle(
+    set_title(
         axes,
         title
-        or f"{number(area.value)} ± {_short(area.expanded)} µm², off square by "
+        or f"{number(area.value)} ± {_short(area.expanded)} µm², squareness error "
         f"{number(angle.value)} ± {_short(angle.expanded)} µrad (statistical)",
     )
     return figure
@@ -150,30 +154,37 @@ def _label(
 
 
 def _short(value: float) -> str:
-    """Write an uncertainty with two digits."""
+    """Return an uncertainty with two digits."""
     return f"{float(f'{value:.2g}'):g}"
 
 
 _UP, _DOWN, _MEAN = CYCLE[0], CYCLE[1], CYCLE[2]
-#: Of the range of the targets: from the last one to the first dimension, and between two of them.
+#: Distance of the first dimension from the last target, and between dimensions, over the range.
 _GAP, _PITCH = 0.05, 0.085
 
 
-def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
+def draw_positioning(positioning: Positioning, *, title: str = "") -> "Figure":
     """Draw deviations over the targets, with the figures of the axis as dimensions.
 
-    Mean deviation upward, downward and of both, two standard deviations about each of the former;
-    A, E and M beside them, R and B at the targets where they are. The title is the accuracy where
-    not given.
+    Mean deviation upward, downward and of both, with two standard deviations about each of the
+    former; A, E and M at the side, R and B at their targets. The default title is the accuracy.
     """
     figure, axes = one_panel(7.2, 4.0)
-    across, of_target = prefixed(float(np.abs(found.target).max()))
-    factor, prefix = prefixed(abs(found.accuracy.value))
-    x = across * found.target
+    across, of_target = prefixed(float(np.abs(positioning.target).max()))
+    factor, prefix = prefixed(abs(positioning.accuracy.value))
+    x = across * positioning.target
     up, down, mean = (
-        factor * v for v in (found.mean_upward, found.mean_downward, found.mean_bidirectional)
+        factor * v
+        for v in (
+            positioning.mean_upward,
+            positioning.mean_downward,
+            positioning.mean_bidirectional,
+        )
     )
-    wide_up, wide_down = 2.0 * factor * found.spread_upward, 2.0 * factor * found.spread_downward
+    wide_up, wide_down = (
+        2.0 * factor * positioning.spread_upward,
+        2.0 * factor * positioning.spread_downward,
+    )
     small = 3.5 if x.size <= 15 else 2.0
     for y, wide, colour, mark, name in (
         (up, wide_up, _UP, "^", "mean upward x̄↑"),
@@ -190,14 +201,14 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
     unit = f"{prefix}m"
     for k, (symbol, estimate, ends) in enumerate(
         (
-            ("A", found.accuracy.value, (feet, tops)),
-            ("E", found.systematic.value, (np.stack((up, down)),) * 2),
-            ("M", found.mean_deviation.value, (mean[None],) * 2),
+            ("A", positioning.accuracy.value, (feet, tops)),
+            ("E", positioning.systematic.value, (np.stack((up, down)),) * 2),
+            ("M", positioning.mean_deviation.value, (mean[None],) * 2),
         )
     ):  # fmt: skip
         at = float(x[-1]) + span * (_GAP + _PITCH * (2 - k))
-        _beside(axes, at, _ends(x, *ends), f"{symbol} = {number(factor * estimate)} {unit}")
-    _at_targets(axes, found, x, factor, unit, (tops, feet), (up, down))
+        _dimension(axes, at, _ends(x, *ends), f"{symbol} = {number(factor * estimate)} {unit}")
+    _at_targets(axes, positioning, x, factor, unit, (tops, feet), (up, down))
     axes.margins(y=0.13)
     axes.set_xlim(x[0] - 0.09 * span, x[-1] + span * (_GAP + 2.6 * _PITCH))
     label_axes(axes, f"target [{of_target}m]", f"deviation [{unit}]")
@@ -206,22 +217,22 @@ def draw_positioning(found: Positioning, *, title: str = "") -> "Figure":
         loc="upper center",
         bbox_to_anchor=(0.5, -0.14),
         ncols=3,
-        title=f"bands of ±2 s, {found.runs} runs",
+        title=f"bands of ±2 s, {positioning.runs} runs",
         title_fontproperties={"size": 7.5},
     ).get_title().set_color(MUTED)
-    entitle(axes, title or f"A = {number(factor * found.accuracy.value)} {unit}")
+    set_title(axes, title or f"A = {number(factor * positioning.accuracy.value)} {unit}")
     return figure
 
 
 def _ends(x: Array, low: Array, high: Array) -> tuple[tuple[float, float], ...]:
-    """Return where the lowest of some curves is, and the highest of others."""
+    """Return the positions of the minimum of curves, and of the maximum of others."""
     i, j = np.unravel_index(int(np.argmin(low)), low.shape)
     k, m = np.unravel_index(int(np.argmax(high)), high.shape)
     return (float(x[j]), float(low[i, j])), (float(x[m]), float(high[k, m]))
 
 
-def _beside(axes: "Axes", at: float, ends: tuple[tuple[float, float], ...], text: str) -> None:
-    """Draw a dimension between two heights, with lines to where they are."""
+def _dimension(axes: "Axes", at: float, ends: tuple[tuple[float, float], ...], text: str) -> None:
+    """Draw a dimension between two heights, with extension lines."""
     (x_low, low), (x_high, high) = ends
     for x, y in ((x_low, low), (x_high, high)):
         axes.plot((x, at), (y, y), color=MUTED, linewidth=0.5)
@@ -231,7 +242,7 @@ def _beside(axes: "Axes", at: float, ends: tuple[tuple[float, float], ...], text
 
 def _at_targets(
     axes: "Axes",
-    found: Positioning,
+    positioning: Positioning,
     x: Array,
     factor: float,
     unit: str,
@@ -241,17 +252,19 @@ def _at_targets(
     """Draw R and B at the targets where they are largest."""
     tops, feet = bands
     up, down = means
-    i = int(np.argmax(found.repeatability_at_targets))
+    i = int(np.argmax(positioning.repeatability_at_targets))
     high, low = float(tops[:, i].max()), float(feet[:, i].min())
     _arrow(axes, float(x[i]), low, high, INK)
-    _text(axes, float(x[i]), high, f"R = {number(factor * found.repeatability.value)} {unit}", 1)
-    j = int(np.argmax(np.abs(found.reversal_at_targets)))
+    _text(
+        axes, float(x[i]), high, f"R = {number(factor * positioning.repeatability.value)} {unit}", 1
+    )
+    j = int(np.argmax(np.abs(positioning.reversal_at_targets)))
     aside = 0.012 * float(np.ptp(x)) if i == j else 0.0
     _arrow(axes, float(x[j]) + aside, float(up[j]), float(down[j]), CYCLE[3])
     # below, where R is above
     _text(
         axes, float(x[j]), float(feet[:, j].min()),
-        f"B = {number(factor * found.reversal.value)} {unit}", -1,
+        f"B = {number(factor * positioning.reversal.value)} {unit}", -1,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Figures of a stage that is held, and of a staircase of small steps."""
+"""Noise at a constant command, and staircases of small steps."""
 
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,9 @@ from flexstage.report.figures.style import (
     MUTED,
     add_legend,
     add_words,
-    entitle,
     label_axes,
     panels,
+    set_title,
 )
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Figure":
-    """Draw a reading while the stage is held, its spectral density, and its Allan deviation.
+    """Draw a reading at a constant command, its spectral density, and its Allan deviation.
 
     With drift, mains lines and 95 % intervals.
     """
@@ -39,27 +39,27 @@ def draw_hold(values: ArrayLike, noise: HoldNoise, allan: AllanDeviation) -> "Fi
 
 
 def draw_staircase(
-    values: ArrayLike, sample_rate_hz: float, found: Staircase, *, unit: str = "m"
+    values: ArrayLike, sample_rate_hz: float, staircase: Staircase, *, unit: str = "m"
 ) -> "Figure":
     """Draw a staircase with its levels, and its steps against the resolution.
 
-    The parts that the levels are the means of are set off; each step has its 95 % interval beside
-    the step that is told from none.
+    The averaged part of each level is highlighted; each step has its 95 % interval, compared with
+    the smallest detectable step.
     """
     y = _readings(values)
     figure, (trace, steps) = panels(10.2, 3.3, 2, 2, width_ratios=(1.5, 1.0))
     start = float(y[0])
     factor, label = _scale(float(np.ptp(y)), unit)
     _line(trace, np.arange(y.size) / sample_rate_hz, factor * (y - start))
-    for level, (a, b) in zip(found.levels, found.bounds.tolist(), strict=True):
-        middle = 0.5 * (found.bounds.min() + found.bounds.max())
+    for level, (a, b) in zip(staircase.levels, staircase.bounds.tolist(), strict=True):
+        middle = 0.5 * (staircase.bounds.min() + staircase.bounds.max())
         at = np.array([a, b])
-        drift = found.drift.value * (at - middle) / sample_rate_hz
+        drift = staircase.drift.value * (at - middle) / sample_rate_hz
         trace.plot(at / sample_rate_hz, factor * (level + drift - start), color=CYCLE[1], lw=2.0)
     label_axes(trace, "time [s]", f"reading [{label}]")
     trace.set_xlim(0.0, y.size / sample_rate_hz)
-    entitle(trace, "Readings, and what is averaged of each level")
-    _steps(steps, found, unit)
+    set_title(trace, "Readings, and the averaged part of each level")
+    _steps(steps, staircase, unit)
     return figure
 
 
@@ -78,7 +78,7 @@ def _scale(largest: float, unit: str) -> tuple[float, str]:
 
 
 def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
-    # points of a trace that are drawn at most; more are drawn as the band between their extremes
+    # most points of a trace; more are drawn as the band between their extremes
     points = 4000
     if y.size <= points:
         axes.plot(t, y, color=CYCLE[0], linewidth=0.7)
@@ -90,15 +90,15 @@ def _line(axes: "Axes", t: np.ndarray, y: np.ndarray) -> None:
 
 
 def _trace(axes: "Axes", y: np.ndarray, noise: HoldNoise) -> None:
-    rest = y - y.mean()
-    factor, label = _scale(float(np.ptp(rest)), noise.unit)
+    deviation = y - y.mean()
+    factor, label = _scale(float(np.ptp(deviation)), noise.unit)
     t = np.arange(y.size) / noise.sample_rate_hz
-    _line(axes, t, factor * rest)
+    _line(axes, t, factor * deviation)
     slope = noise.drift.value * (t[[0, -1]] - t.mean())
     axes.plot(t[[0, -1]], factor * slope, color=CYCLE[1], linewidth=1.6, label="drift")
-    label_axes(axes, "time [s]", f"reading less its mean [{label}]")
+    label_axes(axes, "time [s]", f"reading − mean [{label}]")
     axes.set_xlim(0.0, t[-1])
-    entitle(
+    set_title(
         axes,
         f"rms {factor * noise.rms.value:.3g} {label}, peak to peak "
         f"{factor * noise.peak_to_peak.value:.3g} {label}",
@@ -130,7 +130,7 @@ def _density(axes: "Axes", noise: HoldNoise) -> None:
     title, lines = "Spectral density", len(noise.mains)
     if lines:
         title += f"; {lines} line{'s' if lines > 1 else ''} of {noise.mains[0].mains_hz} Hz mains"
-    entitle(axes, title, 8.5)
+    set_title(axes, title, 8.5)
 
 
 def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
@@ -156,27 +156,27 @@ def _deviation(axes: "Axes", allan: AllanDeviation) -> None:
     )
     label_axes(axes, "averaging time [s]", f"Allan deviation [{label}]")
     best = int(np.argmin(value))
-    entitle(axes, f"Least {value[best]:.3g} {label} at {tau[best]:.3g} s", 8.5)
+    set_title(axes, f"Minimum {value[best]:.3g} {label} at {tau[best]:.3g} s", 8.5)
 
 
-def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
-    size = np.abs([step.size.value for step in found.steps])
-    half = np.array([step.size.expanded for step in found.steps])
-    low, high = found.resolution.interval()
+def _steps(axes: "Axes", staircase: Staircase, unit: str) -> None:
+    size = np.abs([step.size.value for step in staircase.steps])
+    half = np.array([step.size.expanded for step in staircase.steps])
+    low, high = staircase.resolution.interval()
     factor, label = _scale(float(size.max()), unit)
     axes.axhspan(factor * low, factor * high, color=CYCLE[1], alpha=0.22, linewidth=0)
-    axes.axhline(factor * found.resolution.value, color=CYCLE[1], linewidth=1.2)
+    axes.axhline(factor * staircase.resolution.value, color=CYCLE[1], linewidth=1.2)
     at = np.arange(1, size.size + 1)
     looks = {"yes": (CYCLE[2], "o"), "undecided": (CYCLE[4], "D"), "no": (CYCLE[3], "x")}
-    for verdict, (colour, marker) in looks.items():
-        here = np.array([step.told == verdict for step in found.steps])
+    for answer, (colour, marker) in looks.items():
+        here = np.array([step.told == answer for step in staircase.steps])
         if here.any():
             axes.errorbar(
                 at[here], factor * size[here], factor * half[here], color=colour, linestyle="none",
                 marker=marker, markersize=4, linewidth=1.0, capsize=2,
-                label=f"step resolved: {verdict}",
+                label=f"step resolved: {answer}",
             )  # fmt: skip
-    label_axes(axes, "step", f"size of the step [{label}]")
+    label_axes(axes, "step", f"step size [{label}]")
     if size.max() > 5.0 * max(float(size.min()), 1e-3 * size.max()):
         axes.set_yscale("log")
         least = 0.4 * min(low, max(float(size.min()), 0.01 * size.max()))
@@ -184,9 +184,9 @@ def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
     else:
         axes.set_ylim(0.0, 1.22 * factor * max(float((size + half).max()), high))
     add_legend(axes, ncols=3, loc="upper right")
-    entitle(
+    set_title(
         axes,
-        f"Resolution {factor * found.resolution.value:.3g} {label} at "
-        f"{100 * found.probability:g} %, {found.bandwidth_hz:.3g} Hz bandwidth",
+        f"Resolution {factor * staircase.resolution.value:.3g} {label} at "
+        f"{100 * staircase.probability:g} %, {staircase.bandwidth_hz:.3g} Hz bandwidth",
         8.5,
     )

@@ -1,4 +1,4 @@
-"""A part from four sides, with the names of its faces."""
+"""Views of a part from four sides, with the names of its faces."""
 
 import textwrap
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ from flexstage.report.figures.style import (
     INK,
     MUTED,
     PAPER,
-    entitle,
     new_figure,
+    set_title,
     shortened,
 )
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 _PIXELS = 900  # longer side of a view
 _WIDE = 11.0  # of the figure [inch]
 _TYPE = 6.5  # [pt]
-_HELD, _MOVED = CYCLE[5], CYCLE[4]  # blue and orange; solids have what is far from both
+_FIXED, _MOVED = CYCLE[5], CYCLE[4]  # blue and orange; solids have distant colours
 _SOLIDS = (BODY, CYCLE[2], CYCLE[3], CYCLE[1])
-# towards who looks, in four directions that no face looks away from all of
+# directions towards the viewer: each face is turned to one of them
 _SIDES = (
     ("from +x, −y, +z", (1.0, -1.3, 0.9)),
     ("from −x, +y, +z", (-1.0, 1.3, 0.9)),
@@ -45,11 +45,11 @@ _SIDES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _View:
-    """What is seen from one side: colours, and the number of the face at each pixel, or -1."""
+    """View from one side: colours, and the number of the face at each pixel, or -1."""
 
     image: Array
     face: Integers
-    axes: Array  # rows: to the right, upwards, towards who looks
+    axes: Array  # rows: to the right, upwards, towards the viewer
 
 
 def _axes(towards: Sequence[float]) -> Array:
@@ -60,7 +60,7 @@ def _axes(towards: Sequence[float]) -> Array:
 
 
 def _look(surface: PartSurface, colours: Array, towards: Sequence[float]) -> _View:
-    """Fill the pixels of the triangles that look this way, the nearest last to be covered."""
+    """Fill the pixels of the triangles that face the viewer, by their depth."""
     axes = _axes(towards)
     placed = surface.triangles @ axes.T
     low, high = placed.reshape(-1, 3).min(axis=0), placed.reshape(-1, 3).max(axis=0)
@@ -91,65 +91,65 @@ def _look(surface: PartSurface, colours: Array, towards: Sequence[float]) -> _Vi
 
 
 def _within(corners: Array, x: Array, y: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return which points lie in a triangle, and how near those of its plane are."""
+    """Return the points inside a triangle, and the depth of its plane at them."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
-    whole = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if abs(whole) < 1e-12:
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if abs(area) < 1e-12:
         return np.zeros(x.shape, dtype=bool), np.zeros(x.shape)
-    v = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / whole
-    w = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / whole
+    v = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+    w = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
     slack = -1e-3
     inside = (v >= slack) & (w >= slack) & (v + w <= 1.0 - slack)
     return inside, az + v * (bz - az) + w * (cz - az)
 
 
-def draw_part(part: Part, *, held: Sequence[str] = (), moved: Sequence[str] = ()) -> "Figure":
+def draw_part(part: Part, *, fixed: Sequence[str] = (), moved: Sequence[str] = ()) -> "Figure":
     """Draw a part from four sides, each face named where most of it is seen.
 
-    Faces of the names that are held and moved are set off by colour. Those between two solids, and
-    others that are seen from nowhere, are listed below.
+    Fixed and moved faces are highlighted in colour. Faces between two solids, and others that are
+    hidden in all views, are listed below.
     """
-    fewest_pixels = 12  # pixels of a face by which it counts as seen
-    lowest = 0.45  # height of a view over its width, at least: names need room beside flat parts
-    column = 0.34  # room for names beside a view, in widths of it
-    letters = 22  # of a name; a longer one is cut, and stands whole in the list of faces
+    fewest_pixels = 12  # fewest pixels of a visible face
+    lowest = 0.45  # smallest height of a view over its width: flat parts need room for names
+    column = 0.34  # room for names on each side of a view, relative to its width
+    letters = 22  # most letters of a name; the list of faces has the complete one
     surface = part_surface(part)
     outer = np.array([len(f.bodies) == 1 for f in part.faces])
-    shown = PartSurface(
+    outer_surface = PartSurface(
         triangles=surface.triangles[outer[surface.face]],
         face=surface.face[outer[surface.face]],
         lines=surface.lines,
         edge=surface.edge,
     )
-    colours = _colours(part, held, moved)
-    views = [_look(shown, colours, towards) for _, towards in _SIDES]
+    colours = _colours(part, fixed, moved)
+    views = [_look(outer_surface, colours, towards) for _, towards in _SIDES]
     count = len(part.faces)
     pixels = np.array([np.bincount(v.face[v.face >= 0], minlength=count) for v in views])
     best = pixels.argmax(axis=0)
-    seen = pixels.max(axis=0) >= fewest_pixels
+    visible = pixels.max(axis=0) >= fewest_pixels
     wide = (1.0 + 2.0 * column) * _PIXELS
     high = max(lowest * wide, 1.05 * max(v.face.shape[0] for v in views))
     figure = new_figure(_WIDE, _WIDE * high / wide + 1.2)
     places = figure.subplots(2, 2).ravel()
     for k, (axes, view, (title, _)) in enumerate(zip(places, views, _SIDES, strict=True)):
         _show(axes, view, wide, high)
-        entitle(axes, title)
-        named = [f for f in range(count) if seen[f] and best[f] == k]
-        _name(axes, view, named, [shortened(f.name, letters) for f in part.faces])
+        set_title(axes, title)
+        faces = [f for f in range(count) if visible[f] and best[f] == k]
+        _name(axes, view, faces, [shortened(f.name, letters) for f in part.faces])
     figure.supxlabel(
-        _caption(part, seen, held, moved), fontsize=_TYPE + 1, color=INK, parse_math=False
+        _caption(part, visible, fixed, moved), fontsize=_TYPE + 1, color=INK, parse_math=False
     )
     return figure
 
 
-def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
-    """Return the colour of each face: of its solid, unless it is held or moved."""
+def _colours(part: Part, fixed: Sequence[str], moved: Sequence[str]) -> Array:
+    """Return the colour of each face: of its solid, unless it is fixed or moved."""
     solids = [
         np.array(to_rgb(c)) if c == BODY else 0.45 * np.array(to_rgb(c)) + 0.55 for c in _SOLIDS
     ]
     of_solid = {name: solids[k % len(solids)] for k, name in enumerate(part.bodies)}
     out = [of_solid[f.bodies[0]] for f in part.faces]
-    for names, colour in ((held, _HELD), (moved, _MOVED)):
+    for names, colour in ((fixed, _FIXED), (moved, _MOVED)):
         for k, f in enumerate(part.faces):
             if f.name in names:
                 out[k] = np.array(to_rgb(colour))
@@ -159,12 +159,12 @@ def _colours(part: Part, held: Sequence[str], moved: Sequence[str]) -> Array:
 def _show(axes: "Axes", view: _View, wide: float, high: float) -> None:
     height, width = view.face.shape
     axes.imshow(view.image, origin="lower", interpolation="antialiased", zorder=1)
-    beside, above = 0.5 * (wide - width), 0.5 * (high - height)
-    axes.set_xlim(-beside, width + beside)
+    margin, above = 0.5 * (wide - width), 0.5 * (high - height)
+    axes.set_xlim(-margin, width + margin)
     axes.set_ylim(-above, height + above)
     axes.set_axis_off()
     # the three axes, in the corner
-    corner = np.array([-beside + 0.09 * _PIXELS, -above + 0.09 * _PIXELS])
+    corner = np.array([-margin + 0.09 * _PIXELS, -above + 0.09 * _PIXELS])
     for k, letter in enumerate("xyz"):
         arrow = 0.07 * _PIXELS * view.axes[:2, k]
         axes.annotate(
@@ -178,7 +178,7 @@ def _show(axes: "Axes", view: _View, wide: float, high: float) -> None:
 
 
 def _middle(mask: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Return the place inside a region that is farthest from its border, and how far that is."""
+    """Return the point of a region farthest from its border, and its distance."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     top, left = rows[0], columns[0]
     part = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
@@ -188,10 +188,10 @@ def _middle(mask: NDArray[np.bool_]) -> tuple[float, float, float]:
 
 
 def _name(axes: "Axes", view: _View, faces: Sequence[int], names: Sequence[str]) -> None:
-    """Write names onto faces where they fit, and the others beside the part, with a line each."""
+    """Write names onto faces where they fit, the others at the sides of the part with a line."""
     low, high = axes.get_xlim()
     line = _TYPE / 72.0 * (high - low) / (0.5 * _WIDE)  # height of the type, in pixels of the view
-    beside: dict[bool, list[tuple[float, float, str]]] = {False: [], True: []}
+    side_labels: dict[bool, list[tuple[float, float, str]]] = {False: [], True: []}
     for f in faces:
         x, y, free = _middle(view.face == f)
         wide = 0.62 * line * len(names[f])
@@ -207,16 +207,16 @@ def _name(axes: "Axes", view: _View, faces: Sequence[int], names: Sequence[str])
                 parse_math=False,
             )
         else:
-            beside[x > 0.5 * view.face.shape[1]].append((y, x, names[f]))
+            side_labels[x > 0.5 * view.face.shape[1]].append((y, x, names[f]))
     width = view.face.shape[1]
-    for right, labels in beside.items():
+    for right, labels in side_labels.items():
         labels.sort()
         column = width + 0.06 * _PIXELS if right else -0.06 * _PIXELS
         # two columns where one is too short
         room = (axes.get_ylim()[1] - axes.get_ylim()[0]) * 0.97
         each = min(1.45 * line, room / max(len(labels), 1))
         for (y, x, name), at in zip(
-            labels, _spread([y for y, _, _ in labels], each, axes.get_ylim()), strict=True
+            labels, _label_positions([y for y, _, _ in labels], each, axes.get_ylim()), strict=True
         ):
             axes.plot([x, column], [y, at], color=MUTED, linewidth=0.4, zorder=2)
             axes.plot([x], [y], ".", color=INK, markersize=1.8, zorder=3)
@@ -235,33 +235,37 @@ def _name(axes: "Axes", view: _View, faces: Sequence[int], names: Sequence[str])
 def _fits(mask: NDArray[np.bool_], x: float, y: float, wide: float, high: float) -> bool:
     rows = slice(max(int(y - 0.6 * high), 0), int(y + 0.6 * high) + 1)
     columns = slice(max(int(x - 0.55 * wide), 0), int(x + 0.55 * wide) + 1)
-    there = mask[rows, columns]
-    whole = (rows.stop - rows.start) * (columns.stop - columns.start)
-    return bool(there.size == whole and there.all())
+    region = mask[rows, columns]
+    pixels = (rows.stop - rows.start) * (columns.stop - columns.start)
+    return bool(region.size == pixels and region.all())
 
 
-def _spread(wanted: Sequence[float], apart: float, limits: tuple[float, float]) -> Array:
-    """Return places in a column near those that are wanted, in their order and so far apart."""
-    if not wanted:
+def _label_positions(
+    preferred: Sequence[float], spacing: float, limits: tuple[float, float]
+) -> Array:
+    """Return positions in a column near preferred ones, in their order and at a distance."""
+    if not preferred:
         return np.zeros(0)
-    low, high = limits[0] + 0.5 * apart, limits[1] - 0.5 * apart
-    steps = apart * np.arange(len(wanted))
-    # of all rising sequences the nearest in mean square
-    flat = isotonic_regression(np.array(wanted) - steps).x
+    low, high = limits[0] + 0.5 * spacing, limits[1] - 0.5 * spacing
+    steps = spacing * np.arange(len(preferred))
+    # the least-squares nearest of all increasing sequences
+    flat = isotonic_regression(np.array(preferred) - steps).x
     return np.asarray(np.clip(flat, low, max(low, high - steps[-1])) + steps, dtype=float)
 
 
-def _caption(part: Part, seen: NDArray[np.bool_], held: Sequence[str], moved: Sequence[str]) -> str:
+def _caption(
+    part: Part, visible: NDArray[np.bool_], fixed: Sequence[str], moved: Sequence[str]
+) -> str:
     joints = [f"{f.name} ({' and '.join(f.bodies)})" for f in part.faces if len(f.bodies) > 1]
     hidden = [
         f.name
-        for f, there in zip(part.faces, seen, strict=True)
-        if not there and len(f.bodies) == 1
+        for f, face_visible in zip(part.faces, visible, strict=True)
+        if not face_visible and len(f.bodies) == 1
     ]
     name = Path(part.source.strip("'")).name
-    said = [f"{name}, {len(part.faces)} faces"]
-    said += [f"held, blue: {', '.join(held)}"] if held else []
-    said += [f"moved, orange: {', '.join(moved)}"] if moved else []
-    said += [f"between solids: {', '.join(joints)}"] if joints else []
-    said += [f"seen from no side: {', '.join(hidden)}"] if hidden else []
-    return "\n".join(line for text in said for line in textwrap.wrap(text, 150))
+    lines = [f"{name}, {len(part.faces)} faces"]
+    lines += [f"fixed, blue: {', '.join(fixed)}"] if fixed else []
+    lines += [f"moved, orange: {', '.join(moved)}"] if moved else []
+    lines += [f"between solids: {', '.join(joints)}"] if joints else []
+    lines += [f"hidden in all views: {', '.join(hidden)}"] if hidden else []
+    return "\n".join(line for text in lines for line in textwrap.wrap(text, 150))

@@ -1,4 +1,4 @@
-"""Frequency responses, magnitude and phase: Bode diagrams of models, and what was measured."""
+"""Frequency responses, magnitude and phase: Bode diagrams of models, and measurements."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -17,9 +17,9 @@ from flexstage.report.figures.style import (
     MUTED,
     add_legend,
     add_words,
-    entitle,
     on_paper,
     panels,
+    set_title,
 )
 from flexstage.stage import Stage
 from flexstage.system import Analysis, FrequencyResponse
@@ -36,7 +36,7 @@ _PUBLISHED = {
     "published-fem": (CYCLE[2], (0, (2, 1.5)), "FEM"),
     "published-measured": (CYCLE[3], (0, (6, 2, 1, 2)), "measured"),
 }
-# width and height of a label [inch], and what a diagram of the magnitude has of its column
+# width and height of a label [inch], and size of the magnitude diagram relative to its column
 _LABEL, _DIAGRAM = (0.62, 0.2), (0.8, 0.45)
 _UNITS = {
     "m/N": ("µm/N", 1e6),
@@ -55,11 +55,11 @@ def draw_bode(
 ) -> "Figure":
     """Draw the response of an axis to its drives: a column for each condition of the drives.
 
-    Published natural frequencies are dashed lines where the drives are removed, which is what they
-    belong to. All conditions are drawn where None; `size` is that of a column [inch].
+    Published natural frequencies are dashed lines; they apply to the stage without drives. None
+    selects all conditions; `size` is that of a column [inch].
     """
     port = next((a for a in analysis.axes if a.axis == axis), None)
-    shown = [
+    selected = [
         r
         for r in analysis.responses
         if port is not None
@@ -67,9 +67,11 @@ def draw_bode(
         and r.probe == port.probe
         and (conditions is None or r.drives in conditions)
     ]
-    if not shown:
+    if not selected:
         raise ModelError(f"the analysis has no frequency response of an axis '{axis}'")
-    columns = [[r for r in shown if r.drives == c] for c in dict.fromkeys(r.drives for r in shown)]
+    columns = [
+        [r for r in selected if r.drives == c] for c in dict.fromkeys(r.drives for r in selected)
+    ]
     count = len(columns)
     layout: dict[str, Any] = {"sharex": "col", "height_ratios": (1.7, 1.0)}
     figure, grid = panels(size[0] * count, size[1], 2 * count, count, **layout)
@@ -81,7 +83,7 @@ def draw_bode(
 def bode_curves(response: FrequencyResponse) -> tuple[str, Array, Array]:
     """Return the unit of the magnitude of a response, its magnitude, and its phase [deg].
 
-    The phase does not jump, and begins within half a turn of 0.
+    The phase is unwrapped, and begins within half a turn of 0.
     """
     unit, factor = _UNITS.get(response.unit, (response.unit, 1.0))
     phase = np.degrees(np.unwrap(np.angle(response.value)))
@@ -118,16 +120,16 @@ def _column(
         middle = float(np.mean(phases))
         lower.set_ylim(middle - 95.0, middle + 95.0)
     lower.yaxis.set_major_locator(MultipleLocator(90.0 if span < 400.0 else 180.0))
-    # of several drives the legend has the names
+    # the legend names several drives
     of = f" of drive '{first.drive}'" if len(responses) == 1 else ""
-    entitle(
+    set_title(
         upper,
         f"{axis}, {analysis.system.model} model, drives {first.drives}\n{first.input_kind}{of}",
     )
     upper.set_ylabel(f"{first.probe} / {first.input_kind} [{unit}]", parse_math=False)
     lower.set(ylabel="phase [°]", xlabel="frequency [Hz]")
     top, bottom = float(np.max(sizes)), float(np.min(sizes))
-    # a rigid drive may leave nothing to see but its own length: show that as a level line
+    # the response to a rigid drive may be constant: show it as a horizontal line
     spare = max(10.0 / math.sqrt(top / bottom), 1.0)
     top, bottom = top * spare, bottom / spare
     upper.set_ylim(bottom / 1.6, top * (top / bottom) ** 0.16)
@@ -147,23 +149,23 @@ def _resonances(
     placed: list[tuple[float, float]] = []
     low, top = axes.get_ylim()
     wide, high = np.log(f[-1] / f[0]), np.log(top / low)
-    found = analysis.modes[response.drives].frequency_hz
+    natural_hz = analysis.modes[response.drives].frequency_hz
     figure, grid = axes.get_figure(root=True), axes.get_subplotspec()
     assert figure is not None
     assert grid is not None
     room = figure.get_size_inches() * _DIAGRAM / (grid.get_gridspec().ncols, 1.0)
     label = np.divide(_LABEL, room)
     for at in sorted(peaks + 1, key=lambda i: -magnitude[i]):
-        nearest = float(found[np.argmin(np.abs(found - f[at]))])
+        nearest = float(natural_hz[np.argmin(np.abs(natural_hz - f[at]))])
         near = np.abs(np.log(f / f[at])) < 0.1
         if magnitude[at] < 1.02 * magnitude[near].min():
             continue
         where = (np.log(f[at]) / wide, np.log(magnitude[at]) / high)
-        apart = all(np.any(np.abs(np.subtract(where, other)) > label) for other in placed)
+        free = all(np.any(np.abs(np.subtract(where, other)) > label) for other in placed)
         if abs(nearest / f[at] - 1.0) > 0.03:
             continue
         axes.plot(f[at], magnitude[at], "o", color=CYCLE[0], markersize=3.5)
-        if apart and len(placed) < 8:
+        if free and len(placed) < 8:
             placed.append(where)
             add_words(
                 axes,
@@ -190,10 +192,10 @@ def _published(upper: "Axes", lower: "Axes", stage: Stage, axis: str) -> None:
         upper.legend(loc="lower left", fontsize=7, frameon=False, labelcolor=MUTED)
 
 
-#: Responses that are drawn in one figure, at most.
+#: Most responses of a figure.
 _CURVES = 6
-# of a complex normal error, its real or imaginary part is within this share of sqrt(variance / 2)
-# with a probability of 95 %
+# half width of the 95 % interval of the real or imaginary part of a complex normal error, in
+# units of sqrt(variance / 2)
 _BAND = 1.959964
 
 
@@ -235,57 +237,63 @@ def draw_response(
     figure.align_ylabels(grid)
     if len(pairs) > 1 or fit is not None:
         _legend(magnitude, fit is not None)
-    entitle(magnitude, _title(response, pairs))
+    set_title(magnitude, _title(response, pairs))
     return figure
 
 
 def shown_lines(values: Array) -> NDArray[np.intp]:
-    """The lines that a curve of many is drawn with: the ends of its range, piece by piece.
+    """Return the indices of the drawn samples of a long curve: the extremes of each interval.
 
-    Numbers that rise; all of them where there are few.
+    The indices are increasing; a short curve has all of them.
     """
-    # lines that a curve is drawn with, about and at most
+    # most samples of a drawn curve
     points = 3000
     count = values.size
     if count <= points:
         return np.arange(count)
     edges = np.linspace(0, count, points // 2 + 1).astype(np.intp)
-    kept = [0, count - 1]
+    indices = [0, count - 1]
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        kept += [a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))]
-    return np.unique(kept)
+        indices += [a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))]
+    return np.unique(indices)
 
 
 def thinned(start: int, stop: int, most: int = 3000) -> NDArray[np.intp]:
-    """Return the samples that a loop of many is drawn with, evenly over them."""
+    """Return indices of the drawn samples of a long loop, evenly spaced."""
     return np.arange(start, stop, max(1, (stop - start) // most))
 
 
 def _plot_magnitude(
-    axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str, label: str
+    axes: "Axes",
+    response: "MeasuredResponse",
+    output: int,
+    input_index: int,
+    *,
+    colour: str,
+    label: str,
 ) -> None:
     """Plot the magnitude of one response, with its 95 % band."""
-    size = np.abs(response.response[:, output, given])
+    size = np.abs(response.response[:, output, input_index])
     at = shown_lines(size)
     f, size = response.frequency_hz[at], size[at]
     if response.variance is not None:
-        half = _BAND * np.sqrt(0.5 * response.variance[at, output, given])
-        # a logarithm has no room for a band that reaches zero
+        half = _BAND * np.sqrt(0.5 * response.variance[at, output, input_index])
+        # a logarithmic scale cannot show a band down to zero
         low = np.maximum(size - half, 0.1 * size)
         axes.fill_between(f, low, size + half, color=colour, alpha=0.25, linewidth=0.0)
     axes.plot(f, size, color=colour, linewidth=0.9, label=label)
 
 
 def _plot_phase(
-    axes: "Axes", response: "MeasuredResponse", output: int, given: int, *, colour: str
+    axes: "Axes", response: "MeasuredResponse", output: int, input_index: int, *, colour: str
 ) -> None:
     """Plot the phase of one response, with its 95 % band."""
-    h = response.response[:, output, given]
+    h = response.response[:, output, input_index]
     at = shown_lines(np.angle(h))
     f = response.frequency_hz[at]
     angle = np.degrees(np.angle(h[at]))
     if response.variance is not None:
-        half = _BAND * np.sqrt(0.5 * response.variance[at, output, given])
+        half = _BAND * np.sqrt(0.5 * response.variance[at, output, input_index])
         share = np.divide(half, np.abs(h[at]), out=np.ones(at.size), where=h[at] != 0.0)
         turn = np.degrees(np.arcsin(np.minimum(share, 1.0)))
         axes.fill_between(f, angle - turn, angle + turn, color=colour, alpha=0.25, linewidth=0.0)
@@ -293,7 +301,7 @@ def _plot_phase(
 
 
 def _wrapped(h: Complex) -> Array:
-    """The angle in degrees, with a break where it jumps by a turn."""
+    """Return the angle in degrees, interrupted where it jumps by a turn."""
     angle = np.degrees(np.angle(h))
     jumps = np.flatnonzero(np.abs(np.diff(angle)) > 180.0)
     angle[jumps] = np.nan

@@ -1,4 +1,4 @@
-"""Which parameter moves which figure: a map of numbers, and the necks on the drawing."""
+"""Sensitivities of the figures of a stage: a colour map, and the necks on the drawing."""
 
 from typing import TYPE_CHECKING
 
@@ -17,16 +17,16 @@ from flexstage.report.figures.style import (
     MUTED,
     PAPER,
     add_words,
-    entitle,
     one_panel,
     panels,
+    set_title,
 )
 from flexstage.report.sensitivity import (
     change_text,
-    moving,
+    displayed_changes,
+    influential_parameters,
     parameter_label,
     short_label,
-    shown_changes,
     step_words,
 )
 from flexstage.report.tables import value_text
@@ -42,29 +42,33 @@ if TYPE_CHECKING:
 _COLUMN, _ROW, _LETTER = 0.62, 0.19, 0.075
 
 
-def draw_sensitivities(found: Sensitivities) -> "Figure":
-    """Draw the change of each figure in per cent of it, by the parameters that move one most.
+def draw_sensitivities(sensitivities: Sensitivities) -> "Figure":
+    """Draw the change of each figure in per cent, by the most influential parameters.
 
-    Colour goes with the root of the change, so that small ones are seen beside large ones.
+    Colours follow the square root of the change, so that small changes are visible.
     """
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.patches import Rectangle
 
-    # parameters that are drawn at most; the others move less
+    # most parameters; the others have smaller effects
     rows = 40
 
-    shown = shown_changes(found)
-    order, _ = moving(found)
-    kept = [i for i in range(len(found.figures)) if not found.vanishing[i]]
-    order = [k for k in order if shown[kept][:, k].any()]
-    drawn = order[:rows]
-    cells = np.nan_to_num(shown[np.ix_(kept, drawn)].T)
-    names = [parameter_label(found, k) for k in drawn]
+    changes = displayed_changes(sensitivities)
+    order, _ = influential_parameters(sensitivities)
+    figure_indices = [
+        i for i in range(len(sensitivities.figures)) if not sensitivities.vanishing[i]
+    ]
+    order = [k for k in order if changes[figure_indices][:, k].any()]
+    drawn_parameters = order[:rows]
+    cells = np.nan_to_num(changes[np.ix_(figure_indices, drawn_parameters)].T)
+    names = [parameter_label(sensitivities, k) for k in drawn_parameters]
     wide = _LETTER * max((len(name) for name in names), default=0)
-    if not drawn:
-        return _empty(found)
+    if not drawn_parameters:
+        return _empty(sensitivities)
     figure, axes = one_panel(
-        wide + _COLUMN * max(len(kept), 4) + 0.3, _ROW * max(len(drawn), 3) + 1.0, grid=False
+        wide + _COLUMN * max(len(figure_indices), 4) + 0.3,
+        _ROW * max(len(drawn_parameters), 3) + 1.0,
+        grid=False,
     )
     for spine in axes.spines.values():
         spine.set_visible(False)
@@ -84,77 +88,81 @@ def draw_sensitivities(found: Sensitivities) -> "Figure":
             column, row, text, ha="center", va="center", fontsize=7,
             color=PAPER if abs(strength) > 0.8 else INK,
         )  # fmt: skip
-    axes.set_xlim(-0.5, len(kept) - 0.5)
-    axes.set_ylim(len(drawn) - 0.5, -0.5)
-    axes.set_yticks(range(len(drawn)), names, fontsize=7.5, parse_math=False)
+    axes.set_xlim(-0.5, len(figure_indices) - 0.5)
+    axes.set_ylim(len(drawn_parameters) - 0.5, -0.5)
+    axes.set_yticks(range(len(drawn_parameters)), names, fontsize=7.5, parse_math=False)
     heads = []
-    for i in kept:
-        axis = found.figures[i].axis
-        label = short_label(found.figures[i])
+    for i in figure_indices:
+        axis = sensitivities.figures[i].axis
+        label = short_label(sensitivities.figures[i])
         heads.append(f"{label}\n{'' if axis == WHOLE_STAGE else axis}")
-    axes.set_xticks(range(len(kept)), heads, fontsize=7.5, parse_math=False)
+    axes.set_xticks(range(len(figure_indices)), heads, fontsize=7.5, parse_math=False)
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
-    entitle(axes, f"{found.stage}, {found.model}")
-    told = f"change of each figure [%] for {step_words(found)}"
-    if more := len(order) - len(drawn):
-        told += f"\n{more} more parameters move a figure, and less than these"
-    axes.set_xlabel(told, fontsize=7.5, color=MUTED, loc="left", parse_math=False)
+    set_title(axes, f"{sensitivities.stage}, {sensitivities.model}")
+    label_below = f"change of each figure [%] for {step_words(sensitivities)}"
+    if omitted := len(order) - len(drawn_parameters):
+        label_below += f"\n{omitted} more parameters have smaller effects"
+    axes.set_xlabel(label_below, fontsize=7.5, color=MUTED, loc="left", parse_math=False)
     return figure
 
 
-def _empty(found: Sensitivities) -> "Figure":
+def _empty(sensitivities: Sensitivities) -> "Figure":
     figure, axes = one_panel(4.2, 1.0, grid=False)
     axes.set_axis_off()
-    told = f"{found.stage}, {found.model}: none of these parameters moves these figures"
-    axes.text(0.5, 0.5, told, ha="center", va="center", fontsize=8, color=INK, parse_math=False)
+    text = (
+        f"{sensitivities.stage}, {sensitivities.model}: no parameter has an effect on these figures"
+    )
+    axes.text(0.5, 0.5, text, ha="center", va="center", fontsize=8, color=INK, parse_math=False)
     return figure
 
 
-# figures that are drawn at most, so many beside each other; longer side of a stage [inch]
+# most figures, most columns, and longer side of a stage [inch]
 _MOST, _COLUMNS, _SIDE = 6, 3, 2.9
-# diameter of the disc of the neck that moves a figure most, and of the least that is drawn [point]
+# diameter of the disc of the most influential neck, and of the smallest disc [point]
 _LARGEST, _SMALLEST = 17.0, 1.2
 
 
-def draw_moving_necks(stage: Stage, found: Sensitivities) -> "Figure":
-    """Draw a disc at each neck, its area by how much the neck moves a figure; one stage a figure.
+def draw_moving_necks(stage: Stage, sensitivities: Sensitivities) -> "Figure":
+    """Draw a disc at each neck with the area of its influence on a figure; one stage per figure.
 
-    `found` is of a `HingeFamily`; the figures are those that necks move most, at most six.
+    The sensitivities are of a `HingeFamily`; at most six figures are drawn.
 
     Raises
     ------
     ModelError
-        No neck was varied, or none moves a figure.
+        No neck was varied, or none affects a figure.
     """
-    # a figure is drawn if a neck moves it by this of what one moves another
+    # smallest influence on a figure that is drawn, relative to the largest influence
     share = 0.05
-    necks = [k for k, v in enumerate(found.variables) if v.name.endswith(".neck")]
-    changes = shown_changes(found, LENGTH)[:, necks]
+    necks = [k for k, v in enumerate(sensitivities.variables) if v.name.endswith(".neck")]
+    changes = displayed_changes(sensitivities, LENGTH)[:, necks]
     largest = np.abs(changes).max(axis=1, initial=0.0)
-    largest[found.vanishing] = 0.0
+    largest[sensitivities.vanishing] = 0.0
     least = share * float(largest.max(initial=0.0))
-    kept = [i for i in range(len(found.figures)) if largest[i] > least]
-    kept = sorted(sorted(kept, key=lambda i: -largest[i])[:_MOST])
-    if not kept:
-        raise ModelError("no neck moves a figure that is looked at, so there is nothing to draw")
+    figure_indices = [i for i in range(len(sensitivities.figures)) if largest[i] > least]
+    figure_indices = sorted(sorted(figure_indices, key=lambda i: -largest[i])[:_MOST])
+    if not figure_indices:
+        raise ModelError("no neck affects a figure: there is nothing to draw")
     x0, y0, x1, y1 = (v * MM for v in extent(body_shapes(stage)))
     per_inch = max(x1 - x0, y1 - y0) / _SIDE
-    columns = 2 if len(kept) == 4 else min(len(kept), _COLUMNS)
-    rows = -(-len(kept) // columns)
+    columns = 2 if len(figure_indices) == 4 else min(len(figure_indices), _COLUMNS)
+    rows = -(-len(figure_indices) // columns)
     wide, high = ((x1 - x0) / per_inch + 0.25), ((y1 - y0) / per_inch + 0.5)
-    figure, grid = panels(columns * wide, rows * high + 0.3, len(kept), columns, grid=False)
-    for axes, i in zip(grid, kept, strict=True):
+    figure, grid = panels(
+        columns * wide, rows * high + 0.3, len(figure_indices), columns, grid=False
+    )
+    for axes, i in zip(grid, figure_indices, strict=True):
         by_hinge = {
             name.removesuffix(".neck"): float(changes[i, j])
             for j, k in enumerate(necks)
-            for name in found.alike[k]
+            for name in sensitivities.alike[k]
         }
         _panel(axes, stage, by_hinge)
-        entitle(axes, found.figures[i].label)
+        set_title(axes, sensitivities.figures[i].label)
     figure.supxlabel(
-        f"change of the figure [%] for +{value_text(LENGTH, 'length')} of one neck; orange more, "
-        "blue less",
+        f"change of the figure [%] for +{value_text(LENGTH, 'length')} of one neck; orange: "
+        "increase, blue: decrease",
         fontsize=7.5, color=MUTED, x=0.02, ha="left",
     )  # fmt: skip
     return figure
@@ -176,7 +184,7 @@ def _panel(axes: "Axes", stage: Stage, changes: dict[str, float]) -> None:
         x, y = hinge.at[0] * MM, hinge.at[1] * MM
         colour = CYCLE[1] if change > 0.0 else CYCLE[0]
         axes.plot(x, y, "o", color=colour, markersize=size, markeredgewidth=0.0, alpha=0.85)
-    # the number stands at one of those that move it most: the last that is drawn, on top
+    # the most influential neck has the number
     top = max(stage.hinges, key=lambda hinge: abs(changes.get(hinge.name, 0.0)))
     add_words(
         axes,

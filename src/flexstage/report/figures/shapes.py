@@ -1,4 +1,4 @@
-"""What drawings of a stage share: outlines of bodies as polygons, and free places for labels."""
+"""Common parts of drawings of a stage: outlines of bodies, and free places for labels."""
 
 import itertools
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _TOLERANCE = 10e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyShape:
-    """A body as it is drawn."""
+    """The drawn shape of a body."""
 
     body: Body
     """The body."""
@@ -54,7 +54,7 @@ class BodyShape:
 def add_body(
     axes: "Axes", shape: BodyShape, face: str, edge: str = INK, width: float = 0.5, **look: Any
 ) -> None:
-    """Draw a body in millimetres; `look` is what a patch of Matplotlib takes."""
+    """Draw a body in millimetres; `look` are properties of a patch of Matplotlib."""
     from matplotlib.patches import PathPatch
 
     axes.add_patch(PathPatch(shape.path(), facecolor=face, edgecolor=edge, linewidth=width, **look))
@@ -109,8 +109,8 @@ def _shape(stage: Stage, body: Body) -> BodyShape:
 
 
 def _half_notch(hinge: Hinge, side: float) -> list[tuple[float, float]]:
-    """Corners of the half of a notch on one side of the neck, a little into the body."""
-    # A half notch is drawn this far into its body [m], so that the two merge without a seam
+    """Return the corners of half a notch on one side of the neck, overlapping its body."""
+    # overlap of half a notch with its body [m], so that the two merge without a seam
     overlap = 20e-6
     profile = hinge.profile
     edge = notch_contour(profile)
@@ -131,7 +131,7 @@ def notch_contour(profile: Profile) -> list[tuple[float, float]]:
     points: list[tuple[float, float]] = []
     for start, end in itertools.pairwise(vertices):
         if start.bulge:
-            # a loop of the arc and its chord is divided as every other arc is
+            # a loop of the arc and its chord is divided like other arcs
             arc = Loop(((start.x, start.depth), (end.x, end.depth)), (start.bulge, 0.0))
             points += [(float(x), float(d)) for x, d in arc.polyline(_TOLERANCE)[:-1]]
         else:
@@ -146,34 +146,34 @@ def _turned(loop: NDArray[np.float64], *, left: bool) -> NDArray[np.float64]:
     return loop if (area > 0.0) == left else loop[::-1]
 
 
-# Every place that is tried: 16 directions, at first beside the point, then heights further away.
+# Candidate places: 16 directions, first next to the point, then label heights further away.
 _STEPS = np.repeat((0.0, 0.6, 1.2, 2.0, 3.0, 4.5), 16)
 _ALONG = np.tile(np.cos(np.pi / 8.0 * np.arange(16)), 6)
 _UP = np.tile(np.sin(np.pi / 8.0 * np.arange(16)), 6)
 
 
 class Placer:
-    """Keeps track of what is taken, and gives each new label the best free place.
+    """Finds the best free place for each new label.
 
     Labels stay within the bounds: smallest x and y, largest x and y.
     """
 
     def __init__(self, bounds: tuple[float, float, float, float]) -> None:
         self._bounds = bounds
-        self._taken: list[tuple[float, float, float, float]] = []
+        self._occupied: list[tuple[float, float, float, float]] = []
 
     def take(self, x: float, y: float, width: float, height: float) -> None:
-        """Mark a rectangle about a centre as taken."""
-        self._taken.append((x - width / 2, y - height / 2, x + width / 2, y + height / 2))
+        """Mark a rectangle about a centre as occupied."""
+        self._occupied.append((x - width / 2, y - height / 2, x + width / 2, y + height / 2))
 
     def is_free(self, x: float, y: float, width: float, height: float) -> bool:
-        """Say whether a rectangle about a centre touches nothing that is taken."""
+        """Return whether a rectangle about a centre is free."""
         return bool(self._overlap(np.array([[x, y]]), width, height)[0] == 0.0)
 
     def place(
         self, x: float, y: float, width: float, height: float, *, nearest: float
     ) -> tuple[float, float]:
-        """Find a place for a label near a point, and take it; returns its centre.
+        """Find and occupy a place for a label near a point; return its centre.
 
         `nearest` is the smallest distance between the point and the edge of the label.
         """
@@ -189,10 +189,10 @@ class Placer:
         return best_x, best_y
 
     def _overlap(self, at: NDArray[np.float64], width: float, height: float) -> NDArray[np.float64]:
-        """Area that a label at each of some places covers of what is taken, or lies outside."""
+        """Return the area of a label over occupied places or out of bounds, by position."""
         left, bottom = at[:, 0] - width / 2, at[:, 1] - height / 2
         right, top = left + width, bottom + height
-        x0, y0, x1, y1 = np.reshape(self._taken, (-1, 4)).T[:, :, None]
+        x0, y0, x1, y1 = np.reshape(self._occupied, (-1, 4)).T[:, :, None]
         across = np.minimum(right, x1) - np.maximum(left, x0)
         up = np.minimum(top, y1) - np.maximum(bottom, y0)
         covered = np.sum(np.maximum(across, 0.0) * np.maximum(up, 0.0), axis=0)

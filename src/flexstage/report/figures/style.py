@@ -1,4 +1,4 @@
-"""The look of every figure: colours, type, and how a figure becomes bytes or inline SVG."""
+"""Style of all figures: colours, fonts, and their conversion to bytes or inline SVG."""
 
 import io
 import re
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
-#: What a metre is in millimetres, micrometres and nanometres, and a pascal in megapascals.
+#: A metre in millimetres, micrometres and nanometres, and a pascal in megapascals.
 MM, UM, NM, MPA = 1e3, 1e6, 1e9, 1e-6
 
 # Neutral colours. Inline in a page every colour becomes a CSS variable, so the page can be dark.
@@ -38,8 +38,8 @@ _NEUTRAL = {
     DRIVEN: "--driven",
 }
 
-#: Colours of data, told apart by people of every colour vision (Okabe and Ito 2008), all of
-#: middle lightness so that they stand on white and on black.
+#: Colours of data, distinct for every colour vision (Okabe and Ito 2008), and of medium lightness
+#: for white and black backgrounds.
 CYCLE: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 # The same on a dark page.
@@ -71,7 +71,7 @@ _VARIABLES = _NEUTRAL | {colour: f"--data{i}" for i, colour in enumerate(CYCLE)}
 
 _SETTINGS: dict[str, Any] = {
     "font.family": "sans-serif",
-    # of equal widths, so that text laid out in one does not run over in another
+    # fonts of equal widths, so that a text laid out in one fits in another
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
     "font.size": 8.0,
     "mathtext.default": "regular",
@@ -82,13 +82,13 @@ _SETTINGS: dict[str, Any] = {
     "path.simplify": True,
 }
 
-#: Dots per inch of pictures of pixels, and of those inside others.
+#: Dots per inch of raster pictures.
 _DPI = 150.0
 _SCALES = {"m": ("µm", 1e6), "rad": ("µrad", 1e6)}
 
 
 def css_name(colour: str) -> str:
-    """Return the CSS variable that a colour of this module becomes in a page."""
+    """Return the CSS variable of a colour of this module."""
     return _VARIABLES[colour]
 
 
@@ -100,7 +100,7 @@ def css_variables(*, dark: bool = False) -> str:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Start a figure of a size [inch] that no global state knows of."""
+    """Return a figure of a size [inch] without global state."""
     return _figure_class()(figsize=(width, height), facecolor=PAPER, layout="constrained")
 
 
@@ -117,8 +117,8 @@ def _figure_class() -> type["Figure"]:
     return NotebookFigure
 
 
-def dress(axes: "Axes", *, grid: bool = True) -> None:
-    """Give axes the common look."""
+def style_axes(axes: "Axes", *, grid: bool = True) -> None:
+    """Apply the common style to axes."""
     axes.set_facecolor(PAPER)
     for side, spine in axes.spines.items():
         spine.set_color(MUTED)
@@ -141,35 +141,35 @@ def panels(
     grid: bool = True,
     **layout: Any,
 ) -> "tuple[Figure, list[Axes]]":
-    """Start a figure of a size [inch] with diagrams in the common look, row by row.
+    """Return a figure of a size [inch] with diagrams in the common style, row by row.
 
-    `layout` is what `Figure.subplots` takes; places that the last row has left stay empty.
+    `layout` are arguments of `Figure.subplots`; the remaining places of the last row stay empty.
     """
     figure = new_figure(width, height)
     every = list(figure.subplots(-(-count // columns), columns, squeeze=False, **layout).flat)
     for i, axes in enumerate(every):
-        dress(axes, grid=grid)
+        style_axes(axes, grid=grid)
         if i >= count:
             axes.set_axis_off()
     return figure, every[:count]
 
 
 def one_panel(width: float, height: float, *, grid: bool = True) -> "tuple[Figure, Axes]":
-    """Start a figure of a size [inch] with one diagram, which has the common look."""
+    """Return a figure of a size [inch] with one diagram in the common style."""
     figure, (axes,) = panels(width, height, grid=grid)
     return figure, axes
 
 
 def add_legend(on: "Axes | Figure", *entries: Any, size: float = 7.5, **look: Any) -> "Legend":
     """Add a legend without a frame, in type of a size [pt]; a dollar sign in it is no formula."""
-    made = on.legend(*entries, fontsize=size, frameon=False, labelcolor=INK, **look)
-    for text in made.get_texts():
+    legend = on.legend(*entries, fontsize=size, frameon=False, labelcolor=INK, **look)
+    for text in legend.get_texts():
         text.set_parse_math(False)
-    return made
+    return legend
 
 
 def add_shared_legend(figure: "Figure", *, most: int = 4, size: float = 7.5) -> None:
-    """Add a legend below all diagrams, each label once, so many beside each other at most."""
+    """Add a legend below all diagrams, each label once, in at most `most` columns."""
     entries: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -189,7 +189,7 @@ def add_arrow(
     head: float = 8.0,
     **look: Any,
 ) -> None:
-    """Draw an arrow between two points, its line and head of so many points."""
+    """Draw an arrow between two points; width of its line and size of its head [pt]."""
     arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": width, "mutation_scale": head}
     axes.annotate("", xy=tip, xytext=start, arrowprops=arrow, **look)
 
@@ -203,42 +203,42 @@ def add_words(
     colour: str = INK,
     **look: Any,
 ) -> None:
-    """Write words at a place, or so many points off it; a dollar sign in them is no formula."""
+    """Write a text at a place with an offset [pt]; a dollar sign in it is no formula."""
     look |= {"fontsize": size, "color": colour, "parse_math": False}
     axes.annotate(text, at, xytext=offset, textcoords="offset points", **look)
 
 
 def shortened(name: str, letters: int) -> str:
-    """Return a name of so many letters at most, with an ellipsis where it is cut."""
+    """Return a name of at most `letters` letters, with an ellipsis where it is cut."""
     return name if len(name) <= letters else f"{name[: letters - 1]}…"
 
 
 def on_paper(pad: float, alpha: float = 1.0) -> dict[str, Any]:
-    """Return the box of words that lie over lines; its pad is in points."""
+    """Return the box of a text over lines; its padding is in points."""
     return {"facecolor": PAPER, "edgecolor": "none", "pad": pad, "alpha": alpha}
 
 
-def entitle(axes: "Axes", text: str, size: float = 9.0) -> None:
-    """Put a title over axes, at the left, in type of a size [pt]."""
+def set_title(axes: "Axes", text: str, size: float = 9.0) -> None:
+    """Set the title of axes, at the left, in type of a size [pt]."""
     # a dollar sign in a name is no formula
     axes.set_title(text, loc="left", fontsize=size, color=INK, pad=7, parse_math=False)
 
 
 def label_axes(axes: "Axes", x: str = "", y: str = "", size: float = 8.5) -> None:
-    """Name what is drawn along axes and upwards, in type of a size [pt]."""
+    """Set the labels of the x and y axis, in type of a size [pt]."""
     axes.set_xlabel(x, fontsize=size, parse_math=False)
     axes.set_ylabel(y, fontsize=size, parse_math=False)
 
 
 def add_heading(figure: "Figure", text: str, size: float = 9.0, colour: str = INK) -> None:
-    """Put a line over all diagrams, at the left, in type of a size [pt]."""
+    """Set a heading over all diagrams, at the left, in type of a size [pt]."""
     figure.suptitle(text, x=0.01, ha="left", fontsize=size, color=colour, parse_math=False)
 
 
 def scale(unit: str) -> tuple[str, float]:
-    """Return the unit that a quantity is drawn in, and how many of it one SI unit is.
+    """Return the drawn unit of a quantity, and one SI unit in it.
 
-    The unit stands in brackets with a space before it; empty where nobody has said.
+    The unit is in brackets after a space; an unknown unit is empty.
     """
     name, factor = _SCALES.get(unit, (unit, 1.0))
     return (f" [{name}]" if name else "", factor)
@@ -250,7 +250,7 @@ def encode(figure: "Figure", kind: str) -> bytes:
 
     if kind not in FORMATS:
         raise ModelError(f"a figure is written as one of {', '.join(FORMATS)}, got '{kind}'")
-    # a date in the file would make equal figures differ
+    # with a date, files of equal figures would differ
     metadata: dict[str, Any] = {
         "svg": {"Date": None, "Creator": "flexstage"},
         "png": {"Software": "flexstage"},
@@ -266,7 +266,7 @@ def encode(figure: "Figure", kind: str) -> bytes:
 
 
 def _write_svg(figure: "Figure", file: io.BytesIO, metadata: dict[str, Any]) -> None:
-    """Write what `Figure.savefig` writes, which draws twice, at first for the layout alone."""
+    """Write a figure as `Figure.savefig` does, but draw it only once."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     canvas, dpi, engine = figure.canvas, figure.dpi, figure.get_layout_engine()
@@ -276,7 +276,7 @@ def _write_svg(figure: "Figure", file: io.BytesIO, metadata: dict[str, Any]) -> 
         if engine is not None:
             engine.execute(figure)
             figure.set_layout_engine("none")
-            figure.dpi = _DPI  # the layout leaves another
+            figure.dpi = _DPI  # the layout changes it
         drawing.print_svg(file, metadata=metadata)
     finally:
         figure.set_layout_engine(engine)
@@ -291,13 +291,11 @@ def svg_text(figure: "Figure") -> str:
 
 
 def inline_svg(figure: "Figure", name: str, title: str) -> str:
-    """Turn a figure into SVG that can stand inside an HTML page with others.
+    """Turn a figure into SVG for an HTML page with others.
 
-    Neutral colours become CSS variables, names of parts are made unique in the page, and what only
-    a file of its own needs is left out.
-
-    `name` is unique in the page and stands before every id; `title` is for readers who do not see
-    the figure.
+    Neutral colours become CSS variables, ids become unique in the page, and the parts of a separate
+    file are removed. `name` is unique in the page and precedes every id; `title` describes the
+    figure for screen readers.
     """
     text = svg_text(figure)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -310,8 +308,8 @@ def inline_svg(figure: "Figure", name: str, title: str) -> str:
     text = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", text)
     for colour, variable in _VARIABLES.items():
         text = text.replace(colour, f"var({variable})")
-    # coordinates of a picture of some hundred points need no more digits; words keep all of theirs
+    # coordinates of a picture of a few hundred points need no more digits; texts are unchanged
     text = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d+\.\d{2})\d+", r"\1", tag[0]), text)
-    opening, rest = text.split(">", 1)
+    opening, content = text.split(">", 1)
     opening = re.sub(r'\s(width|height|version)="[^"]*"', "", opening)
-    return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{rest}'
+    return f'{opening} class="plot" role="img" aria-label="{escape(title, quote=True)}">{content}'

@@ -1,4 +1,4 @@
-"""A stage as a surface of triangles with its states, for pictures that move and turn."""
+"""Triangulated surface of a stage with its states, for animated pictures in space."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ from flexstage.base import progress
 from flexstage.base.arrays import Array, Integers
 from flexstage.export.vtu.body_cells import BodyCells, body_cells
 from flexstage.quantities.quantity import number
-from flexstage.report.figures.body_motion import MOST_SHOWN, full_stroke
+from flexstage.report.figures.body_motion import MOST_MODES, full_stroke
 from flexstage.system import Analysis, AxisAnalysis, DriveCondition
 
 if TYPE_CHECKING:
@@ -25,19 +25,19 @@ _FACES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurfaceState:
-    """How a surface moves in a static state or a mode."""
+    """Motion of a surface in a static state or a mode."""
 
     name: str
-    """What it is called: the axis at full stroke, or the number of the mode with its frequency."""
+    """Its name: the axis at full stroke, or the number of the mode with its frequency."""
     words: str
-    """What causes it, in words."""
+    """Its cause, in words."""
     displacement: Array
     """Displacement of each corner [m], of a mode as part of the largest [1], shape (n, 3)."""
     stress: Array | None = None
     """Equivalent stress of each corner [Pa], NaN where none is known, shape (n,); None of a mode.
     """
     limit: float = 0.0
-    """Largest stress at the hinges [Pa]: that at held edges, where there is no limit, is above."""
+    """Largest stress at the hinges [Pa]; the singular stress at fixed edges is higher."""
 
     @property
     def largest(self) -> float:
@@ -51,9 +51,9 @@ class StageSurface:
 
     Notes
     -----
-    Validity: that of the model. Rigid bodies, and condensed ones, are drawn as such with notches
-    as bent bars between them, which is only a picture, with the largest stress of each notch; of a
-    mesh stress is averaged over the elements about a corner.
+    Validity: that of the model. Rigid and condensed bodies are drawn with notches as bent bars
+    between them, an illustration with the largest stress of each notch. The stress of a mesh is
+    averaged over the elements at a corner.
     """
 
     points: Array
@@ -61,9 +61,9 @@ class StageSurface:
     triangles: Integers
     """Corners of each triangle, shape (m, 3)."""
     edges: Integers
-    """Corners of each edge that is drawn, shape (k, 2)."""
+    """Corners of each drawn edge, shape (k, 2)."""
     flat: bool
-    """Whether all of it lies in a plane."""
+    """True if it is in a plane."""
     statics: tuple[SurfaceState, ...]
     """Each axis at full stroke."""
     modes: dict[DriveCondition, tuple[SurfaceState, ...]]
@@ -80,58 +80,58 @@ def stage_surface(analysis: Analysis, mesh: "StageModel | None" = None) -> Stage
 
     `mesh` is that of the finite elements behind it, where there are any.
     """
-    drawn = _Meshed(analysis, mesh) if mesh is not None else _Bodies(analysis)
-    kept, triangles = np.unique(drawn.triangles, return_inverse=True)
+    surface = _Meshed(analysis, mesh) if mesh is not None else _Bodies(analysis)
+    used, triangles = np.unique(surface.triangles, return_inverse=True)
     triangles = triangles.reshape(-1, 3)
-    count = len(analysis.axes) + sum(min(MOST_SHOWN, f.frequency_hz.size)
+    count = len(analysis.axes) + sum(min(MOST_MODES, f.frequency_hz.size)
                                      for f in analysis.modes.values())  # fmt: skip
-    done = 0
+    finished = 0
 
-    def told() -> None:
-        nonlocal done
-        progress.update("shapes", done / max(count, 1))
-        done += 1
+    def report_progress() -> None:
+        nonlocal finished
+        progress.update("shapes", finished / max(count, 1))
+        finished += 1
 
     statics = []
     for axis in analysis.axes:
-        told()
-        displacement, stress = drawn.static(axis)
+        report_progress()
+        displacement, stress = surface.static(axis)
         statics.append(
             SurfaceState(
                 name=f"{axis.axis} at full stroke",
                 words=full_stroke(analysis, axis),
-                displacement=displacement[kept],
-                stress=stress[kept],
+                displacement=displacement[used],
+                stress=stress[used],
                 limit=max(axis.static.hinge_stress.values(), default=0.0),
             )
         )
     modes: dict[DriveCondition, tuple[SurfaceState, ...]] = {}
-    for condition, found in analysis.modes.items():
+    for condition, modes_found in analysis.modes.items():
         states = []
-        for k, frequency in enumerate(found.frequency_hz[:MOST_SHOWN].tolist()):
-            told()
-            moved, words = drawn.mode(found.shapes[:, k])
+        for k, frequency in enumerate(modes_found.frequency_hz[:MOST_MODES].tolist()):
+            report_progress()
+            moved, words = surface.mode(modes_found.shapes[:, k])
             largest = float(np.linalg.norm(moved, axis=1).max(initial=0.0)) or 1.0
             states.append(
                 SurfaceState(
                     name=f"{k + 1}: {number(frequency)} Hz",
                     words=f"mode {k + 1}, drives {condition}{words}",
-                    displacement=moved[kept] / largest,
+                    displacement=moved[used] / largest,
                 )
             )
         modes[condition] = tuple(states)
     return StageSurface(
-        points=drawn.points[kept],
+        points=surface.points[used],
         triangles=triangles,
-        edges=sharp_edges(drawn.points[kept], triangles),
-        flat=drawn.flat,
+        edges=sharp_edges(surface.points[used], triangles),
+        flat=surface.flat,
         statics=tuple(statics),
         modes=modes,
     )
 
 
 class _Bodies:
-    """Rigid bodies over the whole thickness, with bent notches between them."""
+    """Rigid bodies over the full thickness, with bent notches between them."""
 
     flat = False
 
@@ -140,7 +140,7 @@ class _Bodies:
         self._cells: BodyCells = body_cells(analysis.stage)
         self._mass = analysis.characteristics.value("mass", "stage")
         self.points = self._cells.points
-        # corners stay apart where two parts meet, and so do their surfaces
+        # parts that meet keep separate corners and surfaces
         self.triangles = outer_faces(self._cells.cells)
 
     def static(self, axis: AxisAnalysis) -> tuple[Array, Array]:
@@ -153,9 +153,9 @@ class _Bodies:
 
     def mode(self, q: Array) -> tuple[Array, str]:
         moved = self._cells.displacement(self._system, q)
-        # of a mode of unit modal mass that bodies move in the plane, some point has 1/sqrt(mass)
+        # an in-plane mode of unit modal mass moves some point by 1/sqrt(mass)
         if self._mass * float((moved**2).sum(axis=1).max(initial=0.0)) < 0.5:
-            return np.zeros_like(moved), "; out of the plane or within a body: not seen here"
+            return np.zeros_like(moved), "; out of the plane or within a body: not visible here"
         return moved, ""
 
 
@@ -166,7 +166,7 @@ class _Meshed:
         from flexstage.fem.sampling import Sampler
 
         finest = 4
-        # a surface is divided while it has fewer triangles than this; a solid has two sides
+        # most triangles of a divided surface; a solid has two sides
         most_triangles = 40_000
 
         solid = mesh.problems[0].continuum.dimension == 3
@@ -175,10 +175,10 @@ class _Meshed:
         self._sampler: Sampler = Sampler(
             model=mesh, divisions=max(fine, default=1), extent="whole", seams=False
         )
-        rest: Sample = self._sampler.read(np.zeros(mesh.system.order), stress=False)
-        self.points = rest.points
+        at_rest: Sample = self._sampler.read(np.zeros(mesh.system.order), stress=False)
+        self.points = at_rest.points
         self.flat = not solid
-        self.triangles = outer_faces(rest.cells) if solid else rest.cells
+        self.triangles = outer_faces(at_rest.cells) if solid else at_rest.cells
 
     def static(self, axis: AxisAnalysis) -> tuple[Array, Array]:
         sample = self._sampler.read(axis.static.q)
@@ -189,14 +189,14 @@ class _Meshed:
 
 
 def outer_faces(cells: Integers) -> Integers:
-    """Return the faces that one tetrahedron or wedge alone has, shape (m, 3).
+    """Return the faces that belong to only one tetrahedron or wedge, shape (m, 3).
 
     Examples
     --------
     >>> outer_faces(np.array([[0, 1, 2, 3], [0, 2, 1, 4]])).shape
     (6, 3)
     """
-    found = []
+    faces_found = []
     faces = _FACES[cells.shape[1]]
     for corners in (3, 4):
         every = [cells[:, face] for face in faces if len(face) == corners]
@@ -206,11 +206,11 @@ def outer_faces(cells: Integers) -> Integers:
         _, first, count = np.unique(
             np.sort(stacked, axis=1), axis=0, return_index=True, return_counts=True
         )
-        alone = stacked[first[count == 1]]
-        found.append(alone[:, :3])
+        outer = stacked[first[count == 1]]
+        faces_found.append(outer[:, :3])
         if corners == 4:
-            found.append(alone[:, [0, 2, 3]])
-    return np.concatenate(found)
+            faces_found.append(outer[:, [0, 2, 3]])
+    return np.concatenate(faces_found)
 
 
 def sharp_edges(points: Array, triangles: Integers) -> Integers:
@@ -218,9 +218,9 @@ def sharp_edges(points: Array, triangles: Integers) -> Integers:
 
     Corners in one place count as one; shape (k, 2).
     """
-    # corners nearer than this [m] are one
+    # nearer corners are one [m]
     same_place = 1e-9
-    # an edge is drawn where two faces meet at more than 30 degrees
+    # cosine of the smallest angle between two faces with a drawn edge, 30 degrees
     sharp = 0.866
     _, same = np.unique(np.rint(points / same_place), axis=0, return_inverse=True)
     a, b, c = (points[triangles[:, i]] for i in range(3))
@@ -238,8 +238,8 @@ def sharp_edges(points: Array, triangles: Integers) -> Integers:
     count = np.diff(np.append(starts, len(key)))
     pair = count == 2
     turn = np.ones(len(starts), dtype=bool)
-    one, other = of[starts[pair]], of[starts[pair] + 1]
-    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[one], normal[other])) < sharp
+    first_face, second_face = of[starts[pair]], of[starts[pair] + 1]
+    turn[pair] = np.abs(np.einsum("ij,ij->i", normal[first_face], normal[second_face])) < sharp
     # more than two triangles at an edge: parts that touch
     turn[count > 2] = False
     return edges[starts[turn]]

@@ -1,4 +1,4 @@
-"""A sweep: figures of a stage over what was varied of it, and which variable moves what."""
+"""Results of a sweep: figures of a stage over the varied parameters, and Sobol' indices."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,9 @@ from flexstage.report.figures.style import (
     PAPER,
     add_heading,
     add_legend,
-    entitle,
     label_axes,
     panels,
+    set_title,
 )
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.sweep import Sweep
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 _WIDTH = 9.6
-#: Lines and words on the colours of a map, which stay light where a page is dark.
+#: Lines and labels on the colours of a map, which stay light on a dark page.
 _ON_MAP = "#14181c"
 _DESCRIBED = "stage as described"
-_IMPOSSIBLE = "no possible stage"
+_INFEASIBLE = "infeasible"
 
 
 def draw_sweep(sweep: Sweep) -> "Drawing":
-    """Draw the figures that vary over what was varied.
+    """Draw the figures that vary over the varied parameters.
 
-    Of one variable curves, of two on a grid maps with lines of equal value, else a diagram for each
-    figure and each variable.
+    One variable gives curves, two on a grid give contour maps, others a diagram for each figure and
+    each variable.
     """
     if sweep.still.all():
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
@@ -53,81 +53,81 @@ def draw_sweep(sweep: Sweep) -> "Drawing":
 
 
 def draw_indices(sweep: Sweep) -> "Drawing":
-    """Draw Sobol' indices: for each figure and variable a bar of either order, and its interval."""
+    """Draw Sobol' indices: bars of first and total order with intervals."""
     from matplotlib.patches import Patch
 
     most_bars = 16
 
-    found = sweep.indices
-    if found is None:
-        raise ModelError("the sweep has no Sobol' indices: ask for them")
-    shown = [k for k in sweep.moving if np.isfinite(found.total[k]).all()]
-    if not shown:
+    indices = sweep.indices
+    if indices is None:
+        raise ModelError("the sweep has no Sobol' indices: run it with indices")
+    figures = [k for k in sweep.moving if np.isfinite(indices.total[k]).all()]
+    if not figures:
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
-    chosen = list(sweep.strongest(most_bars))
-    names = [sweep.variables[i].name for i in chosen]
-    rows, columns = _rows_and_columns(len(shown))
+    strongest = list(sweep.strongest(most_bars))
+    names = [sweep.variables[i].name for i in strongest]
+    rows, columns = _rows_and_columns(len(figures))
     wide = 0.075 * max(map(len, names))
     wide += (3.9 if columns == 2 else 2.6) * columns
     high = rows * (0.34 * len(names) + 0.75) + 0.7
-    figure, grid = panels(wide, high, len(shown), columns, sharex=True, sharey=True)
+    figure, grid = panels(wide, high, len(figures), columns, sharex=True, sharey=True)
     colours = (CYCLE[0], CYCLE[5])
     at = np.arange(len(names))
-    highest = max(np.max(part[shown]) for part in (found.first_high, found.total_high))
+    highest = max(np.max(part[figures]) for part in (indices.first_high, indices.total_high))
     furthest = min(max(1.05, highest + 0.03), 1.6)
-    for axes, k in zip(grid, shown, strict=True):
+    for axes, k in zip(grid, figures, strict=True):
         axes.grid(visible=False, axis="y")
-        entitle(axes, sweep.figures[k].label, 8.5)
+        set_title(axes, sweep.figures[k].label, 8.5)
         for shift, colour, value, low, high in (
-            (-0.19, colours[0], found.first, found.first_low, found.first_high),
-            (0.19, colours[1], found.total, found.total_low, found.total_high),
+            (-0.19, colours[0], indices.first, indices.first_low, indices.first_high),
+            (0.19, colours[1], indices.total, indices.total_low, indices.total_high),
         ):
-            middle = value[k, chosen]
+            middle = value[k, strongest]
             axes.barh(at + shift, np.maximum(middle, 0.0), height=0.36, color=colour)
-            axes.hlines(at + shift, low[k, chosen], high[k, chosen], color=INK, linewidth=0.9)
+            axes.hlines(at + shift, low[k, strongest], high[k, strongest], color=INK, linewidth=0.9)
         axes.set(xlim=(-0.04, furthest), ylim=(len(names) - 0.45, -0.55))
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
         axes.set_yticks(at, names, fontsize=7.5, parse_math=False)
     for axes in grid[-columns:]:
         axes.set_xlabel("share of the variance [1]", fontsize=8)
         axes.tick_params(axis="x", labelbottom=True)
-    percent = f"{100.0 * found.confidence:g} %"
+    percent = f"{100.0 * indices.confidence:g} %"
     handles: list[Artist] = [
-        Patch(color=colours[0], label="alone (first order)"),
-        Patch(color=colours[1], label="with others (total)"),
+        Patch(color=colours[0], label="first order"),
+        Patch(color=colours[1], label="total, with interactions"),
         _line(INK, "-", f"interval of {percent}"),
     ]
     _legend(figure, handles)
-    _say_of(figure, len(chosen), sweep)
+    _annotate_omitted(figure, len(strongest), sweep)
     return figure
 
 
 def _curves(sweep: Sweep) -> "Drawing":
-    """Draw every figure over the one variable."""
+    """Draw every figure over the variable."""
     variable = sweep.variables[0]
     order = np.argsort(sweep.points[:, 0], kind="stable")
     x = sweep.points[order, 0] * variable.factor
-    shown = sweep.moving
-    figure, grid = _small_multiples(len(shown), 2.4)
+    figures = sweep.moving
+    figure, grid = _small_multiples(len(figures), 2.4)
     gaps = _spans(x, ~sweep.possible[order])
-    for axes, k in zip(grid, shown, strict=True):
-        shape = sweep.shown(k)
-        y = sweep.values[order, k] * shape.factor
+    for axes, k in zip(grid, figures, strict=True):
+        quantity = sweep.shown(k)
+        y = sweep.values[order, k] * quantity.factor
         for low, high in gaps:
             axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
         marks = {"marker": "o", "markersize": 2.6} if len(x) <= 60 else {}
         axes.plot(x, y, color=CYCLE[0], linewidth=1.3, **marks)
         usual = variable.usual * variable.factor
-        if _holds_usual(variable):
+        if _includes_nominal(variable):
             axes.axvline(usual, color=CYCLE[1], linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(
-                [usual], [sweep.described[k] * shape.factor], marker="D", markersize=4.5,
+                [usual], [sweep.described[k] * quantity.factor], marker="D", markersize=4.5,
                 color=CYCLE[1], linestyle="none", clip_on=False,
             )  # fmt: skip
         axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
         axes.set_xlabel(variable.heading, fontsize=8, parse_math=False)
-        entitle(axes, sweep.figures[k].heading_in(shape), 8.5)
-    handles = [_described_mark(dashed=True)] if _holds_usual(variable) else []
+        set_title(axes, sweep.figures[k].heading_in(quantity), 8.5)
+    handles = [_described_mark(dashed=True)] if _includes_nominal(variable) else []
     if gaps:
         handles.append(_hatched())
     _legend(figure, handles)
@@ -137,19 +137,19 @@ def _curves(sweep: Sweep) -> "Drawing":
 def _maps(sweep: Sweep) -> "Drawing":
     """Draw every figure as a map over two variables."""
     across, up = sweep.variables
-    shape = sweep.counts
-    x = sweep.points[:, 0].reshape(shape) * across.factor
-    y = sweep.points[:, 1].reshape(shape) * up.factor
-    shown = sweep.moving
-    figure, grid = _small_multiples(len(shown), 2.9, lines=False)
+    grid_shape = sweep.counts
+    x = sweep.points[:, 0].reshape(grid_shape) * across.factor
+    y = sweep.points[:, 1].reshape(grid_shape) * up.factor
+    figures = sweep.moving
+    figure, grid = _small_multiples(len(figures), 2.9, lines=False)
     colours = _map_colours()
-    gone = not sweep.possible.all()
+    has_infeasible = not sweep.possible.all()
     usual = across.usual * across.factor, up.usual * up.factor
-    inside = _holds_usual(across) and _holds_usual(up)
-    for axes, k in zip(grid, shown, strict=True):
+    inside = _includes_nominal(across) and _includes_nominal(up)
+    for axes, k in zip(grid, figures, strict=True):
         scaled = sweep.shown(k)
         values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
-        if gone:
+        if has_infeasible:
             axes.axvspan(
                 x.min(), x.max(), facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0,
                 zorder=0,
@@ -166,34 +166,34 @@ def _maps(sweep: Sweep) -> "Drawing":
             )  # fmt: skip
         axes.set(xlim=(x.min(), x.max()), ylim=(y.min(), y.max()))
         label_axes(axes, across.heading, up.heading, 8)
-        entitle(axes, sweep.figures[k].heading_in(scaled), 8.5)
+        set_title(axes, sweep.figures[k].heading_in(scaled), 8.5)
     handles: list[Artist] = [_described_mark()] if inside else []
-    if gone:
+    if has_infeasible:
         handles.append(_hatched())
     _legend(figure, handles)
     return figure
 
 
 def _matrix(sweep: Sweep) -> "Drawing":
-    """Draw a diagram for each figure and variable: all points, and the middle of them by slices."""
+    """Draw a diagram for each figure and variable: all points, and their median by slices."""
     from matplotlib.patches import Patch
 
-    # columns of a matrix of diagrams, and rows of bars, that can still be read
+    # most columns of a matrix of diagrams
     most_columns = 5
 
-    shown, possible = sweep.moving, sweep.possible
-    chosen = sweep.strongest(most_columns)
+    figures, possible = sweep.moving, sweep.possible
+    strongest = sweep.strongest(most_columns)
     correlations = sweep.correlations
-    columns, high = len(chosen), 1.4 * len(shown) + 0.9
-    figure, grid = panels(_WIDTH, high, len(shown) * columns, columns, sharex="col", sharey="row")
+    columns, high = len(strongest), 1.4 * len(figures) + 0.9
+    figure, grid = panels(_WIDTH, high, len(figures) * columns, columns, sharex="col", sharey="row")
     rows = [grid[i : i + columns] for i in range(0, len(grid), columns)]
-    for row, k in zip(rows, shown, strict=True):
+    for row, k in zip(rows, figures, strict=True):
         scaled = sweep.shown(k)
         y = sweep.values[possible, k] * scaled.factor
-        for axes, i in zip(row, chosen, strict=True):
+        for axes, i in zip(row, strongest, strict=True):
             variable = sweep.variables[i]
             x = sweep.points[:, i] * variable.factor
-            # so many dots would make a file that no page holds
+            # as vectors the points would make the file too large
             axes.plot(
                 x[possible], y, linestyle="none", marker=".", markersize=2.0, color=CYCLE[5],
                 alpha=0.6, rasterized=True,
@@ -201,7 +201,7 @@ def _matrix(sweep: Sweep) -> "Drawing":
             middle, low, half, high = _by_slices(x[possible], y)
             axes.fill_between(middle, low, high, color=CYCLE[0], alpha=0.18, linewidth=0.0)
             axes.plot(middle, half, color=CYCLE[0], linewidth=1.4)
-            if _holds_usual(variable):
+            if _includes_nominal(variable):
                 usual = variable.usual * variable.factor
                 axes.axvline(usual, color=CYCLE[1], linewidth=0.8, linestyle=(0, (4, 2)))
             if not possible.all():
@@ -217,36 +217,36 @@ def _matrix(sweep: Sweep) -> "Drawing":
             axes.set_xlim(variable.low * variable.factor, variable.high * variable.factor)
             axes.margins(y=0.12)
         row[0].set_ylabel(_in_two_lines(sweep.figures[k], scaled), fontsize=7.5)
-    for axes, i in zip(rows[-1], chosen, strict=True):
+    for axes, i in zip(rows[-1], strongest, strict=True):
         axes.set_xlabel(sweep.variables[i].heading, fontsize=7.5, parse_math=False)
     handles: list[Artist] = [
         _line(CYCLE[0], "-", "median"),
-        Patch(color=CYCLE[0], alpha=0.18, label="80 % of the stages"),
+        Patch(color=CYCLE[0], alpha=0.18, label="80 % range"),
         _line(MUTED, "none", "r: rank correlation"),
     ]
-    if any(_holds_usual(sweep.variables[i]) for i in chosen):
+    if any(_includes_nominal(sweep.variables[i]) for i in strongest):
         handles.insert(2, _line(CYCLE[1], (0, (4, 2)), _DESCRIBED))
     if not possible.all():
-        handles.append(_line(CYCLE[3], "-", f"at the foot: {_IMPOSSIBLE}"))
+        handles.append(_line(CYCLE[3], "-", f"ticks at the bottom: {_INFEASIBLE}"))
     _legend(figure, handles)
-    _say_of(figure, len(chosen), sweep)
+    _annotate_omitted(figure, len(strongest), sweep)
     return figure
 
 
 def _signed(value: float) -> str:
-    """Write a correlation with its sign, which nothing has none of."""
+    """Return a correlation with its sign; 0.00 has none."""
     return "0.00" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
 
 
-def _holds_usual(variable: Variable) -> bool:
-    """Say whether the stage as it is described lies between the bounds."""
+def _includes_nominal(variable: Variable) -> bool:
+    """Return whether the described stage is between the bounds."""
     return variable.low <= variable.usual <= variable.high
 
 
-def _in_two_lines(figure: Figure, shown: Quantity) -> str:
-    """Return the heading of a figure with the unit that it is drawn in, broken in the middle."""
-    words = figure.heading_in(shown).split(" ")
-    unit = f" {words.pop()}" if shown.shown_unit else ""
+def _in_two_lines(figure: Figure, quantity: Quantity) -> str:
+    """Return the heading of a figure with its drawn unit, in two lines."""
+    words = figure.heading_in(quantity).split(" ")
+    unit = f" {words.pop()}" if quantity.shown_unit else ""
     half = -(-len(words) // 2)
     return f"{' '.join(words[:half])}\n{' '.join(words[half:])}{unit}"
 
@@ -263,14 +263,14 @@ def _small_multiples(
 
 
 def _rows_and_columns(count: int) -> tuple[int, int]:
-    # diagrams beside each other, and how wide they are together [inch]
+    # most diagrams of a row
     most_columns = 3
     columns = 2 if count == 4 else min(most_columns, count)
     return -(-count // columns), columns
 
 
 def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
-    """Return the stretches of x nearer to a point that is bad than to one that is not."""
+    """Return the intervals of x nearer to a bad point than to a good one."""
     edges = np.concatenate((x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]))
     spans: list[tuple[float, float]] = []
     for low, high in ((edges[i], edges[i + 1]) for i in np.flatnonzero(bad)):
@@ -282,22 +282,22 @@ def _spans(x: Array, bad: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _levels(values: "np.ma.MaskedArray") -> Array:
-    """Return round values within what a map shows."""
+    """Return round levels within the values of a map."""
     from matplotlib.ticker import MaxNLocator
 
     levels = 9
 
     low, high = float(values.min()), float(values.max())
-    found = np.array(MaxNLocator(levels, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
-    inside = found[(found > low) & (found < high)]
+    ticks = np.array(MaxNLocator(levels, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    inside = ticks[(ticks > low) & (ticks < high)]
     return inside if len(inside) else np.array([0.5 * (low + high)])
 
 
 def _middles(
     lines: "Sequence[Sequence[Array]]", size: tuple[float, float], mark: tuple[float, float] | None
 ) -> list[tuple[float, float]]:
-    """Return where the value of each line of a map is written: amid its longest stretch."""
-    # share of a map by which a word keeps clear of a mark, and which a line is long that has a word
+    """Return the place of the label of each contour: the middle of its longest piece."""
+    # distance of a label from a mark, and shortest line with a label, relative to the map
     clear = 0.12
     places = []
     for stretches in lines:
@@ -318,8 +318,8 @@ def _middles(
 
 
 def _by_slices(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Return middles of slices of x with as many points, and the quantiles of y there."""
-    # slices of a variable over which the middle of what was found is drawn
+    """Return the centres of slices of x with equal numbers of points, and quantiles of y there."""
+    # most slices of a variable
     slices = 12
     values = np.unique(x)
     if len(values) <= slices:  # a grid
@@ -335,7 +335,7 @@ def _by_slices(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _map_colours() -> "Colormap":
-    """Return light colours, on which lines and words in ink can be read."""
+    """Return light colours, on which lines and labels in ink can be read."""
     import matplotlib as mpl
     from matplotlib.colors import ListedColormap
 
@@ -360,14 +360,14 @@ def _line(colour: str, style: Any, label: str) -> "Artist":
 def _hatched() -> "Artist":
     from matplotlib.patches import Patch
 
-    return Patch(facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0, label=_IMPOSSIBLE)
+    return Patch(facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0, label=_INFEASIBLE)
 
 
-def _say_of(figure: "Drawing", shown: int, sweep: Sweep) -> None:
-    """Say above a figure that some of the variables are not shown."""
-    if shown < len(sweep.variables):
-        said = f"the {shown} of {len(sweep.variables)} variables that move a figure most"
-        add_heading(figure, said, 8, MUTED)
+def _annotate_omitted(figure: "Drawing", count: int, sweep: Sweep) -> None:
+    """Add a heading if some of the variables are omitted."""
+    if count < len(sweep.variables):
+        text = f"the {count} most influential of {len(sweep.variables)} variables"
+        add_heading(figure, text, 8, MUTED)
 
 
 def _legend(figure: "Drawing", handles: "list[Artist]") -> None:

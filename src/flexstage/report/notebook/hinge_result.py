@@ -1,4 +1,4 @@
-"""A notch, by every method."""
+"""Stiffness, stress concentration and range of a notch, for a notebook."""
 
 import typing
 from dataclasses import MISSING, fields
@@ -16,7 +16,7 @@ from flexstage.report.page import table_html
 
 
 class HingeResult(HingeFigures):
-    """What is known of a notch, by every method, to look at."""
+    """Results of every method for a notch, for a notebook."""
 
     __slots__ = ()
 
@@ -47,7 +47,7 @@ def hinge(
     width : float or str
         Width of the hinge, the thickness of the plate [m], or a text with a unit.
     material : Material or str
-        What it is cut from, or its name in the catalogue.
+        The material, or its name in the catalogue.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
     **sizes : float or str or bool
@@ -62,7 +62,7 @@ def hinge(
     Raises
     ------
     HingeError
-        There is no such kind, or a size is missing, unknown or impossible.
+        There is no such kind, or a size is missing, unknown or invalid.
     UnitError
         A text is no quantity.
 
@@ -75,21 +75,21 @@ def hinge(
     """
     cls = profile_class(kind)
     hints = typing.get_type_hints(cls, include_extras=True)
-    known = [field.name for field in fields(cls)]
+    names = [field.name for field in fields(cls)]
     missing = [field.name for field in fields(cls) if field.default is MISSING]
     missing = [name for name in missing if name not in sizes]
-    unknown = [name for name in sizes if name not in known]
+    unknown = [name for name in sizes if name not in names]
     if missing or unknown:
         fault = f"has no {unknown[0]}" if unknown else f"also needs {' and '.join(missing)}"
-        raise HingeError(f"a {kind} notch {fault}: it takes {', '.join(known)}")
+        raise HingeError(f"a {kind} notch {fault}: it takes {', '.join(names)}")
     profile = cls(**{name: _si(value, hints[name]) for name, value in sizes.items()})
-    what = find_material(material) if isinstance(material, str) else material
-    wide = parse(width, "length", bare_unit="m")
-    return HingeResult(profile=profile, material=what, width=wide, plane=plane)
+    cut_from = find_material(material) if isinstance(material, str) else material
+    hinge_width = parse(width, "length", bare_unit="m")
+    return HingeResult(profile=profile, material=cut_from, width=hinge_width, plane=plane)
 
 
 def _si(value: float | str | bool, hint: Any) -> Any:
-    """A size as an SI number, by the dimension that the field of the profile has."""
+    """Return a size as an SI number, by the dimension of the field of the profile."""
     dimension = next((e for e in typing.get_args(hint) if isinstance(e, Dimension)), None)
     if dimension is None or isinstance(value, bool):
         return value

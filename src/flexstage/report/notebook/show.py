@@ -1,4 +1,4 @@
-"""Stages at a prompt, read and drawn; and results, as text and as a data frame."""
+"""Reading and drawing of stages, and the text of results, at a prompt."""
 
 import os
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def read(source: str | os.PathLike[str], set: Mapping[str, object] | None = None) -> Stage:
-    """Return the stage of a stage file; the name of a built-in design will do as well.
+    """Return the stage of a stage file, or a built-in design by its name.
 
-    What is `set` stands in place of its parameters, see `flexstage.stage.designs.find_stage`. A
-    notebook shows it as a drawing. Measured data are read by `read_record`.
+    `set` replaces parameters, see `flexstage.stage.designs.find_stage`. A notebook shows the stage
+    as a drawing. `read_record` reads measured data.
 
     Examples
     --------
@@ -31,14 +31,14 @@ def read(source: str | os.PathLike[str], set: Mapping[str, object] | None = None
 
 
 def draw(stage: Stage | str | os.PathLike[str]) -> "Figure":
-    """Draw a stage, or what `read` takes, to scale, in millimetres."""
+    """Draw a stage, or its source as for `read`, to scale, in millimetres."""
     from flexstage.report.figures.drawing import draw_stage
 
     return draw_stage(stage_of(stage))
 
 
 def stage_of(source: Stage | str | os.PathLike[str]) -> Stage:
-    """Return a stage as it is, or what `read` gives."""
+    """Return a stage, read from its source if need be."""
     return source if isinstance(source, Stage) else find_stage(source)
 
 
@@ -48,10 +48,10 @@ def _drawing(stage: Stage) -> str:
     return svg_text(draw(stage))
 
 
-# a stage knows nothing of drawings; with this room loaded a notebook shows one
+# the class of a stage has no drawing; this room adds it for notebooks
 Stage._notebook_html = _drawing
 
-#: Quantities that the text of a result shows, of those that it has.
+#: Quantities in the text of a result.
 _HEADLINE = (
     "output_displacement", "transmission_ratio", "max_stress", "natural_frequency_hz",
     "natural_frequency_with_stack_hz",
@@ -59,12 +59,12 @@ _HEADLINE = (
 
 
 def headline(figures: Characteristics) -> list[str]:
-    """Return the figures that a result is known by."""
+    """Return the main figures of a result."""
     lines = []
     for quantity in _HEADLINE:
         rows = figures.select(quantity)
-        shown = display(quantity)
-        texts = [f"{row.axis} {shown.text(row.value)}" for row in rows]
+        unit = display(quantity)
+        texts = [f"{row.axis} {unit.text(row.value)}" for row in rows]
         if texts:
-            lines.append(f"  {shown.label.lower()}: {', '.join(texts)} {shown.shown_unit}".rstrip())
+            lines.append(f"  {unit.label.lower()}: {', '.join(texts)} {unit.shown_unit}".rstrip())
     return lines

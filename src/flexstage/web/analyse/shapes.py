@@ -11,7 +11,7 @@ from nicegui.element import Element
 from flexstage.base.arrays import Array, Integers
 from flexstage.quantities.comparison import title_of
 from flexstage.quantities.quantity import number
-from flexstage.report.figures.body_motion import SHOWN_OF_MODES, exaggeration
+from flexstage.report.figures.body_motion import MODE_AMPLITUDE, exaggeration
 from flexstage.report.figures.hinges import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState
 from flexstage.web.analyse.state import AnalyseState
@@ -68,7 +68,7 @@ def sent_state(
     largest = state.largest
     swings = state.stress is None
     factor = 0.0 if swings else exaggeration(surface.size, largest)
-    reach = SHOWN_OF_MODES * surface.size if swings else factor * largest
+    reach = MODE_AMPLITUDE * surface.size if swings else factor * largest
     direction = state.displacement / (largest or 1.0)
     share, top = np.linalg.norm(direction, axis=1), 1.0
     title, colours = "displacement / largest [1]", _colours(*_MOTION)

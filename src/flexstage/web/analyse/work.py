@@ -10,9 +10,9 @@ from typing import Any
 from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
-from flexstage.report.analysis_files import analysis_files
 from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
+from flexstage.report.result_files import analysis_files
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.system import Analysis, FrequencyResponse

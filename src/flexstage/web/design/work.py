@@ -151,11 +151,11 @@ def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tupl
 
 def drawing_found(path: str, options: "DrawingOptions", key: str) -> tuple["DrawnStage", str, str]:
     """Find the stage in a drawing; return it, its picture for a page, and its stage file."""
-    from flexstage.report.figures.drawn_stage import draw_found
+    from flexstage.report.figures.drawn_stage import draw_recognised
     from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 
     drawn = read_drawing(path, options)
-    picture = inline(lambda: draw_found(drawn), key, f"What was found in {Path(path).name}")
+    picture = inline(lambda: draw_recognised(drawn), key, f"What was found in {Path(path).name}")
     return drawn, picture, stage_file_text(drawn)
 
 

@@ -121,7 +121,7 @@ class _Shown(NamedTuple):
 
 def _of_sweep(found: Sweep) -> _Shown:
     from flexstage.report import sweep
-    from flexstage.report.explored_files import sweep_files
+    from flexstage.report.result_files import sweep_files
 
     files, left_out = sweep_files(found)
     title = "All figures that vary, over what was varied"
@@ -132,7 +132,7 @@ def _of_sweep(found: Sweep) -> _Shown:
 
 def _of_lot(study: ToleranceStudy) -> _Shown:
     from flexstage.report import tolerance
-    from flexstage.report.explored_files import tolerance_files
+    from flexstage.report.result_files import tolerance_files
 
     choice = study.choice
     tables = [tolerance.yield_table(study.yields)] if study.yields else []
@@ -149,7 +149,7 @@ def _of_lot(study: ToleranceStudy) -> _Shown:
 
 
 def _of_sensitivities(found: Sensitivities) -> _Shown:
-    from flexstage.report.explored_files import sensitivity_files
+    from flexstage.report.result_files import sensitivity_files
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
     pictures = {"Changes of the figures": found.plot}
@@ -159,7 +159,7 @@ def _of_sensitivities(found: Sensitivities) -> _Shown:
 
 def _of_optimum(found: Optimum) -> _Shown:
     from flexstage.report import optimise
-    from flexstage.report.explored_files import optimum_files
+    from flexstage.report.result_files import optimum_files
 
     tables, notes = optimise.optimum_tables(found), optimise.optimum_notes(found)
     return _Shown(optimum_files(found), tables, notes, _drawings(found))
@@ -167,7 +167,7 @@ def _of_optimum(found: Optimum) -> _Shown:
 
 def _of_front(found: Front) -> _Shown:
     from flexstage.report import optimise
-    from flexstage.report.explored_files import front_files
+    from flexstage.report.result_files import front_files
 
     pictures = {"Pareto front": found.plot, **_drawings(found.optimum)}
     tables, notes = optimise.front_tables(found), optimise.front_notes(found)

@@ -1,0 +1,84 @@
+"""The identification of coupled drives, as tables and as sentences."""
+
+import math
+
+from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.quantities.table import Table, table
+from flexstage.quantities.units import readable_unit
+
+
+def levels_table(result: CoupledDriveIdentification, caption: str = "") -> Table:
+    """Return the errors at each level of the inputs."""
+    inputs = result.model.input_unit
+    largest = max(level.output_rms for level in result.levels)
+    outputs, factor = readable_unit(largest, result.model.output_unit)
+    headings = (
+        f"input rms [{inputs}]",
+        "records",
+        f"output rms [{outputs}]",
+        "~noise",
+        "floor of linear systems",
+        "linear, this level",
+        "this model",
+        *(["held out"] if result.held_out else []),
+    )
+    rows = []
+    for k, level in enumerate(result.levels):
+        held_out = [_number(factor * result.held_out[k])] if result.held_out else []
+        errors = (level.noise, level.floor, level.linear_error, level.error)
+        scaled = (_number(factor * value) for value in errors)
+        cells = (f"{factor * level.output_rms:.4g}", *scaled, *held_out)
+        rows.append((f"{level.input_rms:.3g}", level.records, *cells))
+    return table(caption, headings, rows, notes=[f"errors: rms of the outputs [{outputs}]"])
+
+
+def coupled_modes_table(result: CoupledDriveIdentification) -> Table:
+    """Return the modes that the levels have in common, and how they soften."""
+    levels, model = result.levels, result.model
+    middle = len(levels) // 2
+    headings = (
+        *(f"at {level.input_rms:.3g} {model.input_unit} [Hz]" for level in levels),
+        "damping [%]",
+        "<input vector",
+        "imaginary share",
+        "~compliance",
+    )
+    rows = []
+    for i in range(result.modes.frequency_hz.size):
+        frequencies = (_number(level.frequency_hz[i], 5) for level in levels)
+        shape = " ".join(f"{value:+.2f}" for value in result.modes.input_shapes[i])
+        rows.append(
+            (
+                *frequencies,
+                _number(100.0 * levels[middle].damping_ratio[i]),
+                shape,
+                f"{result.modes.imaginary_share[i]:.2f}",
+                f"{model.drives.compliance[i]:.3f}",
+            )
+        )
+    return table("modes", headings, rows)
+
+
+def coupled_drives_in_words(result: CoupledDriveIdentification) -> list[str]:
+    """Return what was identified, line by line."""
+    model, drives = result.model, result.model.drives
+    lines = [
+        f"linear system of order {model.system.order} from {', '.join(model.inputs)} to "
+        f"{', '.join(model.outputs)}"
+    ]
+    if len(result.levels) > 1:
+        strengths = ", ".join(f"{c:.2f}" for c in drives.strength)
+        lines.append(
+            f"softening with the level of the force in each stack: strengths {strengths}; "
+            f"exponent {drives.exponent:.2f}"
+        )
+    ranges = (
+        f"{name} {low:.3g} to {high:.3g} {model.input_unit}"
+        for name, (low, high) in zip(model.inputs, model.level_range, strict=True)
+    )
+    lines.append(f"valid for levels of {', '.join(ranges)} rms")
+    return lines
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"

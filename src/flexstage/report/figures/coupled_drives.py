@@ -1,0 +1,55 @@
+"""The identification of coupled drives: errors by level, and modes that soften."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.report.figures.style import (
+    CYCLE,
+    INK,
+    MUTED,
+    add_legend,
+    label_axes,
+    panels,
+    scale,
+    set_title,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
+    """Draw the errors at each level, and the change of each natural frequency with the level."""
+    figure, (left, right) = panels(9.6, 3.9, 2, 2)
+    levels, model = result.levels, result.model
+    unit, factor = scale(model.output_unit)
+    rms = [level.input_rms for level in levels]
+    lines = [
+        ("outputs", [level.output_rms for level in levels], INK, "-"),
+        ("linear system of each level", [level.linear_error for level in levels], CYCLE[0], "-"),
+        ("one model of all levels", [level.error for level in levels], CYCLE[1], "-"),
+        ("the same, held out", result.held_out or [np.nan] * len(levels), CYCLE[1], "--"),
+        ("floor of linear systems", [level.floor for level in levels], MUTED, "--"),
+        ("noise", [level.noise for level in levels], MUTED, ":"),
+    ]
+    for label, values, colour, style in lines:
+        if np.isfinite(values).any():
+            scaled = factor * np.array(values)
+            left.plot(rms, scaled, style, color=colour, marker="o", markersize=3.5, label=label)
+    left.set_yscale("log")
+    left.set_ylim(top=20.0 * left.get_ylim()[1])  # the legend is above all lines
+    label_axes(left, f"rms of an input [{model.input_unit}]", f"rms{unit}")
+    set_title(left, "Outputs and errors")
+    add_legend(left, loc="upper left", ncols=2)
+    for k, level in enumerate(levels):
+        shift = 100.0 * (level.frequency_hz / levels[0].frequency_hz - 1.0)
+        label = f"{level.input_rms:.3g} {model.input_unit} rms"
+        right.plot(
+            level.frequency_hz, shift, "o", color=CYCLE[k % len(CYCLE)], markersize=4, label=label
+        )
+    label_axes(right, "natural frequency [Hz]", "change from the weakest level [%]")
+    set_title(right, "Modes")
+    add_legend(right)
+    return figure

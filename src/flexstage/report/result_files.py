@@ -1,0 +1,115 @@
+"""The files of results, by their names: data, pictures and pages."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from flexstage.base.errors import ModelError
+from flexstage.files.names import file_names
+from flexstage.files.plain import json_text
+from flexstage.report.figures.body_motion import draw_reachable_area
+from flexstage.report.figures.responses import draw_bode
+from flexstage.report.figures.style import encode
+from flexstage.report.optimise import front_html
+from flexstage.report.sweep import sweep_html
+from flexstage.report.tolerance import tolerance_page
+from flexstage.studies.explore.optimise.front import Front
+from flexstage.studies.explore.optimise.optimum import Optimum
+from flexstage.studies.explore.results import samples_csv, sensitivity_csv, sweep_csv, sweep_parquet
+from flexstage.studies.explore.sensitivity import Sensitivities
+from flexstage.studies.explore.sweep import Sweep
+from flexstage.studies.explore.tolerance import ToleranceStudy
+from flexstage.studies.results import results_json
+from flexstage.system import Analysis
+
+Files = dict[str, bytes]
+
+
+def analysis_files(analysis: Analysis, results: Mapping[str, Any]) -> Files:
+    """Return the files of one model by name; `results` are those of its `ModelRun`."""
+    files = {"analysis.json": results_json(dict(results))} | bode_files(analysis)
+    workspace = None if analysis.coupling is None else analysis.coupling.workspace
+    if workspace is not None:
+        files["workspace.svg"] = encode(draw_reachable_area(workspace), "svg")
+    return files
+
+
+def bode_files(analysis: Analysis, stem: str = "bode", kind: str = "svg") -> Files:
+    """Return a Bode diagram of each axis, by the name of its file."""
+    names = file_names([a.axis for a in analysis.axes])
+    return {
+        f"{stem}-{name}.{kind}": encode(draw_bode(analysis, a.axis), kind.lower())
+        for name, a in zip(names, analysis.axes, strict=True)
+    }
+
+
+def sweep_files(sweep: Sweep) -> tuple[Files, list[str]]:
+    """Return the files of a sweep, and notes on those that could not be made."""
+    makes: dict[str, Callable[[], bytes]] = {
+        "sweep.csv": partial(sweep_csv, sweep),
+        "sweep.parquet": partial(sweep_parquet, sweep),
+        "sweep.json": lambda: json_text(sweep.summary()).encode(),
+        "sweep.svg": lambda: encode(sweep.plot(), "svg"),
+        "indices.svg": lambda: encode(sweep.plot("indices"), "svg"),
+        "sweep.html": lambda: sweep_html(sweep).encode(),
+    }
+    if sweep.indices is None:
+        del makes["indices.svg"]
+    files: Files = {}
+    notes: list[str] = []
+    for name, make in makes.items():
+        try:
+            files[name] = make()
+        except ModelError as error:
+            notes.append(f"{name} was not written: {error}")
+    return files, notes
+
+
+def optimum_files(optimum: Optimum) -> Files:
+    """Return the files of an optimum: its stage file, the result and pictures."""
+    return {
+        "best.yaml": optimum.text.encode(),
+        "optimise.json": json_text(optimum.to_dict()).encode(),
+    } | _optimum_pictures(optimum)
+
+
+def front_files(front: Front) -> Files:
+    """Return the files of a Pareto front and of its selected design."""
+    page = {"front.html": front_html(front).encode()} if len(front.problem.goals) > 2 else {}
+    return (
+        {
+            "best.yaml": front.optimum.text.encode(),
+            "optimise.json": json_text(front.to_dict()).encode(),
+            "front.svg": encode(front.plot(), "svg"),
+        }
+        | _optimum_pictures(front.optimum)
+        | page
+    )
+
+
+def _optimum_pictures(optimum: Optimum) -> Files:
+    views = {"history.svg": "history", "before-after.svg": "", "figures.svg": "figures"}
+    return {name: encode(optimum.plot(view), "svg") for name, view in views.items()}
+
+
+def tolerance_files(study: ToleranceStudy, *, every: bool = False) -> Files:
+    """Return the files of a tolerance analysis; with `every`, also the figures of each sample."""
+    files = {
+        "tolerance.html": tolerance_page(study).encode(),
+        "tolerance.json": json_text(study.to_dict()).encode(),
+        "figures.svg": encode(study.plot(), "svg"),
+    }
+    if study.shares:
+        files["shares.svg"] = encode(study.plot("shares"), "svg")
+    if every:
+        files["samples.csv"] = samples_csv(study)
+    return files
+
+
+def sensitivity_files(sensitivities: Sensitivities) -> Files:
+    """Return the files of sensitivities."""
+    return {
+        "sensitivity.json": json_text(sensitivities.to_dict()).encode(),
+        "sensitivity.csv": sensitivity_csv(sensitivities).encode(),
+        "sensitivity.svg": encode(sensitivities.plot(), "svg"),
+    }

@@ -1,0 +1,70 @@
+"""`flexstage identify` of several inputs: a model of coupled drives from records at levels."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexstage.cli import main
+from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
+from flexstage.records import write_record
+from tests.coupled_records import multisine, simulated_records
+
+
+def status(words: list[str]) -> object:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    return ended.value.code
+
+
+COLUMNS = ("--input", "a,b", "--output", "x,y,z")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("records")
+    return [write_record(r, folder / f"{k}.csv") for k, r in enumerate(simulated_records())]
+
+
+def test_one_command_gives_table_model_and_figure(
+    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    fitted = [str(f) for k, f in enumerate(files) if k % 4]
+    tests = [word for f in files[::4] for word in ("--test-record", str(f))]
+    out, figure = tmp_path / "model.yaml", tmp_path / "figure.svg"
+    written = ["--out", str(out), "--figure", str(figure)]
+    assert status(["identify", *fitted, *COLUMNS, *tests, *written]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    for expected in ("input rms [V]", "held out", "imaginary share", "from a, b to x, y, z"):
+        assert expected in words
+    assert "one model of all levels" in figure.read_text("utf-8")
+    readings, _ = read_coupled_model(out).simulate(np.tile(multisine(0.4, 10), (6, 1)))
+    # files have SI units
+    measured = 1e-6 * simulated_records()[4].channel("x").values
+    difference = readings[-2 * 1024 :, 0] - measured
+    assert np.std(difference) < 0.02 * np.std(measured)
+
+
+def test_json_has_levels_modes_and_warnings(
+    files: list[Path], capsys: pytest.CaptureFixture
+) -> None:
+    assert status(["identify", *map(str, files[:4]), *COLUMNS, "--json", "--quiet"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [level["records"] for level in data["levels"]] == [4]
+    assert len(data["modes"][0]["input_shape"]) == 2
+    assert data["warnings"][0].startswith("one level only: the model is linear")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--input", "a,b"), "several inputs need --output"),
+        ((*COLUMNS, "--model", "preisach"), "without options of a single drive"),
+    ],
+)
+def test_requests_that_do_not_fit_are_refused(
+    files: list[Path], words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert status(["identify", str(files[0]), *words]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
