@@ -44,6 +44,15 @@ def test_one_command_gives_table_model_and_figure(
     measured = 1e-6 * simulated_records()[4].channel("x").values
     difference = readings[-2 * 1024 :, 0] - measured
     assert np.std(difference) < 0.02 * np.std(measured)
+    picture = tmp_path / "prediction.svg"
+    words = [str(out), str(files[4]), *COLUMNS, "--figure", str(picture), "--json"]
+    assert status(["predict", *words]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["records"]
+    assert row["error"] < 0.05 * row["output_rms"]
+    assert row["samples_not_counted"] == 682
+    assert "measured less predicted" in picture.read_text("utf-8")
+    assert status(["predict", str(out), str(files[4]), *COLUMNS[:3], "x,y"]) == 2
+    assert "the model has 3 outputs, x, y, z; got 2 columns" in capsys.readouterr().err
 
 
 def test_json_has_levels_modes_and_warnings(

@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexstage.cli.options import (
-    JsonOption,
-    from_docstring,
-)
+from flexstage.base.errors import RecordError
+from flexstage.cli.options import JsonOption, from_docstring, refuse
 from flexstage.cli.output import (
     FigureFile,
     console,
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from flexstage.hysteresis import DriveModel, Prediction
+    from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
 
 
 @from_docstring
@@ -55,6 +54,19 @@ def predict(
     figure
         Draw the measured and the predicted loop of the first record (.svg, .png or .pdf).
     """
+    if len(columns.input) > 1 and not columns.is_table:
+        refuse(request.start != "auto", "several inputs start at rest: omit --start", RecordError)
+        refuse(not columns.output, "several inputs need --output: name the columns", RecordError)
+        from flexstage.report.coupled_drives import coupled_predictions_table
+
+        coupled = _coupled_drives(model, records, columns, read_options)
+        files = write_picture(figure, coupled.plot)
+        if json:
+            print_result(coupled.to_dict(), files)
+            return
+        display_table(console(), coupled_predictions_table(coupled, f"coupled drives, {model}"))
+        print_notes(console(), (), files)
+        return
     from flexstage.hysteresis.prediction import predict_by_file
     from flexstage.records.drives import read_drive
     from flexstage.report.identification import band_in_words
@@ -70,6 +82,17 @@ def predict(
     if result.band is not None:
         screen.print(band_in_words(result.found, result.band))
     print_notes(screen, (), files)
+
+
+def _coupled_drives(
+    model: Path, files: list[Path], columns: DriveColumns, read_options: ReadOptions
+) -> "CoupledPredictions":
+    from flexstage.hysteresis.coupled_drives.prediction import predict_coupled_drives
+    from flexstage.records.read import read_files
+
+    names = [*columns.input, *columns.output]
+    records = read_files(files, names, options=read_options, even=True)
+    return predict_coupled_drives(model, records, columns.input, columns.output)
 
 
 def print_predictions(

@@ -3,6 +3,7 @@
 import math
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
 from flexstage.quantities.table import Table, table
 from flexstage.quantities.units import readable_unit
 
@@ -30,6 +31,24 @@ def levels_table(result: CoupledDriveIdentification, caption: str = "") -> Table
         cells = (f"{factor * level.output_rms:.4g}", *scaled, *held_out)
         rows.append((f"{level.input_rms:.3g}", level.records, *cells))
     return table(caption, headings, rows, notes=[f"errors: rms of the outputs [{outputs}]"])
+
+
+def coupled_predictions_table(result: CoupledPredictions, caption: str = "") -> Table:
+    """Return the errors of a model on records."""
+    largest = max(p.output_rms for p in result.predictions)
+    unit, factor = readable_unit(largest, result.model.output_unit)
+    headings = ("record", f"output rms [{unit}]", f"error rms [{unit}]", "error [%]", "largest")
+    rows = [
+        (
+            p.source,
+            f"{factor * p.output_rms:.4g}",
+            f"{factor * p.error:.3g}",
+            f"{100.0 * p.error / p.output_rms:.2f}",
+            f"{factor * p.largest:.3g}",
+        )
+        for p in result.predictions
+    ]
+    return table(caption, headings, rows)
 
 
 def coupled_modes_table(result: CoupledDriveIdentification) -> Table:

@@ -146,6 +146,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("ModalFit", ""): ("modal_fit.draw_modal_fit", "fit"),
     ("ModalFit", "resonance"): ("modal_fit.draw_resonance", "fit"),
     ("ModalFit", "stabilisation"): ("modal_fit.draw_stabilisation", "fit"),
+    ("CoupledPredictions", ""): ("coupled_drives.draw_coupled_prediction", "result"),
     ("CoupledDriveIdentification", ""): ("coupled_drives.draw_coupled_drives", "result"),
     ("CentredRecords", ""): ("centring.draw_centred", "centred"),
     ("CompensationCommand", ""): (

@@ -1,10 +1,11 @@
-"""The identification of coupled drives: errors by level, and modes that soften."""
+"""Coupled drives: errors by level, modes that soften, and predictions of a record."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexstage.hysteresis.coupled_drives.identify import CoupledDriveIdentification
+from flexstage.hysteresis.coupled_drives.prediction import CoupledPredictions
 from flexstage.report.figures.style import (
     CYCLE,
     INK,
@@ -39,7 +40,7 @@ def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
             scaled = factor * np.array(values)
             left.plot(rms, scaled, style, color=colour, marker="o", markersize=3.5, label=label)
     left.set_yscale("log")
-    left.set_ylim(top=20.0 * left.get_ylim()[1])  # the legend is above all lines
+    left.set_ylim(top=8.0 * left.get_ylim()[1])  # the legend is above all lines
     label_axes(left, f"rms of an input [{model.input_unit}]", f"rms{unit}")
     set_title(left, "Outputs and errors")
     add_legend(left, loc="upper left", ncols=2)
@@ -52,4 +53,27 @@ def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
     label_axes(right, "natural frequency [Hz]", "change from the weakest level [%]")
     set_title(right, "Modes")
     add_legend(right)
+    return figure
+
+
+#: Samples that are drawn of a prediction: more than a period of the lowest mode of most stages.
+_DRAWN = 600
+
+
+def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
+    """Draw the end of the first record: each output as measured, and its error."""
+    prediction, model = result.predictions[0], result.model
+    unit, factor = scale(model.output_unit)
+    figure, plots = panels(9.6, 0.6 + 1.7 * len(model.outputs), len(model.outputs), 1)
+    end = slice(-_DRAWN, None)
+    for axes, name, measured, predicted in zip(
+        plots, model.outputs, prediction.measured.T, prediction.predicted.T, strict=True
+    ):
+        time = prediction.time[end]
+        axes.plot(time, factor * measured[end], color=INK, linewidth=1.0, label="measured")
+        error = factor * (measured - predicted)[end]
+        axes.plot(time, error, color=CYCLE[1], linewidth=1.0, label="measured less predicted")
+        label_axes(axes, "time [s]" if name == model.outputs[-1] else "", f"{name}{unit}")
+    set_title(plots[0], prediction.source)
+    add_legend(plots[0], loc="upper right", ncols=2)
     return figure

@@ -1,0 +1,127 @@
+"""A model of coupled drives on records that it was not identified from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from flexstage.base.arrays import Array
+from flexstage.base.errors import RecordError
+from flexstage.files.result import Result
+from flexstage.hysteresis.coupled_drives.model import LEVEL_TIME_CONSTANT, CoupledDriveModel
+from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
+from flexstage.records.record import Record
+
+#: Time constants of the level until the state before a record is forgotten.
+_WARM_UP = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CoupledPrediction:
+    """A model on one record; the constant of each output is free."""
+
+    source: str
+    """The record."""
+    time: Array
+    """Times of the counted samples [s], shape (n,)."""
+    measured: Array
+    """Measured outputs less their means, shape (n, p)."""
+    predicted: Array
+    """Predicted outputs less their means, shape (n, p)."""
+    warm_up: int
+    """Number of first samples that are not counted."""
+
+    @property
+    def output_rms(self) -> float:
+        """Rms of the measured outputs."""
+        return float(np.sqrt(np.mean(self.measured**2)))
+
+    @property
+    def error(self) -> float:
+        """Rms error over the outputs."""
+        return float(np.sqrt(np.mean((self.measured - self.predicted) ** 2)))
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute error."""
+        return float(np.max(np.abs(self.measured - self.predicted)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CoupledPredictions(Result):
+    """A model of coupled drives on several records."""
+
+    table_key: ClassVar[str] = "records"
+
+    model: CoupledDriveModel
+    """The model."""
+    predictions: tuple[CoupledPrediction, ...]
+    """The model on each record."""
+
+    def data(self) -> dict[str, Any]:
+        """Return the errors on each record as plain data."""
+        return {
+            "output_unit": self.model.output_unit,
+            "records": [
+                {
+                    "record": p.source,
+                    "output_rms": p.output_rms,
+                    "error": p.error,
+                    "largest_error": p.largest,
+                    "samples_not_counted": p.warm_up,
+                }
+                for p in self.predictions
+            ],
+        }
+
+
+def predict_coupled_drives(
+    path: Path, records: Sequence[Record], inputs: Sequence[str | int], outputs: Sequence[str | int]
+) -> CoupledPredictions:
+    """Return what the model of a file predicts of records, each begun at rest.
+
+    Samples until the slow levels have settled are not counted: three time constants, or a third of
+    a shorter record.
+    """
+    model = read_coupled_model(path)
+    for names, columns, role in (
+        (model.inputs, inputs, "inputs"),
+        (model.outputs, outputs, "outputs"),
+    ):
+        if len(names) != len(columns):
+            raise RecordError(
+                f"the model has {len(names)} {role}, {', '.join(names)}; got {len(columns)} columns"
+            )
+    return CoupledPredictions(
+        model=model,
+        predictions=tuple(_predict(model, record, inputs, outputs) for record in records),
+    )
+
+
+def _predict(
+    model: CoupledDriveModel,
+    record: Record,
+    inputs: Sequence[str | int],
+    outputs: Sequence[str | int],
+) -> CoupledPrediction:
+    source = Path(record.source).name or "record"
+    if abs(record.sample_rate_hz / model.sample_rate_hz - 1.0) > 1e-6:
+        raise RecordError(
+            f"{source} has {record.sample_rate_hz:g} Hz and the model {model.sample_rate_hz:g} Hz: "
+            "resample the record"
+        )
+    voltages = np.column_stack([record.channel(c).values for c in inputs])
+    measured = np.column_stack([record.channel(c).values for c in outputs])
+    predicted, _ = model.simulate(voltages)
+    settling = round(_WARM_UP * LEVEL_TIME_CONSTANT * model.sample_rate_hz)
+    counted = slice(min(settling, record.size // 3), None)
+    measured, predicted = measured[counted], predicted[counted]
+    return CoupledPrediction(
+        source=source,
+        time=record.time[counted],
+        measured=measured - measured.mean(0),
+        predicted=predicted - predicted.mean(0),
+        warm_up=int(counted.start),
+    )
