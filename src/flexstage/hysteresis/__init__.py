@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from flexstage.hysteresis.chain.lag import Lag
     from flexstage.hysteresis.chain.sensor import Sensor
     from flexstage.hysteresis.chain.stage_modes import StageModes
+    from flexstage.hysteresis.coupled_drives.identify import identify_coupled_drives
+    from flexstage.hysteresis.coupled_drives.model import CoupledDriveModel
+    from flexstage.hysteresis.coupled_drives.model_file import read_coupled_model
     from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
     from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
     from flexstage.hysteresis.excitations.design import excitation
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MODELS",
     "Amplifier",
+    "CoupledDriveModel",
     "Creep",
     "CreepSpectrum",
     "Cycles",
@@ -84,11 +88,13 @@ __all__ = [
     "feedforward",
     "find_chain",
     "identify",
+    "identify_coupled_drives",
     "loop_width",
     "measurement",
     "memory_coverage",
     "model_text",
     "predict",
+    "read_coupled_model",
     "read_model_file",
     "read_model_text",
     "samples",

@@ -26,8 +26,8 @@ from flexstage.hysteresis.coupled_drives.softening import (
     steady_state,
 )
 from flexstage.hysteresis.coupled_drives.state_space import (
+    IdentifiedModes,
     ModalSystem,
-    Modes,
     modes_of,
     subspace_system,
 )
@@ -45,7 +45,7 @@ _SAME_MODE, _SAME_DIRECTION = 0.02, 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LevelFit:
+class DriveLevel:
     """What was found at one level of the inputs; errors are rms over the outputs."""
 
     input_rms: float
@@ -78,9 +78,9 @@ class CoupledDriveIdentification(Result):
 
     model: CoupledDriveModel
     """The model."""
-    levels: tuple[LevelFit, ...]
+    levels: tuple[DriveLevel, ...]
     """The levels, from the weakest."""
-    modes: Modes
+    modes: IdentifiedModes
     """Modes of the middle level."""
     held_out: tuple[float, ...] = ()
     """Error on records that were not fitted, by level; empty without such records."""
@@ -222,7 +222,7 @@ def identify_coupled_drives(
         of_level = steady.of(steady.level == k)
         frequency, damping = _same_modes(modes, all_modes[k])
         levels.append(
-            LevelFit(
+            DriveLevel(
                 input_rms=float(np.mean(rms[steady.level == k])),
                 output_rms=outputs_rms[k],
                 records=len(of_level.level),
@@ -299,7 +299,7 @@ def _floor(spectra: PeriodicSpectra) -> float:
 
 
 def _drives(
-    spectra: PeriodicSpectra, modes: Modes, weights: Array
+    spectra: PeriodicSpectra, modes: IdentifiedModes, weights: Array
 ) -> tuple[Softening, Complex, Complex]:
     """Return the drives, the voltages with what they add, and the linear response behind them."""
     start = starting_values(modes, spectra)
@@ -360,7 +360,7 @@ def _require_relation(errors: Sequence[float], outputs: Sequence[float]) -> None
         )
 
 
-def _confirmed(modes: Modes, others: Sequence[Modes]) -> Modes:
+def _confirmed(modes: IdentifiedModes, others: Sequence[IdentifiedModes]) -> IdentifiedModes:
     """Return the modes that another level has as well: noise makes poles of one level alone."""
     if not others:
         return modes
@@ -368,7 +368,7 @@ def _confirmed(modes: Modes, others: Sequence[Modes]) -> Modes:
     return modes.of(np.flatnonzero(np.any(seen_elsewhere, axis=0)))
 
 
-def _same_modes(reference: Modes, others: Modes) -> tuple[Array, Array]:
+def _same_modes(reference: IdentifiedModes, others: IdentifiedModes) -> tuple[Array, Array]:
     """Return frequency and damping of the modes of another level; NaN where there is no such."""
     frequency = np.full(reference.frequency_hz.size, np.nan)
     damping = frequency.copy()

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.progress import update
 from flexstage.hysteresis.coupled_drives.periodic import PeriodicSpectra, best_linear
-from flexstage.hysteresis.coupled_drives.state_space import Modes
+from flexstage.hysteresis.coupled_drives.state_space import IdentifiedModes
 
 #: Exponent q of the level of the voltage: weakly determined by broad-band records.
 VOLTAGE_EXPONENT = 0.8
@@ -108,7 +108,7 @@ class Softening:
         )
 
 
-def starting_values(modes: Modes, spectra: PeriodicSpectra) -> Softening:
+def starting_values(modes: IdentifiedModes, spectra: PeriodicSpectra) -> Softening:
     """Return generic values from which the fit begins, with modes of a linear fit."""
     m = spectra.inputs.shape[2]
     return Softening(

@@ -65,7 +65,7 @@ class ModalSystem:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Modes:
+class IdentifiedModes:
     """Lightly damped modes of a system, by frequency."""
 
     frequency_hz: Array
@@ -77,9 +77,9 @@ class Modes:
     imaginary_share: Array
     """Imaginary over real part of each input vector: 0 for a normal mode, shape (k,)."""
 
-    def of(self, numbers: Integers) -> "Modes":
+    def of(self, numbers: Integers) -> "IdentifiedModes":
         """Return some of the modes."""
-        return Modes(
+        return IdentifiedModes(
             frequency_hz=self.frequency_hz[numbers],
             damping_ratio=self.damping_ratio[numbers],
             input_shapes=self.input_shapes[numbers],
@@ -91,7 +91,7 @@ class Modes:
 _LARGEST_DAMPING = 0.05
 
 
-def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> Modes:
+def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> IdentifiedModes:
     """Return the modes of a system below a frequency."""
     s = np.log(system.poles.astype(complex)) * sample_rate_hz
     frequency = np.abs(s) / (2.0 * np.pi)
@@ -103,7 +103,7 @@ def modes_of(system: ModalSystem, sample_rate_hz: float, highest_hz: float) -> M
     # the phase that makes a vector as real as it can be
     shapes = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=1)))[:, None]
     real = np.linalg.norm(shapes.real, axis=1)
-    return Modes(
+    return IdentifiedModes(
         frequency_hz=frequency[order],
         damping_ratio=damping[order],
         input_shapes=shapes.real / real[:, None],

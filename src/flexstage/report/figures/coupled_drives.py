@@ -57,7 +57,7 @@ def draw_coupled_drives(result: CoupledDriveIdentification) -> "Figure":
 
 
 #: Samples that are drawn of a prediction: more than a period of the lowest mode of most stages.
-_DRAWN = 600
+_SAMPLES = 600
 
 
 def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
@@ -65,7 +65,7 @@ def draw_coupled_prediction(result: CoupledPredictions) -> "Figure":
     prediction, model = result.predictions[0], result.model
     unit, factor = scale(model.output_unit)
     figure, plots = panels(9.6, 0.6 + 1.7 * len(model.outputs), len(model.outputs), 1)
-    end = slice(-_DRAWN, None)
+    end = slice(-_SAMPLES, None)
     for axes, name, measured, predicted in zip(
         plots, model.outputs, prediction.measured.T, prediction.predicted.T, strict=True
     ):
