@@ -144,8 +144,7 @@ class CoupledDriveModel:
             u,
             (d.force_gains, d.strength, d.memory_gains, d.force_reference, d.voltage_reference),
             (d.exponent, VOLTAGE_EXPONENT, 1.0 - np.exp(-step / time_constant)),
-            (2.0 * residue, *straight_gains(pole, step)),
-            (d.compliance, d.input_shapes),
+            (2.0 * residue, *straight_gains(pole, step), d.compliance, d.input_shapes),
             (-lag_pole, *straight_gains(lag_pole, step)),
             (system.poles, system.output_shapes * twice, system.input_shapes, system.feedthrough),
             (state.system, state.modes, state.total, state.lags, state.lagged),
@@ -168,12 +167,11 @@ class CoupledDriveModel:
 
 
 @compiled
-def _step_drives(u, drives, levels, modes, shapes, lags, system, state, squares, readings):  # type: ignore[no-untyped-def]
+def _step_drives(u, drives, levels, modes, lags, system, state, squares, readings):  # type: ignore[no-untyped-def]
     """Step drives, modes in the loop and the linear system; states are changed in place."""
     force_gains, strength, memory, force_reference, voltage_reference = drives
     exponent, voltage_exponent, share = levels
-    gain, e, before, after = modes
-    compliance, b = shapes
+    gain, e, before, after, compliance, b = modes
     lag_gain, lag_e, lag_before, lag_after = lags
     poles, out, into, through = system
     linear, modal, total, lagging, lagged = state
