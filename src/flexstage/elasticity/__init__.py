@@ -1,7 +1,7 @@
 """Finite elements of a meshed part: exact shapes, linear elasticity, stress, finite displacements.
 
-The elements, the mesher and the factorisation are NGSolve's and Netgen's; what stands here gives
-them the words of an engineer, SI units, and loads and readings as plain arrays.
+The elements, the mesher and the factorisation are NGSolve's and Netgen's; this room adds an
+engineer's terms, SI units, and loads and readings as plain arrays.
 """
 
 from typing import TYPE_CHECKING

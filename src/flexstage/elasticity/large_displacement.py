@@ -23,7 +23,7 @@ class Equilibria:
     """Equilibria of a part along a path."""
 
     values: Array
-    """What was imposed: the reading of the drive [m or rad] or the factor of the load [1], shape
+    """Imposed values: the reading of the drive [m or rad] or the factor of the load [1], shape
     (steps,).
     """
     displacement: Array
@@ -42,7 +42,7 @@ class Equilibria:
 
 
 class _Path:
-    """Newton's method for one part, one vector of load and what else acts on it."""
+    """Newton's method for one part, one vector of load and further loads."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class _Path:
         return u, force, compliance, made, False
 
     def follow(self, values: Sequence[float] | Array, most_halvings: int = 6) -> Equilibria:
-        """Go from rest to each value in turn, in smaller steps where a whole one fails."""
+        """Continue from rest to each value in turn, in smaller steps where a full one fails."""
         u, force, at, share = np.zeros(self.free.size), 0.0, 0.0, 0.0
         found: list[tuple[Array, float, float, int]] = []
         with parallel():
@@ -196,11 +196,12 @@ def follow_drive(
     row : numpy.ndarray
         The reading d; the force of the drive acts along it, shape (n,).
     values : sequence of float
-        What the reading is in turn [m or rad], from rest.
+        Values of the reading in turn [m or rad], from rest.
     load : numpy.ndarray, optional
-        Other loads that keep their direction [N], shape (n,); they come on with the first value.
+        Other loads that keep their direction [N], shape (n,); they are applied with the first
+        value.
     most_halvings : int
-        How often the way to a value may be halved.
+        Largest number of halvings of the step to a value.
 
     Returns
     -------
@@ -210,7 +211,7 @@ def follow_drive(
     Raises
     ------
     ModelError
-        Nothing holds the part, or a vector has another size.
+        The part is free, or a vector has another size.
     ConvergenceError
         No equilibrium was found.
 
@@ -222,7 +223,7 @@ def follow_drive(
 
     Validity: any rotation, strains up to some percent (the material softens without reason when
     squeezed to less than about 0.6 of its length). Loads keep their direction and the reading its
-    weights, so a drive that turns with the part is not meant. One branch is followed, and it may be
+    weights, so a drive that turns with the part is excluded. One branch is followed, and it may be
     one that is no longer stable beyond a bifurcation: `stress_stiffening` at the last state tells
     of one that a force holds (a drive that holds it may keep stable what a force does not), and a
     small load across makes the path bend off where a real part would.
@@ -248,7 +249,7 @@ def follow_drive(
     """
     path = _Path(continuum, row, driven=True, load=load)
     if not path.vector.any():
-        raise ModelError("the row of the drive reads nothing that can move")
+        raise ModelError("the row of the drive reads no free displacement")
     return path.follow(values, most_halvings)
 
 
@@ -266,7 +267,7 @@ def follow_load(
     load : numpy.ndarray
         The load, which keeps its direction [N], shape (n,).
     factors : sequence of float
-        What it is multiplied by in turn [1], from rest.
+        Its factors in turn [1], from rest.
 
     Returns
     -------
@@ -276,7 +277,7 @@ def follow_load(
     Raises
     ------
     ModelError
-        Nothing holds the part, or the load has another size.
+        The part is free, or the load has another size.
     ConvergenceError
         No equilibrium was found.
 

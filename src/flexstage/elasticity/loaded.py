@@ -1,4 +1,4 @@
-"""A meshed part in a loaded state: strain, modes about it, and by what factor it buckles."""
+"""A meshed part in a loaded state: strain, modes about it, buckling factors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ def green_strain(gradient: ng.CoefficientFunction) -> ng.CoefficientFunction:
 
 
 def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], Array]:
-    """Return the solution of a part some readings of which stay at nothing.
+    """Return the solution of a part with some readings constrained to zero.
 
     `solve` gives the solution of the part under a load, shape (n,); `rows` are the readings, shape
     (k, n).
@@ -50,7 +50,7 @@ class Loaded(Continuum):
 
     `solve` and `modes` use it, and the mass, the loads and the readings are those of the part
     `base`; `u0` are the displacements of the state [m], from `follow_drive`, or from
-    `Continuum.solve` where they are small, shape (n,). Its `stress` is not meant.
+    `Continuum.solve` where they are small, shape (n,). Its `stress` is not defined.
     """
 
     def __init__(self, base: Continuum, u0: Array) -> None:
@@ -153,7 +153,7 @@ def von_mises_of(components: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _MOST = 150  # vectors; 20 to 40 are usual
-# factors beyond this multiple of the smallest of both signs are left out
+# factors beyond this multiple of the smallest of both signs are omitted
 _REACH = 100.0
 # of the residuals; that of the factors is about its square
 _TOLERANCE = 1e-6
@@ -189,7 +189,7 @@ def buckling(
     Parameters
     ----------
     continuum : Continuum
-        The part; something must hold it.
+        The part; it must be supported.
     u : numpy.ndarray
         Displacements of the reference state by `Continuum.solve` [m], shape (n,).
     count : int
@@ -201,12 +201,12 @@ def buckling(
     Returns
     -------
     BucklingFactors
-        The factors; those beyond 100 times the smallest of both signs are left out.
+        The factors; those beyond 100 times the smallest of both signs are omitted.
 
     Raises
     ------
     ModelError
-        Nothing holds the part, or the reference state has no stress.
+        The part is free, or the reference state has no stress.
     ConvergenceError
         The iteration did not end.
 
@@ -216,7 +216,7 @@ def buckling(
 
     Validity: bifurcation from a straight path: the displacements before buckling are small and grow
     with the load, which keeps its direction. A part that bends as it is loaded, or snaps through,
-    needs `follow_drive`; imperfections lower what real parts reach.
+    needs `follow_drive`; imperfections reduce the factors of real parts.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def buckling(
 
 
 def _geometric(continuum: Continuum, u: Array) -> sp.csr_matrix:
-    """What the stress of the reference state adds to the stiffness."""
+    """Return the geometric stiffness by the stress of the reference state."""
     d = continuum.dimension
     trial, test = continuum.space.TnT()
     a, b = METRE * ng.Grad(trial), METRE * ng.Grad(test)
@@ -280,8 +280,8 @@ def _extremes(
 
     Lanczos' method with two starting vectors, so that a double factor is found as such, orthogonal
     in the energy. A vector is kept with the load that makes it, v = K^-1 g: the stiffness itself is
-    then never needed. At either end it stops where no eigenvalue stands out from nothing, which is
-    where a restarted method would wait for ever.
+    then never needed. At either end it stops where no eigenvalue differs from zero, where a
+    restarted method would not converge.
     """
     n = matrix.indptr.size - 1
     vectors, loads = np.empty((_MOST, n)), np.empty((_MOST, n))
@@ -321,12 +321,12 @@ def _extremes(
         if chosen is not None:
             return values[chosen]
     raise ConvergenceError(
-        f"the buckling factors were not found in {_MOST} iterations: ask for fewer of them"
+        f"the buckling factors were not found in {_MOST} iterations: request fewer"
     )
 
 
 def _chosen(values: Array, wrong: Array, count: int) -> list[int] | None:
-    """Pick the wanted eigenvalues of both signs, largest first; None where more work is needed."""
+    """Select the required eigenvalues of both signs, largest first; None if not converged yet."""
     least = np.abs(values).max() / _REACH
     found: list[int] = []
     for sign in (1.0, -1.0):

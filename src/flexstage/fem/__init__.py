@@ -7,7 +7,7 @@ from flexstage.base.errors import NO_FINITE_ELEMENTS, ModelError
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.fem.accuracy import LADDERS, Refinement, RefinementStep, refine
+    from flexstage.fem.accuracy import REFINEMENT_MESHES, Refinement, RefinementStep, refine
     from flexstage.fem.mesh import MeshSettings
     from flexstage.fem.model import StageModel, UncoupledProblem
     from flexstage.fem.stroke import follow_stroke
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from flexstage.fem.whole_stage import plane_model, solid_model
 
 __all__ = [
-    "LADDERS",
+    "REFINEMENT_MESHES",
     "MeshSettings",
     "Refinement",
     "RefinementStep",

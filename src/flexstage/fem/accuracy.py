@@ -1,4 +1,4 @@
-"""How far figures may be off: of meshes refined until they settle, of condensed bodies."""
+"""Estimates of errors: by meshes refined until convergence, and of condensed bodies."""
 
 import math
 import time
@@ -26,7 +26,7 @@ from flexstage.system.characteristics import scatter_at_points
 from flexstage.system.stress_map import StressMap
 
 #: Meshes of rising accuracy, by model: order, then element size at the necks.
-LADDERS: Mapping[str, tuple[MeshSettings, ...]] = {
+REFINEMENT_MESHES: Mapping[str, tuple[MeshSettings, ...]] = {
     "plane": tuple(
         MeshSettings(order=p, neck_size=h)
         for p, h in ((3, 1.2), (4, 0.8), (5, 0.8), (6, 0.6), (7, 0.5), (8, 0.4))
@@ -42,48 +42,49 @@ _BEST_RATE, _WORST_RATE = 0.15, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefinementStep:
-    """One mesh on the way."""
+    """One mesh of a refinement."""
 
     settings: MeshSettings
-    """How fine it was."""
+    """Its settings."""
     unknowns: int
     """Its unknowns."""
     seconds: float
-    """Time that it took [s]."""
+    """Computing time [s]."""
     values: Mapping[tuple[str, str], float]
     """Value of each quantity and axis."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refinement:
-    """A model that was refined, with what was found on the way."""
+    """A refined model, with the meshes of the refinement."""
 
     model: StageModel
     """The last model."""
     analysis: Analysis
-    """Its analysis; each characteristic carries the estimate of its error as its uncertainty."""
+    """Its analysis; each characteristic has the estimate of its error as its uncertainty."""
     steps: tuple[RefinementStep, ...]
     """The meshes, coarsest first."""
     quantity: str
-    """The quantity that was asked for."""
+    """The requested quantity."""
     accuracy: float
-    """The relative accuracy that was asked for [1]."""
+    """The requested relative accuracy [1]."""
 
     __repr__ = short_repr
 
     @property
     def estimate(self) -> float:
-        """Estimate of the relative error of the quantity that was asked for [1]."""
+        """Estimate of the relative error of the requested quantity [1]."""
         return estimate(self.steps, self.quantity)
 
 
 def estimate(steps: Sequence[RefinementStep], quantity: str) -> float:
     r"""Estimate the relative error of a quantity on the last mesh, the largest over the axes.
 
-    Every step of a ladder raises the order, so that changes shrink as in a geometric series with
-    the rate r of the last two: what is still to come is :math:`|d_k|\,r/(1-r)`. r counts as 0.15 at
-    least, as a lucky step must not make an estimate small, and as 0.5 where only one change is
-    known or the changes do not shrink; the estimate is the last change itself then.
+    Every mesh of a refinement raises the order, so that changes decrease as in a geometric series
+    with the rate r of the last two: the remaining change is :math:`|d_k|\,r/(1-r)`. r counts as
+    0.15 at least, because an accidentally small change must not make the estimate small, and as 0.5
+    where only one change is known or the changes do not decrease; the estimate is the last change
+    itself then.
 
     It is infinite from one mesh alone.
     """
@@ -100,7 +101,7 @@ def estimate(steps: Sequence[RefinementStep], quantity: str) -> float:
 
 
 def _left(steps: Sequence[RefinementStep], key: tuple[str, str]) -> float:
-    """Estimate how far the last value of a quantity is from where it goes."""
+    """Estimate the distance of the last value of a quantity from its limit."""
     values = [step.values[key] for step in steps[-3:]]
     last = abs(values[-1] - values[-2])
     rate = _WORST_RATE
@@ -111,24 +112,24 @@ def _left(steps: Sequence[RefinementStep], key: tuple[str, str]) -> float:
 
 def refine(
     build: Callable[[MeshSettings], StageModel],
-    ladder: Sequence[MeshSettings],
+    meshes: Sequence[MeshSettings],
     *,
     accuracy: float,
     quantity: str = "natural_frequency_hz",
 ) -> Refinement:
-    """Refine the mesh and raise the order until a quantity has settled.
+    """Refine the mesh and raise the order until a quantity has converged.
 
-    It has when `estimate` is within the accuracy. That does not see what all meshes share: the
-    geometry, the material and how the stage is held.
+    It has converged when `estimate` is within the accuracy. Errors that all meshes share, of
+    geometry, material and supports, are not included.
 
     Parameters
     ----------
     build : callable
-        Makes the model for a mesh.
-    ladder : sequence of MeshSettings
-        The meshes to try, coarsest first; see `LADDERS`.
+        Returns the model for mesh settings.
+    meshes : sequence of MeshSettings
+        The meshes, coarsest first; see `REFINEMENT_MESHES`.
     accuracy : float
-        Relative accuracy that is asked for, above 0 [1].
+        Required relative accuracy, above 0 [1].
     quantity : str
         One of the quantities of a stage, such as ``natural_frequency_hz`` or ``max_stress``.
 
@@ -140,9 +141,9 @@ def refine(
     Raises
     ------
     ModelError
-        The accuracy or the quantity is none.
+        The accuracy or the quantity is invalid.
     ConvergenceError
-        The finest mesh of the ladder was not accurate enough.
+        The finest mesh was not accurate enough.
     """
     if not 0.0 < accuracy < 1.0:
         raise ModelError(
@@ -151,7 +152,7 @@ def refine(
     if quantity not in QUANTITIES:
         raise ModelError(f"unknown quantity '{quantity}': expected one of {', '.join(QUANTITIES)}")
     steps: list[RefinementStep] = []
-    for k, settings in enumerate(ladder):
+    for k, settings in enumerate(meshes):
         # each step costs about twice the one before; how many there will be is not known
         with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
             begun = time.perf_counter()
@@ -180,8 +181,8 @@ def refine(
     left = estimate(steps, quantity)
     raise ConvergenceError(
         f"the finest mesh leaves {quantity} uncertain by {left:.2g}, more than the {accuracy:.2g} "
-        "that were asked for: ask for less, or look for a corner without a radius, where stress "
-        "has no limit"
+        "requested: request less, or look for a corner without a radius, where the stress is "
+        "singular"
     )
 
 
@@ -211,20 +212,20 @@ def _with_changes(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Margins:
-    """What `with_estimates` multiplies and adds."""
+    """Factors and margins of `with_estimates`."""
 
     of_order: float = 1.5
-    """How much can be left of what a lower order changes."""
+    """Factor on the change by a lower order."""
     of_modes: float = 1.25
-    """How much can be left of what more modes change."""
+    """Factor on the change by more modes."""
     by_neck: int = 6
     """Modes of a body by neck, and twice as many as the model has at least."""
     least: float = 2e-5
-    """Of any figure, what meshes scatter in those that the mechanism alone fixes."""
+    """Relative scatter by meshes of figures that the mechanism alone determines."""
     least_in_space: float = 2e-4
-    """The same in space, where the functions through the thickness leave something out."""
+    """The same in three dimensions, with the error of the functions through the thickness."""
     least_of_stress: float = 2e-2
-    """Of a stress, which is read at points."""
+    """Relative scatter of a stress, which is read at points."""
 
 
 _MARGINS = _Margins()
@@ -249,25 +250,26 @@ def with_estimates(
 
     .. math:: u = 1.5\,|f - f'| + 1.25\,|f' - g| + \varepsilon |f|
 
-    has what the order leaves out and what the modes do, with :math:`\varepsilon` 0.002 % for what
-    scatters from mesh to mesh, or in space 0.02 % for what the functions through the thickness
-    leave out. A stress has besides 2 % of it, as it is read at points, the scatter of the elements
-    about its point, and what the points on an edge miss of the stress between them.
+    includes the errors by the order and by the modes, with :math:`\varepsilon` 0.002 % for the
+    scatter from mesh to mesh, or in space 0.02 % for the error of the functions through the
+    thickness. A stress has in addition 2 % of its value, as it is read at points, the scatter of
+    the elements about its point, and the rise of the stress between the points on an edge.
 
     Raises
     ------
     ModelError
-        The model is of order 1, below which there is none.
+        The model is of order 1, below which there is no order.
 
     Notes
     -----
     The space of the lower order is a part of the other one, so that energies, and with them
     frequencies, change one way. At corners without a radius their errors fall with the order p as
     :math:`p^{-4\lambda}`, :math:`\lambda` from 0.5 for a slit to 0.54 for a right angle (I.
-    Babuska, M. Suri, SIAM Review 36 (1994) 578), by which 1.1 to 1.3 of the change from 3 to 4 are
-    left; elsewhere they fall by far more. What a body's modes leave out hardly depends on its mesh.
-    Factors and what is added are those with which the estimate held on some 50 stages drawn at
-    random; others were then drawn to count how often it does (``tests/estimates_held.py``).
+    Babuska, M. Suri, SIAM Review 36 (1994) 578), so that the remaining error is 1.1 to 1.3 of the
+    change from 3 to 4; elsewhere they fall by far more. The error by the modes of a body hardly
+    depends on its mesh. Factors and margins are those with which the estimate held on about 50
+    random stages; other random stages were then used to count how often it holds
+    (``tests/estimates_held.py``).
     """
     coarse, rich = (
         analyse(model.stage, model.of_other_bodies(bodies)) for bodies in _coarser(model, cache)
@@ -319,7 +321,9 @@ def _coarser(
     """Condense the bodies of a model in a lower order: with as many modes, and with more."""
     fine = model.mesh_settings
     if fine.order == 1:
-        raise ModelError("elements of order 1 have none below to estimate by: take order 2 or more")
+        raise ModelError(
+            "elements of order 1 have no lower order for an estimate: take order 2 or more"
+        )
     mesh = replace(fine, order=fine.order - 1)
     own = [p.part for p in model.placed]
     parts = [
@@ -355,7 +359,7 @@ def fewer_modes(body: Condensed, count: int) -> Condensed:
 
 
 def _unseen(stress: StressMap, q: Array) -> float:
-    """Return by which part the stress between points on an edge passes that of all points."""
+    """Return the relative excess of the stress between points on an edge over that at points."""
     values = stress.equivalent(q).reshape(-1, len(ALONG))
     if not values.size or not (seen := values.max()):
         return 0.0

@@ -1,6 +1,6 @@
 """A body condensed to its interfaces, floating or held: flexibility, modes, stress.
 
-Its interfaces are moved one by one, and the tractions in them tell; its softest modes are found by
+The tractions for unit motions of its interfaces give its stiffness; its softest modes are found by
 block Lanczos iteration.
 """
 
@@ -56,12 +56,12 @@ def softest_modes(
     mass_times : callable
         Multiplies displacements by the mass matrix.
     start : Array
-        Loads to begin with, shape (n, b), which excite all modes that are wanted.
+        Loads to begin with, shape (n, b), which excite all required modes.
     count : int
         Number of modes.
     settled : float
-        By how much the squares of frequencies may change in the last step, in parts of them. They
-        are off by less than a tenth of it then, as a rule.
+        Largest relative change of the squares of frequencies in the last step. As a rule their
+        error is less than a tenth of it then.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def softest_modes(
 
 
 def independent(mass: Array) -> Array:
-    """Return combinations of displacements with unit mass; dependent ones are left out."""
+    """Return combinations of displacements with unit mass, without dependent ones."""
     size = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
     kept = values > _DEPENDENT * values.max(initial=0.0)
@@ -132,9 +132,9 @@ _BLOCK = 8  # loads that the search for modes starts with
 class Constrained:
     r"""A body whose interface motions q = P u are given.
 
-    A floating body is solved for balanced loads alone, up to its rigid motions R, whatever holds
-    it: the flexibility with inertia relief. Interface forces and rigid motion are then found
-    together, with :math:`X = K^+ P^T`, :math:`G = P X`, :math:`A = P R`:
+    A floating body is solved for balanced loads alone, up to its rigid motions R, independently of
+    its supports: the flexibility with inertia relief. Interface forces and rigid motion are then
+    found together, with :math:`X = K^+ P^T`, :math:`G = P X`, :math:`A = P R`:
 
     .. math:: \begin{bmatrix} G & A\\ A^T & 0\end{bmatrix}
               \begin{bmatrix}\lambda\\ a\end{bmatrix}
@@ -174,7 +174,7 @@ class Constrained:
         G = P @ X
         G = 0.5 * (G + G.T)
         A = P @ self._balance[0]
-        # rows scaled alike, and rigid motions like them: metres and radians become comparable
+        # rows and rigid motions scaled equally: metres and radians become comparable
         self._row = 1.0 / np.sqrt(np.diag(G))
         A = A * self._row[:, None]
         if floating and (len(A) < 3 or np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max()) < 3):
@@ -190,13 +190,13 @@ class Constrained:
         if np.abs(self._saddle).max(initial=0.0) > _ALIKE:
             raise ModelError(
                 "two drives touch a body at the same place in the same direction, so that their "
-                "patches move alike: move one of them"
+                "patches have the same motion: move one of them"
             )
 
     def loose(self, load: Array) -> Array:
         """Return the response to the balanced part of loads, free of rigid motions.
 
-        Of a body that is held, the response to all of the load.
+        Of a fixed body, the response to the full load.
         """
         rigid, weighted = self._balance
         u = self._factor.solve(load - weighted @ (rigid.T @ load))
@@ -219,13 +219,13 @@ class Constrained:
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
 
     def held(self, load: Array) -> Array:
-        """Return the response to loads with the interfaces held."""
+        """Return the response to loads with fixed interfaces."""
         u = self.loose(load)
         force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held.
+        """Return the lowest modes with fixed interfaces.
 
         Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with these as
         modal stiffness, shape (n, count).
@@ -250,7 +250,7 @@ class Constrained:
         return np.column_stack((T, modes, U)), stiffness, len(stiff)
 
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
-        """Return responses to loads with held interfaces, less the part that modes have in them.
+        """Return responses to loads with fixed interfaces, less the contribution of the modes.
 
         Loads are one a row here, shape (k, n). Returns displacements, shape (n, k), and their
         stiffness, shape (k, k).
@@ -303,7 +303,7 @@ class Condensed:
     unknowns: int
     """Unknowns of the mesh."""
     held: str
-    """What holds the body, in words."""
+    """Supports of the body, as text."""
 
     @property
     def motion(self) -> Array:
@@ -332,14 +332,14 @@ class Condensed:
 
 
 def condense(part: Substructure) -> Condensed:
-    r"""Condense a body of a plate to the mean motions of its necks, as `part.through` has it.
+    r"""Condense a body of a plate to the mean motions of its necks, by `part.through`.
 
     The motions of a neck are those of a beam: along and across its hinge and rotation, in space
     each with the lowest functions through the thickness, and the displacement through the plate and
     its slope over the neck. Each is the mean that does work with its traction, uniform and linear
     along the hinge and parabolic across; with these tractions go others without resultant, of
-    higher powers over the neck and of the other functions, so that the neck stays plane where it
-    must (`flexstage.fem.neck_motions.neck_mix`). With the rows P of these means, the body under
+    higher powers over the neck and of the other functions, so that the neck stays plane where
+    required (`flexstage.fem.neck_motions.neck_mix`). With the rows P of these means, the body under
     interface forces obeys
 
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
@@ -352,13 +352,13 @@ def condense(part: Substructure) -> Condensed:
     -----
     R. J. Guyan, AIAA J. 3 (1965) 380, and R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313,
     with means in place of single displacements. Validity: exact but for the shape of the traction
-    in the necks, which is that of notches whose two halves are alike for about a neck's thickness.
+    in the necks, which is that of notches whose two halves are equal for about a neck's thickness.
     """
     return condensed_with_shapes(part)[0]
 
 
 def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, Array]:
-    """Condense a body; return besides its unknowns, and their displacement for each coordinate."""
+    """Condense a body; also return its plate, and the displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
         ready = _prepared(part, tractions)
@@ -396,7 +396,7 @@ class _Ready:
     properties: MassProperties
     """Its mass."""
     held: str
-    """What holds it, in words."""
+    """Supports of the body, as text."""
 
 
 @lru_cache(maxsize=2)
@@ -463,7 +463,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
 
 
 def _tractions(part: Substructure, neck: CutNeck) -> Array:
-    """Return what makes up each motion of a neck in space: of the half notch alone."""
+    """Return the composition of each motion of a neck in space: of the half notch alone."""
     half = NotchBlock(
         profile=neck.profile,
         wide=False,
@@ -477,7 +477,7 @@ def _tractions(part: Substructure, neck: CutNeck) -> Array:
 
 
 def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
-    """Return what makes up each motion of an interface in a plane model: of the body itself."""
+    """Return the composition of each motion of an interface in a plane model: of the body."""
     each = sum(map(len, neck_motions(part.through, degree)[:2]))
     count = len(part.necks)
     blocks = [
@@ -489,8 +489,8 @@ def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
 def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> Array:
     """Return the forces that hold the interfaces while the other coordinates move.
 
-    A mode is held against its inertia, the response to a load inside the body against the load,
-    less what the modes have of it.
+    A mode needs them against its inertia, the response to a load inside the body against the load,
+    less the contribution of the modes.
     """
     m, inner = interfaces, len(stiffness) - len(loads)
     squares, coupling = np.diag(stiffness)[m:inner], mass[:m, m:inner]
@@ -504,10 +504,10 @@ def _reading_row(
     motion: Array,
     lifted: Callable[[Array], Array],
 ) -> Array:
-    """Displacement of a point, or rotation of the body.
+    """Return the displacement of a point, or the rotation of the body, as a row.
 
-    Where there is no material, it is that of what rides on the mean motion. `lifted` makes a row of
-    the part of one of the plane continuum.
+    Where there is no material, the point follows the mean motion of the body. `lifted` converts a
+    row of the plane continuum to one of the part.
     """
     if reading.direction is None:
         return motion[2]

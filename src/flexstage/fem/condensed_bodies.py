@@ -1,6 +1,7 @@
-"""All bodies of a stage condensed, each once, or found in the cache.
+"""Condensation of all bodies of a stage, each once, or from the cache.
 
-A body whose necks alone become thicker or thinner is made of the known one: the change is local.
+A body of which only the necks become thicker or thinner follows from the known one: the change is
+local.
 """
 
 import math
@@ -40,22 +41,22 @@ class ChangedNeck:
     """A neck that is thicker or thinner than before."""
 
     number: int
-    """Which of the body's necks."""
+    """Number of the neck of the body."""
     thicker: float
-    """Its thickness over what it was."""
+    """Its thickness over the former one."""
     gain: float
     """Mass that half of the notch gains [kg], of the `REFERENCE` material."""
     halves: tuple[NotchBlock, ...]
-    """Half of the notch with a block of the body, with necks from the thinnest to the thickest that
-    is followed; the one in the middle is as it was.
+    """Half of the notch with a block of the body, with necks from the thinnest to the thickest of
+    the family; the one in the middle is unchanged.
     """
 
 
 def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck]:
-    """Return the necks in whose thickness alone two bodies differ; none where there is more.
+    """Return the necks if two bodies differ in their thickness alone; else none.
 
-    Thicknesses that differ by more than is followed are more, too, and so is a neck that does not
-    fit: what is wrong with it is said by who condenses the body anew.
+    There are none either if a thickness is outside the family, or if a neck does not fit: the
+    condensation of the body then reports the error.
     """
     if len(before.necks) != len(after.necks):
         return []
@@ -77,7 +78,7 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
 
 
 def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck | None:
-    """Return how a neck changes; nothing where another notch than that is followed."""
+    """Return the change of a neck; None where the family has no such notch."""
     old, thick = before.necks[number].profile, new.neck_thickness
     thicker = thick / old.neck_thickness
     if not 1.0 / _FARTHEST < thicker < _FARTHEST:
@@ -106,7 +107,7 @@ def _outward(profile: Profile, thickness: float) -> Profile:
 
 @lru_cache(maxsize=1024)
 def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
-    """Return a hinge of a body and where it grows from it."""
+    """Return a hinge of a body and its root on it."""
     stage = part.stage()
     return stage.hinges[number], hinge_root(stage, stage.hinges[number], part.necks[number].which)
 
@@ -141,16 +142,16 @@ def _nodes() -> Array:
 
 
 class NeckFamily:
-    r"""Half notches that differ in the thickness of their neck: those of a `ChangedNeck`.
+    r"""Half notches that differ in the thickness of their necks: those of a `ChangedNeck`.
 
     Of a flexibility F with the square roots :math:`s_i = \sqrt{F_{ii}}` polynomials of the
     logarithm of thickness go through :math:`\log s_i` and :math:`F_{ij}/s_i s_j`; the largest
-    stress for each force on the neck is taken as a power of thickness, whose exponent is linear in
+    stress for each force on the neck is a power of thickness, whose exponent is linear in
     that logarithm.
 
     Notes
     -----
-    Validity: between its members a flexibility is within 2e-5, which is what meshes differ by.
+    Validity: between its members a flexibility is within 2e-5, which is the scatter between meshes.
     """
 
     def __init__(self, members: Sequence[tuple[Array, Array]], lengthwise: NDArray[np.bool_]):
@@ -165,10 +166,10 @@ class NeckFamily:
         self.as_it_was = flexibility[_MEMBERS // 2]
 
     def at(self, thicker: float) -> tuple[Array, Array]:
-        """Return what a neck adds that is so many times as thick as that in the middle.
+        """Return flexibility and stress of a neck, by its thickness over that in the middle.
 
-        The flexibility of the motions of the neck, shape (e, e), and how many times larger the
-        stress is for each force on it, shape (e,).
+        The flexibility of the motions of the neck, shape (e, e), and the factor on the stress for
+        each force on it, shape (e,).
         """
         share = math.log(thicker) ** np.arange(_MEMBERS) @ self.weights
         size = np.exp(share @ self.size)
@@ -207,9 +208,9 @@ def with_other_necks(
     Parameters
     ----------
     condensed : Condensed
-        The body as it was.
+        The body before the change.
     part : Substructure
-        The body as it was.
+        The body before the change.
     necks : sequence
         The necks that change, each with its family.
 
@@ -220,13 +221,13 @@ def with_other_necks(
 
     Notes
     -----
-    Validity: what the change of a neck does is local (Saint-Venant), so that it is the same in the
-    block as in the body. With all necks of the stages of the study thinner by 5 %, on fine meshes
-    the two lowest frequencies and the stiffness are within 0.001 % of those of bodies condensed
-    anew, the next two frequencies within 0.006 %, stress 0.2 %. What a notch weighs more or less
-    rides on the mean motion of its body, and modes that the body has between held necks stay: of
-    leaves between light levers, thinner by 5 % (`lever-chain`), the first mode is 0.03 % off, those
-    in which leaves swing between their ends are 2 to 7 % high.
+    Validity: the effect of a change of a neck is local (Saint-Venant), so that it is the same in
+    the block as in the body. With all necks of the stages of the study thinner by 5 %, on fine
+    meshes the two lowest frequencies and the stiffness are within 0.001 % of those of bodies
+    condensed anew, the next two frequencies within 0.006 %, stress 0.2 %. The change of mass of a
+    notch follows the mean motion of its body, and the modes of the body between fixed necks stay:
+    of leaves between light levers, thinner by 5 % (`lever-chain`), the first mode is 0.03 % off,
+    those in which leaves swing between their ends are 2 to 7 % high.
     """
     m, r = condensed.interfaces, len(condensed.stiffness)
     way = freedom(part.through)
@@ -258,7 +259,7 @@ def with_other_necks(
     mass = basis.T @ condensed.mass @ basis
     whole, x, y, turning = condensed.inertia
     for neck, _ in necks:
-        # what a notch gains rides on the mean motion of the body
+        # the added mass of a notch follows the mean motion of the body
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
         mass += neck.gain * riding.T @ riding
     stress = condensed.stress.copy()
@@ -284,10 +285,10 @@ def condense_all(
     cache: Cache | Path | str | bool | None,
     near: Sequence[tuple[Substructure, Condensed]] = (),
 ) -> tuple[list[Condensed], list[int]]:
-    """Condense bodies, each only once, or find them in the cache; say which were new.
+    """Condense bodies, each only once, or find them in the cache; also return which were new.
 
-    `near` are bodies that are known, one for each if they are any: what is the same is taken from
-    there, and one of which necks alone differ follows from it.
+    `near` are known bodies, one for each, or none: an equal body is reused, and one of which only
+    necks differ follows from it.
     """
     ready: dict[Substructure, Condensed] = dict(near)
     changes: dict[Substructure, tuple[Substructure, list[ChangedNeck]]] = {}
@@ -320,7 +321,7 @@ def _condense_missing(
     ready: dict[Substructure, Condensed],
     cache: Cache | Path | str | bool | None,
 ) -> list[Substructure]:
-    """Add those that are not ready yet, from the cache or condensed; return the latter."""
+    """Add missing bodies, from the cache or condensed; return the latter."""
     store = open_cache(cache)
     missing: dict[Substructure, str] = {}
     for part in dict.fromkeys(parts):
@@ -347,10 +348,10 @@ def _condense_missing(
 
 
 def _threads() -> int:
-    """Return how many bodies are condensed side by side, by threads that share the mesher.
+    """Return the number of bodies condensed in parallel, by threads that share the mesher.
 
-    Where the linear algebra has threads of its own there is one: several that each start others
-    take five times as long. The commands give it one (`flexstage.cli`).
+    Where the linear algebra has threads of its own there is one: nested threads take five times as
+    long. The commands limit linear algebra to one thread (`flexstage.cli`).
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1

@@ -28,7 +28,7 @@ _SAME = 1e-8  # what is left of a response that others make up
 class BodyLoads:
     """A load on the stage: for each body the sizes of its own loads, for the reference material.
 
-    Without a unit it is not of the stage, but what a drive or a probe adds inside a body.
+    Without a unit it is not a load of the stage, but one by a drive or a probe inside a body.
     """
 
     unit: str
@@ -37,14 +37,14 @@ class BodyLoads:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WholeBody:
-    """Mass of a body with what rides on it."""
+    """Mass of a body with its extra masses."""
 
     mass: float
     centre: tuple[float, float]
 
 
 def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
-    """How much more than the reference stiffness, mass and expansion are."""
+    """Return stiffness, mass and expansion over those of the reference."""
     # a plane model is condensed with a thickness near that of the stage, one in space with its own
     thickness = stage.thickness / placed.part.through.thickness
     material = stage.material
@@ -56,13 +56,13 @@ def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]
 
 
 def own_centre(placed: Placed, condensed: Condensed) -> tuple[float, float]:
-    """Centre of a body without what rides on it, in the plane of the stage."""
+    """Return the centre of a body without its extra masses, in the plane of the stage."""
     _, x, y, _ = condensed.inertia
     return placed.origin[0] + x, placed.origin[1] + y
 
 
 def whole_body(placed: Placed, condensed: Condensed, heavy: float) -> WholeBody:
-    """Return mass and centre of a body with what rides on it."""
+    """Return mass and centre of a body with its extra masses."""
     x, y = own_centre(placed, condensed)
     own = heavy * condensed.inertia[0]
     parts = [(own, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
@@ -78,7 +78,7 @@ def stage_loads(
     wholes: Sequence[WholeBody],
     way: Freedom,
 ) -> dict[str, BodyLoads]:
-    """Return what loads the stage, on each body in the sizes of its own loads, by name."""
+    """Return the loads of the stage by name, on each body in terms of its own loads."""
     stiff, heavy, expand = reference_scales(stage, placed[0])
     found = {}
 
@@ -124,7 +124,7 @@ def stage_loads(
 
 
 def reaction_offset(at: tuple[tuple[float, float], tuple[float, float]], direction: float) -> float:
-    """How far the reacting point of a drive lies beside its line, to the left [m]."""
+    """Return the offset of the reacting point of a drive from its line, to the left [m]."""
     aside = (-math.sin(direction), math.cos(direction))
     offset = sum(c * (q - p) for c, p, q in zip(aside, *at, strict=True))
     return offset if abs(offset) > 1e-9 else 0.0
@@ -135,9 +135,9 @@ def _stands(placed: Placed, drive: str) -> bool:
 
 
 def inner_responses(loads: Mapping[str, BodyLoads], condensed: Sequence[Condensed]) -> list[Array]:
-    """Find what the loads do inside the bodies: coordinates of the whole stage.
+    """Return the responses inside the bodies to the loads, as coordinates of the stage.
 
-    Returns for each body how much of each of its own responses is in them, shape (l, s).
+    Returns for each body the share of each of its own responses in them, shape (l, s).
     """
     shapes, gram, energy, work = [], 0.0, 0.0, 0.0
     for b, c in enumerate(condensed):
@@ -169,14 +169,14 @@ class Joint:
     """The bodies of a stage, joined."""
 
     blocks: tuple[tuple[Array, Array], ...]
-    """Stiffness and mass of each of its motions that know nothing of one another."""
+    """Stiffness and mass of each of its decoupled motions."""
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
     ports: Ports
-    """What acts on the coordinates, and what is read of them."""
+    """Drives, probes, bodies and loads in these coordinates."""
     shares: tuple[tuple[NDArray[np.intp], Array], ...]
-    """For each body which coordinates move it, shape (c,), and its own coordinates for them, shape
-    (r, c).
+    """For each body the coordinates that move it, shape (c,), and its own coordinates for them,
+    shape (r, c).
     """
 
     @property
@@ -201,9 +201,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 
     Notes
     -----
-    The halves of a notch share the three coordinates of its neck. What a load does inside the
-    bodies while their interfaces are held is one more coordinate of the whole stage for each load,
-    so that statics under loads are exact inside the bodies too.
+    The halves of a notch share the three coordinates of its neck. The response inside the bodies to
+    a load, with fixed interfaces, is one more coordinate of the stage for each load, so that
+    statics under loads are exact inside the bodies too.
     """
     stiff, heavy, _ = reference_scales(stage, placed[0])
     way = freedom(placed[0].part.through)
@@ -270,7 +270,7 @@ def _responding(matrix: Array, inside: Array) -> Array:
 def _coordinates(
     stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: Freedom
 ) -> tuple[list[str], list[NDArray[np.intp]]]:
-    """Name the coordinates; for each body say which are its own."""
+    """Return the names of the coordinates, and those of each body."""
     names = [f"hinge {h.name} {motion}" for h in stage.hinges for motion in way.necks]
     each = len(way.necks)
     index = []
@@ -309,7 +309,7 @@ def _drives(
 
 
 def stacked(joints: Sequence[Joint]) -> Joint:
-    """Put motions side by side that know nothing of each other."""
+    """Combine decoupled motions."""
     sizes = [len(j.coordinates) for j in joints]
     offsets = np.cumsum([0, *sizes])
     return Joint(
@@ -331,7 +331,7 @@ def joined_stress(
     condensed: Sequence[Condensed],
     basis: Array,
 ) -> StressMap:
-    """Stress of all notches; at the ends of a neck its two halves meet in one point."""
+    """Return the stress of all notches; at the ends of a neck its two halves meet in one point."""
     scale = stage.material.youngs_modulus / REFERENCE.youngs_modulus
     # the motions in space know nothing of each other, but stress the same places
     ways = len(condensed) // len(stage.bodies)
@@ -369,7 +369,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the lowest modes of a stage and its static responses to drives, probes and loads.
 
     Returns the frequencies of the new coordinates [rad/s], shape (r,), of which the first `count`
-    are natural ones; what they move, with unit modal mass, shape (n, r); and which of them are
+    are natural ones; their shapes, with unit modal mass, shape (n, r); and which of them are
     modes, shape (r,).
     """
     try:
@@ -384,7 +384,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         omega, modes = _softest(K, M, factor, count)
     except np.linalg.LinAlgError as error:
         raise ModelError(
-            "a body has no mass or hangs on nothing, so the stage has no natural frequencies"
+            "a body has no mass or is not attached, so the stage has no natural frequencies"
         ) from error
     ports = joint.ports
     vectors = [

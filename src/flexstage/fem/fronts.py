@@ -1,4 +1,4 @@
-"""Cholesky factor of a plate with many fields: some places of its mesh at once, in dense fronts."""
+"""Cholesky factor of a plate with many fields: groups of places of its mesh in dense fronts."""
 
 from dataclasses import dataclass
 
@@ -24,8 +24,9 @@ class EliminationFront:
     beside: NDArray[np.intp]
     """Later places that their elimination acts on, in order."""
     branches: list[tuple[int, list[tuple[int, int, int]]]]
-    """Fronts that act on this one: number of each, and stretches of what is beside it, from where
-    to where, and where they are among these places and those beside them."""
+    """Fronts that act on this one: number of each, and ranges of its coupled places, with their
+    position among the places and coupled places of this front.
+    """
 
 
 class Fronts:
@@ -92,14 +93,14 @@ class Fronts:
             if beside.size:
                 branches[self.owner[beside[0]]].append(i)
         rows, columns = self.rank[rows], self.rank[columns]
-        #: Which of the rows and columns are taken: of two places that in which the column is later.
+        #: The rows and columns in use: of two places those in which the column is later.
         self.taken = np.flatnonzero(columns >= rows)
         self.row, self.column = rows[self.taken], columns[self.taken]
-        # places beside fronts, of all fronts one after another
+        # coupled places, of all fronts one after another
         self.every = np.concatenate([front.beside for front in self.fronts])
         self.bounds = np.cumsum([0, *(front.beside.size for front in self.fronts)])
         keys = np.repeat(np.arange(len(firsts)), np.diff(self.bounds)) * size + self.every
-        #: Where the columns are among these, of those that are not of the front itself.
+        #: Position of the columns among the coupled places, where they are not of the front itself.
         self.at = np.searchsorted(keys, self.owner[self.row] * size + self.column)
         self.at[self.owner[self.row] == self.owner[self.column]] = -1
 
@@ -107,8 +108,8 @@ class Fronts:
 class FrontalFactor:
     """Cholesky factor of a symmetric matrix, of which places of a mesh have some unknowns each.
 
-    `first` and `height` are the first unknown of each place and how many there are, in the order
-    of `Fronts`. Blocks of the matrix are to be put in `data` before it is factorised.
+    `first` and `height` are the first unknown and the number of unknowns of each place, in the
+    order of `Fronts`. Blocks of the matrix have to be put into `data` before it is factorised.
     """
 
     def __init__(self, fronts: Fronts, first: NDArray[np.intp], height: NDArray[np.intp]) -> None:
@@ -116,19 +117,19 @@ class FrontalFactor:
         ends = np.concatenate(([0], np.cumsum(height)))
         number = np.arange(ends[-1])
         self._unknowns = np.repeat(first - ends[:-1], height) + number
-        # unknowns of what is beside the fronts, of all fronts one after another
+        # coupled unknowns, of all fronts one after another
         ahead = np.concatenate(([0], np.cumsum(height[fronts.every])))
         later = np.repeat(ends[fronts.every] - ahead[:-1], height[fronts.every])
         later += np.arange(ahead[-1])
         bounds = ahead[fronts.bounds]
         low = ends[[front.first for front in fronts.fronts]]
         high, wide = np.diff(np.append(low, ends[-1])), np.diff(bounds)
-        # of each front the square of its own unknowns, then what they have with those beside it
+        # of each front the square of its unknowns, then their block with the coupled ones
         begin = np.cumsum(high * (high + wide)) - high * (high + wide)
         owner, inside = fronts.owner[fronts.row], fronts.at < 0
-        #: By how much the rows of each block taken of the matrix are apart in `data`.
+        #: Distance of the rows of each block of the matrix in `data`.
         self.apart = np.where(inside, high[owner], wide[owner])
-        #: Where each of these blocks begins in `data`.
+        #: Start of each of these blocks in `data`.
         self.start = self.apart * (ends[fronts.row] - low[owner]) + np.where(
             inside,
             begin[owner] + ends[fronts.column] - low[owner],
@@ -137,7 +138,7 @@ class FrontalFactor:
         #: Values of the matrix, front by front.
         self.data = np.zeros(int(np.sum(high * (high + wide))))
         own = np.repeat(fronts.owner, height)
-        #: Where the diagonal of each unknown is in `data`.
+        #: Position of the diagonal of each unknown in `data`.
         self.diagonal = np.empty(number.size, dtype=np.intp)
         self.diagonal[self._unknowns] = begin[own] + (number - low[own]) * (high[own] + 1)
         self._ends = [
@@ -146,7 +147,7 @@ class FrontalFactor:
                 fronts.fronts, low, high, fronts.bounds[:-1], fronts.bounds[1:], strict=True
             )
         ]
-        #: Of each front its own unknowns, those beside it, and both matrices.
+        #: Unknowns, coupled unknowns and both matrices of each front.
         self._blocks = [
             (
                 slice(a, a + m),

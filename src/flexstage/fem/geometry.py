@@ -26,7 +26,7 @@ MOUNTING = "mounting"
 
 
 def body_region(body: str) -> str:
-    """Return the name of the region of a body, its half notches left out."""
+    """Return the name of the region of a body without its half notches."""
     return f"body {body}"
 
 
@@ -70,15 +70,15 @@ def either(names: Iterable[str]) -> str:
 Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
 
-#: Part of a notch, from the neck on, that can be in plane strain [1]. The rest of it belongs to its
-#: body; it deforms little, and where a notch runs out along the edge of the body, a region that
-#: ended there would have a corner without an angle.
+#: Part of a notch, from the neck on, that can be in plane strain [1]. The remainder belongs to its
+#: body; it deforms little, and where a notch ends tangent to the edge of the body, a region that
+#: ended there would have a cusp.
 STRAINED = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePatch:
-    """Where a drive touches a body."""
+    """Patch of a drive on a body."""
 
     drive: str
     """Name of the drive."""
@@ -101,15 +101,15 @@ class StageFaces:
     shape: TopoDS_Shape
     """The faces, glued; regions and edges are named as in `flexstage.fem.geometry`."""
     patches: tuple[DrivePatch, ...]
-    """Where drives touch them."""
+    """Patches of the drives on them."""
     held: str
-    """What holds the fixed bodies, in words; empty where none is fixed."""
+    """Supports of the fixed bodies, as text; empty where none is fixed."""
 
 
 def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
     """Return the patches of a drive on some bodies.
 
-    Those of its two patches whose body is among them.
+    These are those of its two patches whose body is among them.
     """
     by_name = {b.name: b for b in bodies}
     found = []
@@ -122,7 +122,7 @@ def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
 
 
 def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | None:
-    """Find the stretch of the straight edge that a point lies on or beside, about its foot."""
+    """Find the part of a straight edge about the foot of a point on it or near it."""
     found: list[tuple[float, tuple[Point, Point]]] = []
     for loop in (body.outline, *(h for h in body.holes if isinstance(h, Loop))):
         for a, b, bulge in loop.segments():
@@ -170,8 +170,8 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
         shape = shape - face(loop.points, loop.bulges)
     if len(shape.faces) != 1:
         raise StageError(
-            f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: "
-            "see what 'flexstage check' says about it"
+            f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: run "
+            "'flexstage check'"
         )
     shape = shape.faces[0]
     shape.name = body_region(body.name)
@@ -181,8 +181,8 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
     """Return the faces of a stage: one for each body and one for each half notch.
 
-    Of some bodies alone, each with the half notches that it owns, where their names are given. Of a
-    whole stage it is an error too that nothing holds a body.
+    Of some bodies alone, each with its half notches, where their names are given. Of the entire
+    stage, a body without support is an error too.
     """
     if bodies is None:
         _require_held(stage)
@@ -222,7 +222,7 @@ def _name_edges(
     touched: tuple[DrivePatch, ...],
     halves: list[tuple[Hinge, int]],
 ) -> str:
-    """Give every edge that means something its name; say what holds the fixed bodies."""
+    """Name the edges of necks, notches, patches and supports; return the supports as text."""
     by_face = {f.name: f for f in glued.faces}
     for hinge, which in halves:
         cut = STRAINED * hinge.profile.length / 2.0
@@ -255,7 +255,7 @@ def _name_edges(
 
 
 def _require_held(stage: Stage) -> None:
-    """Refuse a stage of which a part can float away: its stiffness could not be factorised."""
+    """Refuse a stage with a body without support: its stiffness could not be factorised."""
     reached = {b.name for b in stage.bodies if b.fixed}
     if not reached:
         raise StageError(
@@ -285,7 +285,7 @@ def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
 
 
 def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
-    """Tell whether an edge is of the outer part of a notch, between its cut and its root."""
+    """Return whether an edge is of the outer part of a notch, between its cut and its root."""
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
     cut = STRAINED * half
     for p in chain(_ends(edge), map(_middle, [edge])):  # most edges fail at an end
@@ -294,7 +294,7 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
             return False
     first, last = _along(hinge, edge)
     middle = abs(hinge.from_plane(_middle(edge))[0])
-    # the cut lies across, and so does an edge of the body beside the root
+    # the cut lies across, and so does an edge of the body next to the root
     return not abs(first - last) < _NEAR or cut + _NEAR < middle < half - _NEAR
 
 
@@ -304,7 +304,7 @@ def _between(p: Point, a: Point, b: Point) -> bool:
 
 
 def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
-    """Name the edges that hold a fixed body: its mounting holes, or else its outer edges."""
+    """Name the supported edges of a fixed body: its mounting holes, or else its outer edges."""
     if body.mounting_holes:
         for edge in own.edges:
             x, y = _middle(edge)
@@ -312,9 +312,9 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
                 if abs(math.hypot(x - hole.centre[0], y - hole.centre[1]) - hole.radius) < _NEAR:
                     edge.name = MOUNTING
         return "fixed bodies held at their mounting holes"
-    # Where no holes are described it is held all around, but for the edges that a notch grows
-    # from and those beside them: they must be free to give way to the root. The line at which the
-    # body and the inner part of a notch meet is no edge of the stage.
+    # Without holes it is supported all around, except for the edges with a notch and those next to
+    # them, which must be free to deform at the root. The line at which the body and the inner part
+    # of a notch meet is no edge of the stage.
     roots: list[Point] = []
     hinges = [h for h in stage.hinges if body.name in h.bodies]
     for hinge in hinges:
@@ -332,8 +332,8 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
             count += 1
     if not count:
         raise StageError(
-            f"the fixed body '{body.name}' has no mounting hole, and no edge away from its notches "
-            "to hold it by: give it mounting_holes"
+            f"the fixed body '{body.name}' has no mounting hole, and no edge away from its "
+            "notches that could support it: give it mounting_holes"
         )
     return "fixed bodies without mounting holes held at their edges away from the notches"
 

@@ -39,7 +39,7 @@ from flexstage.stage.hinge_attachment import Root, hinge_root
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _NEAR = 1e-9  # two points are one [m]
 
-#: How far from the mouth of a notch its functions reach into its body, in widths of the mouth.
+#: Enrichment radius: extent into the body of the functions of a notch, in widths of its mouth.
 REACH = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
@@ -59,7 +59,7 @@ _T = TypeVar("_T")
 
 
 def _once(kept: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
-    """Keep the last results; of two threads that want the same one, the second waits for it."""
+    """Keep the last results; of two threads with the same argument, the second waits for it."""
 
     def of(function: Callable[_P, _T]) -> Callable[_P, _T]:
         known = lru_cache(maxsize=kept)(function)
@@ -86,15 +86,15 @@ class NotchBlock:
     plane: PlaneState
     """``stress`` or ``strain``, in a plane model."""
     through: ThroughThickness
-    """How displacements run through the thickness of the plate."""
+    """Functions of the displacement through the thickness of the plate."""
     mesh: MeshSettings
-    """How fine the body is meshed."""
+    """Mesh settings of the body."""
     poissons_ratio: float
     """Poisson's ratio [1]."""
     powers: int
     """Highest power over the neck of the tractions through it."""
     widest: Profile | None = None
-    """A notch of whose root the block is made, where that is another one."""
+    """Another notch whose root determines the block, if not None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +140,7 @@ class NeckStress:
 
 
 class StressOfNecks(NamedTuple):
-    """Stress of all half notches of a body, as `flexstage.fem.condensation.Condensed` has it."""
+    """Stress of all half notches of a body, as in `flexstage.fem.condensation.Condensed`."""
 
     stress: Array
     neck: NDArray[np.int64]
@@ -151,7 +151,7 @@ class StressOfNecks(NamedTuple):
 def stress_of_necks(part: Substructure) -> StressOfNecks:
     """Return the stress of the half notches of a body by unit forces on them.
 
-    What a body does to a notch beyond these forces is left out (Saint-Venant).
+    Effects of a body on a notch beyond these forces are omitted (Saint-Venant).
     """
     stage = part.stage()
     stresses, owner, points, seams, used = [], [], [], [], 0
@@ -175,7 +175,7 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
 
 
 def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
-    """Return the half notch at a neck of a body, which grows from it at a root."""
+    """Return the half notch at a neck of a body, with its root on it."""
     neck = part.necks[number]
     return NotchBlock(
         profile=neck.profile,
@@ -192,9 +192,9 @@ def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
 
 
 def neck_tractions(half: NotchBlock) -> Array:
-    """Return what makes up each motion of a neck, as `neck_mix` has it, shape (r, r + e).
+    """Return the composition of each motion of a neck, as by `neck_mix`, shape (r, r + e).
 
-    Of the half notch alone in a body as wide as its root, held at its far end.
+    It is that of the half notch in a body as wide as its root, fixed at its far end.
     """
     return _narrow_tractions(replace(half, wide=False, widest=None))
 
@@ -213,7 +213,7 @@ def _narrow_tractions(half: NotchBlock) -> Array:
 
 
 def _bare(motion: NeckMotion) -> NeckMotion:
-    """Return a motion without the powers that it does not have."""
+    """Return a motion without superfluous powers."""
     return replace(motion, weight=tuple(np.trim_zeros(motion.weight, "b")))
 
 
@@ -228,7 +228,7 @@ def neck_stress(half: NotchBlock) -> NeckStress:
 def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array, NeckStress]:
     """Return the flexibility of the motions of a neck, shape (r, r), and the stress by forces.
 
-    Half of the notch is held at the far end of its block. In space tractions pass through the neck
+    Half of the notch is fixed at the far end of its block. In space tractions pass through the neck
     as through that of the notch `like`, where one is given.
     """
     through = half.through
@@ -299,12 +299,12 @@ def _meshed(half: NotchBlock) -> tuple[ng.Mesh, CutNeck]:
 
 
 def notch_of(profile: Profile) -> Hinge:
-    """Return a hinge with a notch, of the usual place and direction here."""
+    """Return a hinge with a notch, at the origin and along x."""
     return Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
 
 
 def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
-    """Return half of a notch with a block of its body, which is held at its far end."""
+    """Return half of a notch with a block of its body, which is fixed at its far end."""
     hinge, wide, widest = notch_of(half.profile), half.wide, half.widest or half.profile
     # a fillet may be shorter than the neck is thick; arcs for a curve are short by themselves
     along = 1 if isinstance(half.profile, CurvedProfile) else _ALONG
@@ -319,7 +319,7 @@ def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
         points.append(a)
         bends.append(bulge)
         if abs(a[0] - root) < _NEAR and abs(b[0] - root) < _NEAR:
-            # the root gives way to the block
+            # the root is free to deform with the block
             left, right = (top + height, low - height) if wide else (top, low)
             corners = [(root, left), (far, left), (far, right), (root, right)]
             block = [c for c in corners if min(math.dist(c, a), math.dist(c, b)) > _NEAR]

@@ -1,4 +1,4 @@
-"""How stiff a part is between its faces, and how one moves with others."""
+"""Stiffness of a part between its faces, and motion of a face by others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ def _check(continuum: Continuum, boundary: str) -> None:
 
 
 def afford(continuum: Continuum) -> None:
-    """Refuse a mesh that is too large for the memory, while its stiffness is not factorised yet."""
+    """Refuse a mesh that is too large for the memory, before its stiffness is factorised."""
     if continuum._solver is None:
         low, high = continuum.mesh.ngmesh.bounding_box
         sides = [high[c] - low[c] for c in range(3)]
@@ -67,17 +67,17 @@ def interface_stiffness(
     at: Sequence[float] = (0.0, 0.0, 0.0),
     rigid: bool = True,
 ) -> Array:
-    r"""Return the stiffness of interfaces of a part, moved as one, while others are held.
+    r"""Return the stiffness of interfaces of a part, moved as one, while others are fixed.
 
     A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
-    free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
-    as a rigid motion is. The part between rigid interfaces is always the stiffer.
+    free to deform, and its mean motion is fixed, moved or loaded: forces are distributed over it as
+    a rigid motion is. The part between rigid interfaces is always the stiffer.
 
     Forces [N] and moments about the point `at` [N m] over displacements [m] and rotations [rad],
     shape (6, 6). `moving` and `held` are regular expressions, one for each interface: of several
-    mean ones each has the motion that is asked for, or none. For rigid interfaces all must be among
-    the held boundaries of the part; for mean ones nothing may be held, and a `shift` must be given,
-    of any size below its lowest natural frequency.
+    mean ones each has the required motion, or none. Rigid interfaces must be among the fixed
+    boundaries of the part; for mean ones no boundary may be fixed, and a `shift` must be given, of
+    any size below its lowest natural frequency.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def _rigid_stiffness(
         if (free & on).any():
             names = "|".join((*(name for name, _ in moving), held))
             raise ModelError(
-                "a rigid interface must be among the held boundaries of the part: make the "
+                "a rigid interface must be among the fixed boundaries of the part: create the "
                 f"continuum with held='{names}'"
             )
         taken += on
@@ -144,7 +144,7 @@ def _rigid_stiffness(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionRatio:
-    """How an interface of a part moves while two others are pushed apart, or together."""
+    """Motion of an interface of a part while two others are pushed apart, or together."""
 
     direction: Array
     """Unit vector from the second of the two to the first, along which they move, shape (3,)."""
@@ -157,7 +157,7 @@ class MotionRatio:
 
     @property
     def ratio(self) -> float:
-        """Length of the displacement of the third one over what the two move apart [1]."""
+        """Displacement of the third one over the relative displacement of the two [1]."""
         return float(np.linalg.norm(self.motion[:3]))
 
 
@@ -169,11 +169,11 @@ def interface_ratio(
     *,
     rigid: bool = True,
 ) -> MotionRatio:
-    """Return how an interface moves while two others are pushed apart by opposite forces.
+    """Return the motion of an interface while two others are pushed apart by opposite forces.
 
     All are regular expressions: `apart` the ends of a drive, along the line through whose centroids
-    the forces act, `output` the one whose motion is wanted. The part, and several that are held,
-    are as of `interface_stiffness`; rigid interfaces are all of them, and must not touch.
+    the forces act, `output` the one that is measured. The part, and several fixed interfaces, are
+    as in `interface_stiffness`; all interfaces must be rigid in that case, and must not touch.
 
     Examples
     --------
@@ -203,7 +203,9 @@ def interface_ratio(
     direction = np.subtract(first, second)
     length = float(np.linalg.norm(direction))
     if not length > 0.0:
-        raise ModelError(f"the interfaces {apart[0]} and {apart[1]} have one centroid: no ratio")
+        raise ModelError(
+            f"the interfaces {apart[0]} and {apart[1]} have the same centroid, so there is no ratio"
+        )
     direction /= length
     if rigid:
         moving = [(apart[0], first), (apart[1], second), (output, end)]
@@ -252,8 +254,8 @@ def _stiffness_times(continuum: Continuum, u: Array) -> Array:
 def _require_floating(continuum: Continuum) -> None:
     if not continuum.shift or not all(continuum.space.FreeDofs()):
         raise ModelError(
-            "between mean interfaces a part hangs free: make the continuum with a shift and "
-            "nothing held"
+            "with mean interfaces the part must be free: create the continuum with a shift and "
+            "no fixed boundary"
         )
 
 
@@ -274,11 +276,11 @@ def _between_mean(
 
 
 def interface_modes(continuum: Continuum, held: Sequence[str], count: int) -> tuple[Array, Array]:
-    r"""Return the natural modes of a part whose interfaces are held in the mean.
+    r"""Return the natural modes of a part whose interfaces are fixed in the mean.
 
-    The mean motion of each interface is kept at nothing by forces that are spread over it; the
+    The mean motion of each interface is zero by forces that are distributed over it; the
     interface itself may deform. With P the mean motions and :math:`A = (K + sM)^{-1}`,
-    the operator that is iterated is :math:`A - A P^T (P A P^T)^{-1} P A`.
+    the iterated operator is :math:`A - A P^T (P A P^T)^{-1} P A`.
 
     Returns omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count), of a
     part with a shift.
@@ -298,7 +300,7 @@ def interface_modes(continuum: Continuum, held: Sequence[str], count: int) -> tu
 
 
 def _floating(continuum: Continuum, load: Array) -> Array:
-    """Solve K u = f for a free part and loads in balance, undoing the mass of the shift."""
+    """Solve K u = f for a free part and balanced loads, without the mass of the shift."""
     rigid = _rigid_basis(continuum)
     weighted = continuum.mass_times(rigid)
 
@@ -315,8 +317,8 @@ def _floating(continuum: Continuum, load: Array) -> Array:
             return u  # at the tolerance, or at the level of rounding
         last = change
     raise ConvergenceError(
-        "the answer of the free part did not settle: give a shift well below the square of its "
-        "lowest natural angular frequency"
+        "the solution of the free part did not converge: give a shift well below the square of "
+        "its lowest natural angular frequency"
     )
 
 

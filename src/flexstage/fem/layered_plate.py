@@ -22,13 +22,13 @@ _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
 _SINGULAR = (
-    "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
-    "move freely: look at `flexstage check`, and for thin walls about holes"
+    "the stiffness of a body is singular, because a part of it is almost detached or can move "
+    "freely: run `flexstage check`, and look for thin walls around holes"
 )
 
 
 def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
-    """Factorise the stiffness of a part; what next to nothing holds has none that can be.
+    """Factorise the stiffness of a part; refuse one that is almost free.
 
     `ordered` says whether its unknowns come in the order in which they are to be eliminated.
     """
@@ -128,9 +128,9 @@ class PlaneIntegrals:
     def inside(
         self, notches: Sequence[tuple[str, tuple[float, float], float]]
     ) -> NDArray[np.bool_]:
-        """Tell which unknowns lie in notches alone: all elements that share them do.
+        """Return which unknowns lie in notches alone, with all elements that share them.
 
-        Of each notch its region, its centre [m], and how far from there it reaches [m].
+        Each notch has its region, its centre [m], and its radius about it [m].
         """
         elements = list(self.mesh.Elements(ng.VOL))
         corners = [[self.mesh[v].point for v in e.vertices] for e in elements]
@@ -157,10 +157,9 @@ class LayeredPlate:
     """A part of a plate on a mesh of its plane, with functions through its thickness.
 
     Its fields are those of `ThroughThickness.components`, on the scalar space of the mesh. Fields
-    of notches alone vanish in the bodies, which begin some way from the mouths of the notches; of
-    each notch `notches` gives the region, the centre [m] and how far from there they reach [m].
-    Unknowns are what nothing holds: side by side the fields of each unknown of the scalar space,
-    and these in order of elimination.
+    of notches alone vanish in the bodies beyond a radius about each notch; `notches` gives the
+    region, the centre [m] and that radius [m] of each. Unknowns are the free ones: the fields of
+    each unknown of the scalar space are adjacent, in order of elimination.
     """
 
     def __init__(
@@ -197,7 +196,7 @@ class LayeredPlate:
     def numbers(self, where: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the unknowns of fields at some places of the scalar space, shape (f, len(where)).
 
-        Of what is no unknown it is -1.
+        It is -1 where there is no unknown.
         """
         return self._numbers[:, where]
 
@@ -216,7 +215,7 @@ class LayeredPlate:
 
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant, and what it is more by in regions in plane strain [Pa].
+        """First Lamé constant, and its increase in regions in plane strain [Pa].
 
         Plane stress is three-dimensional elasticity with another one.
         """
@@ -263,7 +262,7 @@ class LayeredPlate:
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)
         """
         of_row, of_column, _ = self.plane.pattern
-        # rows of one place follow one another and are equally long, one block beside the other
+        # rows of one place are consecutive and equally long, one block after the other
         height, first = self._heights
         width = height[of_column]
         length = np.bincount(of_row, width, self.plane.width).astype(np.intp)
@@ -285,16 +284,16 @@ class LayeredPlate:
 
     @property
     def _heights(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Of each place how many unknowns it has, and the first of them."""
+        """Number of unknowns of each place, and the first of them."""
         return np.count_nonzero(self._numbers >= 0, axis=0), self._numbers[self._fields[0]]
 
     def _blocks(
         self, taken: NDArray[np.intp]
     ) -> Iterator[tuple[NDArray[np.intp], Array, NDArray[np.intp], NDArray[np.intp]]]:
-        """Go through blocks of the stiffness, of two places each, that are taken of the pattern.
+        """Yield blocks of the stiffness, of two places each, for entries of the pattern.
 
-        Some of the same shape at a time, so that what is between stays in the processor's memory:
-        which of those that are taken, the blocks, and the numbers of their rows and columns.
+        They come in groups of one shape, so that intermediate results stay in the processor's
+        cache: numbers of the entries, the blocks, and the numbers of their rows and columns.
         """
         through = self._through[np.ix_(self._fields, self._fields)]
         of_row, of_column, planes = self.plane.pattern
@@ -310,7 +309,7 @@ class LayeredPlate:
     def factorised(
         self, springs: NDArray[np.intp] | None = None, stiffer: float = 1.0
     ) -> SuperLU | FrontalFactor:
-        """Factorise the stiffness, with springs at some unknowns that make it so much stiffer."""
+        """Factorise the stiffness, with springs at some unknowns that multiply their stiffness."""
         at = np.zeros(0, dtype=np.intp) if springs is None else springs
         if not self.through.in_space:  # two fields are too few for dense fronts
             stiffness = self.stiffness
@@ -333,7 +332,7 @@ class LayeredPlate:
 
     @cached_property
     def _mass(self) -> sp.csr_matrix:
-        """Mass matrix [kg]; functions are orthonormal, so that fields do not share any."""
+        """Mass matrix [kg]; functions are orthonormal, so that fields are not coupled."""
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
         kept = (row >= 0) & (column >= 0)
@@ -350,7 +349,7 @@ class LayeredPlate:
     def spread(self, direction: int, row: Array, through: Callable[[Array], Array]) -> Array:
         r"""Return :math:`\int r(x, y)\,f(z)\,u_i`, of a row on the scalar space, shape (n,).
 
-        The row is one of means over the plane or a line of it; f is a function of the distance from
+        The row is one of means over the plane or a line in it; f is a function of the distance from
         the middle plane [m], even or odd as the displacement is.
         """
         z, weights = self.through.rule
@@ -370,7 +369,7 @@ class LayeredPlate:
         )
 
     def middle(self, row: Array) -> Array:
-        """Return what a row of a plane continuum says of the middle plane, shape (n,)."""
+        """Return a row of a plane continuum for the middle plane, shape (n,)."""
         found = np.zeros((len(self.through.components), self.plane.width))
         values = self.through.values_at(np.zeros(1))
         for i, (d, kind, k) in enumerate(self.through.components):
@@ -410,7 +409,7 @@ class LayeredPlate:
 
     @property
     def pins(self) -> NDArray[np.intp]:
-        """Three unknowns that hold it if nothing else does."""
+        """Three unknowns that support it if it is free."""
         x, y = self.plane.places[: self.plane.mesh.nv, 1:].T
         first = [d for d, _, _ in self.through.components].index
         # a vertex, and others from turning about it
@@ -460,8 +459,8 @@ class LayeredPlate:
     def thermal(self, plane: ng.CoefficientFunction | float, power: int) -> Array:
         r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p.
 
-        In a plane model 2 stands for 3, and the thickness of what is in plane strain counts as free
-        to grow with the temperature.
+        In a plane model the factor is 2 in place of 3, and the thickness of regions in plane strain
+        is free to expand.
         """
         (lame, more), dimension = self.lame, 3 if self.through.in_space else 2
         pressure = dimension * lame + 2.0 * self.shear_modulus

@@ -18,16 +18,16 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import StageFaces, body_region, surface_edge
 from flexstage.stage import Loop, Stage
 
-#: Below it an element is a sliver that spoils the figures of its neighbourhood [1].
+#: Least shape of an element; below it a sliver makes its neighbourhood inaccurate [1].
 SLIVER = 0.15
 _TRIES = 6
 
-# At a corner that points into a body the stress has no bound, and the mesh is what the body's
-# stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
+# At a corner that points into a body the stress is singular, and the mesh dominates the error of
+# the body's stiffness: largest element there, in plate thicknesses, and the least turn [rad].
 _AT_CORNER, _TURN = 0.1, 0.3
 _GROWTH = 0.35  # of an element, by its distance from the small ones [1]
 
-#: The mesher and its meshes are used by one thread at a time; matrices are factorised side by side.
+#: Lock of the mesher and its meshes for one thread at a time; matrices are factorised in parallel.
 MESHER = threading.RLock()
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
@@ -36,12 +36,12 @@ MIDDLE = "middle"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshSettings:
-    """How fine a mesh is.
+    """Settings of a mesh.
 
     Raises
     ------
     ModelError
-        A figure is out of its range.
+        A setting is out of its range.
     """
 
     order: int = 4
@@ -49,11 +49,11 @@ class MeshSettings:
     neck_size: float = 0.8
     """Largest element along the surface of a notch, in neck thicknesses [1]."""
     grading: float = 0.6
-    """How fast elements grow away from the necks, 0.1 (slowly) to 1 [1]."""
+    """Growth of elements away from the necks, 0.1 (slow) to 1 [1]."""
     size: float = 2.0
     """Largest element, in plate thicknesses [1]."""
     layers: int = 1
-    """Layers of prisms through half the thickness; of a plane mesh it says nothing."""
+    """Layers of prisms through half the thickness; not used in a plane mesh."""
 
     def __post_init__(self) -> None:
         require_within(
@@ -67,13 +67,13 @@ class MeshSettings:
 
 
 def require_within(settings: object, **ranges: tuple[float, float]) -> None:
-    """Refuse figures of a mesh that are out of their ranges."""
+    """Refuse settings of a mesh that are out of their ranges."""
     for name, (low, high) in ranges.items():
         if not low <= (value := getattr(settings, name)) <= high:
             raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
 
 
-#: Sizes that are tried, over the one that is asked for, until the plate is filled with prisms.
+#: Factors on the requested size, tried in turn until the plate is filled with prisms.
 _SIZES = (1.0, 0.85, 1.15)
 
 
@@ -98,7 +98,7 @@ def _generate(
         for z in levels:
             rules.RestrictH(x, y, z, size)
     try:
-        # a plane is meshed by one thread: others that wait for it would keep the cores busy
+        # a plane is meshed by one thread: waiting threads would keep the cores busy
         with parallel(1 if dimension == 2 else None):
             made = geometry.GenerateMesh(rules)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
@@ -113,7 +113,7 @@ def _generate(
 
 
 def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
-    """Refuse elements so small that already their number does not fit in memory."""
+    """Refuse elements so small that their number alone does not fit in memory."""
     largest = settings.size * stage.thickness * METRE
     area = sum(f.mass for f in faces.shape.faces)
     # no triangle is larger than an equilateral one, and the necks only add to them
@@ -148,7 +148,7 @@ def corner_sizes(stage: Stage, faces: StageFaces) -> Sizes:
 
 
 def _turns(loop: Loop) -> list[tuple[tuple[float, float], float]]:
-    """Return by how much a loop turns at its corners, positive where they point outwards [rad]."""
+    """Return the turn of a loop at its corners, positive where they point outwards [rad]."""
     segments = loop.segments()
     area = sum(a[0] * b[1] - a[1] * b[0] for a, b, _ in segments)
     found = []
@@ -166,7 +166,7 @@ def plane_mesh(
     """Mesh the plane of a stage with curved triangles.
 
     It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`; `sizes`
-    are of elements at further places than notches and corners.
+    are of elements at places other than notches and corners.
     """
     _afford(stage, faces, settings, 2)
     _refine(stage, faces, settings)
@@ -176,7 +176,7 @@ def plane_mesh(
 def face_mesh(
     shape: TopoDS_Shape, thickness: float, settings: MeshSettings, sizes: Sizes = ()
 ) -> ng.Mesh:
-    """Mesh a face, of a plate as thick as is said [m], with curved triangles."""
+    """Mesh a face of a plate of some thickness [m] with curved triangles."""
     mesh = _generate(shape, 2, settings.size * thickness, settings.grading, sizes)
     mesh.Curve(settings.order)
     return mesh
@@ -185,11 +185,11 @@ def face_mesh(
 def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the upper half of a stage's thickness with layers of curved prisms.
 
-    The plane z = 0 is the middle of the plate; whatever a stage does is symmetric about it or the
-    opposite, so that two half models hold the whole answer.
+    The plane z = 0 is the middle of the plate; the motion of a stage is symmetric or antisymmetric
+    about it, so that two half models suffice.
 
     It is in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the edges
-    that they grow from.
+    from which they are extruded.
     """
     _afford(stage, faces, settings, 3)
     _refine(stage, faces, settings)
@@ -199,9 +199,9 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         for k in range(settings.layers)
     ]
     whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
-    # What lies over one another is meshed alike, with prisms between: the two level faces of each
-    # solid, however many bodies share a centre. Layers are slabs of their own: splitting prisms
-    # afterwards would lose the curvature of their sides.
+    # The two level faces of each solid have the same mesh, with prisms between, however many bodies
+    # share a centre. Layers are slabs of their own: splitting prisms afterwards would lose the
+    # curvature of their sides.
     for solid in whole.solids:
         below, above = sorted(_level_faces(solid, height), key=lambda f: f.center.z)
         layer = round(below.center.z / height)
@@ -215,9 +215,8 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
             break
     else:
         raise ModelError(
-            "the mesher did not fill the plate with prisms, at three sizes of the elements: take "
-            "the model in the plane or the superelements, or look for slivers with 'flexstage "
-            "check'"
+            "the mesher did not fill the plate with prisms, at three sizes of the elements: use "
+            "the plane model or the superelements, or look for slivers with 'flexstage check'"
         )
     mesh.Curve(settings.order)
     return mesh
@@ -243,9 +242,9 @@ def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     """Mesh the plane of a stage, again where the mesher left slivers.
 
     Now and then the mesher closes a gap between fine and coarse elements with a fan of slivers.
-    Along them it is told then how elements grow.
+    Sizes along them then prescribe the growth of elements.
 
-    It is the first mesh without a sliver of some tries, or else the best.
+    It is the first mesh without a sliver in a few tries, or else the best.
     """
     sizes: list[tuple[tuple[float, float], float]] = []
     best, least = None, -math.inf

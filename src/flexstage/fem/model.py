@@ -40,11 +40,11 @@ _DEPENDENT = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UncoupledProblem:
-    """Motion in the plane of a stage, or out of it: a continuum and what coordinates move it.
+    """Motion in the plane of a stage, or out of it: a continuum and its coordinates.
 
-    A model in the plane has one. In three dimensions there are two that know nothing of each other:
-    motion in the plane, which is symmetric about the middle of the plate, and motion out of it,
-    which is the opposite. Each is solved on the upper half of the plate.
+    A model in the plane has one. In three dimensions there are two decoupled ones: motion in the
+    plane, which is symmetric about the middle of the plate, and motion out of it, which is
+    antisymmetric. Each is solved on the upper half of the plate.
     """
 
     continuum: Continuum
@@ -54,7 +54,7 @@ class UncoupledProblem:
     out_of_plane: bool
     """Whether it is the motion out of the plane."""
     points: NeckPoints
-    """Where the stress of the notches is looked for."""
+    """Points of the stress of the notches."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,13 +66,13 @@ class StageModel:
     system: MechanicalSystem
     """The system that it was projected on."""
     mesh_settings: MeshSettings
-    """How fine the mesh is."""
+    """Settings of the mesh."""
     unknowns: int
     """Number of unknowns of one problem, the largest system that is factorised."""
     elements: int
     """Number of elements of the mesh."""
     solved: Callable[[], tuple[UncoupledProblem, ...]] = field(repr=False, compare=False)
-    """Gives `problems`; where the rest was read from a cache, by solving the stage again."""
+    """Returns `problems`; solves the stage again if the other fields are from a cache."""
 
     __repr__ = short_repr
 
@@ -153,8 +153,8 @@ def assemble(
     """Project continua of a stage on one system.
 
     Each of `continua` is a continuum, the number of its modes, and whether it moves out of the
-    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies
-    give way under drives that react on them.
+    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies are
+    compliant under drives that react on them.
     """
     masses = mass_properties(stage)
     uncoupled: list[_UncoupledSystem] = []
@@ -204,7 +204,7 @@ def assemble(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _UncoupledSystem:
-    """What one continuum gives to the system, in its own coordinates."""
+    """Contribution of one continuum to the system, in its own coordinates."""
 
     continuum: Continuum
     omega: Array

@@ -43,7 +43,7 @@ def neck_coordinates(through: ThroughThickness) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Freedom:
-    """In which way the bodies of a stage move: in its plane, or out of it."""
+    """Degrees of freedom of the interfaces of the bodies of a stage, in its plane or out of it."""
 
     necks: tuple[str, ...]
     """Name and unit of each motion of a neck."""
@@ -54,7 +54,7 @@ class Freedom:
 
     @property
     def turning(self) -> NDArray[np.bool_]:
-        """Which motions of a neck are a rotation times half of the thickness of the neck."""
+        """Motions of a neck that are a rotation times half of the thickness of the neck."""
         return np.array([name.startswith(_TURNS) for name in self.necks])
 
     @property
@@ -63,7 +63,7 @@ class Freedom:
         return self.axes == "z"
 
     def carried(self, motion: Array, centre: Point, at: Point) -> Array:
-        """Carry the motion of a body, one a row, from its centre to another point."""
+        """Transfer the motion of a body, one a row, from its centre to another point."""
         x, y = at[0] - centre[0], at[1] - centre[1]
         moved = motion.copy()
         if self.out_of_plane:  # displacement z, rotations about x and y
@@ -76,18 +76,18 @@ class Freedom:
     def read(self, centre: Point, at: Point) -> Array:
         """Return the displacements of a point of a body by the motions of its centre, shape (k, 3).
 
-        The same rows are what unit forces at the point do to these motions.
+        The same rows are the loads of unit forces at the point on these motions.
         """
         return self.carried(np.eye(3), centre, at)[: len(self.axes)]
 
     def inertia(self, extra: ExtraMass) -> Array:
-        """Return what rides on a body, for each of its motions; out of the plane it is a point."""
+        """Return the inertia of an extra mass by motions; out of the plane it is a point."""
         out = (extra.mass, 0.0, 0.0)
         return np.array(out if self.out_of_plane else (extra.mass, extra.mass, extra.inertia))
 
 
 def freedom(through: ThroughThickness) -> Freedom:
-    """Return in which way bodies move that are condensed with functions through the thickness."""
+    """Return the degrees of freedom of bodies condensed with functions through the thickness."""
     out = through.out_of_plane
     return Freedom(
         necks=tuple(f"{name} [m]" for name in neck_coordinates(through)),
@@ -176,11 +176,10 @@ class NeckMotion:
 def neck_motions(
     through: ThroughThickness, degree: int
 ) -> tuple[tuple[NeckMotion, ...], tuple[NeckMotion, ...], int, int]:
-    """Return the motions that necks pass on, and those without resultant, each pulled then sheared.
+    """Return the motions that necks transmit, and those without resultant.
 
-    Pulled are those along the hinge, sheared the others; the numbers say how many of each are
-    pulled. The motions that are passed on come in the order of
-    `neck_coordinates`.
+    Both begin with the motions along the hinge (pulled), whose numbers are returned too; the others
+    are sheared. The transmitted motions are in the order of `neck_coordinates`.
     """
     beam, normal, shear = (table.tolist() for table in neck_weights(degree))
     mean, parabola, turn = beam
@@ -214,13 +213,13 @@ def neck_motions(
 
 
 def neck_mix(flexibility: Array, through: ThroughThickness, degree: int) -> Array:
-    r"""Return what makes up each motion that a neck passes on, of all `neck_motions`.
+    r"""Return the composition of each motion that a neck transmits, by all `neck_motions`.
 
-    About a notch that is the same on both sides a pull or a moment leaves the neck plane and its
-    shear traction nothing, and a shear force moves all of the neck alike and leaves its normal
-    traction nothing. The tractions without resultant that make it so are a part of each, for pulled
-    and sheared motions by themselves: :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r` with the
-    flexibility F of the neck, shape (r + e, r + e). Shape (r, r + e).
+    About a notch that is the same on both sides a pull or a moment keeps the neck plane and its
+    shear traction zero, and a shear force moves the neck uniformly and keeps its normal traction
+    zero. The tractions without resultant that make it so are a part of each, for pulled and sheared
+    motions by themselves: :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r` with the flexibility F
+    of the neck, shape (r + e, r + e). Shape (r, r + e).
     """
     passed, rest, pulled, pulled_more = neck_motions(through, degree)
     r, e = len(passed), len(rest)
@@ -241,7 +240,7 @@ def motion_rows(
     direction: tuple[float, float] = (1.0, 0.0),
     mix: Array | None = None,
 ) -> Array:
-    """Return motions of a neck as rows of a plate, or what is mixed of them, shape (m, n).
+    """Return motions of a neck as rows of a plate, or combinations of them, shape (m, n).
 
     `means` are those of `edge_means`, `direction` is the hinge's.
     """

@@ -15,9 +15,9 @@ from flexstage.fem.geometry import exactly, surface_edge
 from flexstage.fem.layered_plate import LayeredPlate
 from flexstage.stage import Stage
 
-#: Which of the components of stress a plane model has: xx, yy, zz and xy.
+#: Indices of the components of stress in a plane model: xx, yy, zz and xy.
 IN_PLANE = (0, 1, 2, 5)
-#: Points along an edge; its ends lie on vertices, where the elements beside it are averaged.
+#: Points along an edge; its ends lie on vertices, where adjacent elements are averaged.
 ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
@@ -50,7 +50,7 @@ class NeckPoints:
 
 
 def neck_points(mesh: ng.Mesh, stage: Stage) -> NeckPoints:
-    """Return the points at which the stress of the notches is looked for."""
+    """Return the points at which the stress of the notches is computed."""
     return surface_points(mesh, tuple(h.name for h in stage.hinges))
 
 

@@ -1,4 +1,4 @@
-"""Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
+"""A part from a STEP file: its solids, its faces by name, its mesh."""
 
 import math
 import pickle
@@ -31,7 +31,7 @@ class PartFace:
     """A face of a part."""
 
     name: str
-    """Its name, which the boundary of the mesh bears too; faces may share one."""
+    """Its name, also that of the boundary of the mesh; faces may share one."""
     kind: str
     """``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ..."""
     area: float
@@ -45,9 +45,9 @@ class PartFace:
     high: tuple[float, ...]
     """Highest corner of the box about it [m]."""
     bodies: tuple[str, ...]
-    """Names of the solids that it bounds: of two that are joined there, or of one."""
+    """Names of the solids that it bounds: two joined ones, or one."""
     forward: bool
-    """Whether the normal of its surface, by its coordinates, looks out of the first of them."""
+    """Whether the normal of its surface, by its coordinates, points out of the first of them."""
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -84,9 +84,9 @@ def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
 
 
 def _kind(shape: TopoDS_Shape) -> tuple[str, bool]:
-    """Return the kind of surface of a face, and whether its normal looks out of the solid.
+    """Return the kind of surface of a face, and whether its normal points out of the solid.
 
-    Only the text form of a shape tells: the kind as a number after the heading ``Surfaces``, and
+    Only the text form of a shape has both: the kind as a number after the heading ``Surfaces``, and
     the orientation as the sign of the last shape.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -110,7 +110,7 @@ class Part:
     """One solid, or several that are joined where they touch."""
 
     source: str
-    """Where it comes from, for messages."""
+    """Its source, for messages."""
     shape: TopoDS_Shape
     """The solids, in millimetres; every face has a name."""
     bodies: tuple[str, ...]
@@ -201,14 +201,14 @@ class Part:
             if distance - found[0][0] < margin and name != found[0][1]:
                 raise StageError(
                     f"the point {tuple(point)} m is as near to face '{found[0][1]}' as to "
-                    f"'{name}': give a point inside the face that is meant"
+                    f"'{name}': give a point inside the intended face"
                 )
         return found[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
         """Return the names of the plane faces at one end of the part.
 
-        Of all plane faces that look outwards along the axis ``x``, ``y`` or ``z`` those that lie
+        Of all plane faces with outward normals along the axis ``x``, ``y`` or ``z`` those that lie
         lowest (``min``) or highest (``max``), in the order of the file.
         """
         if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
@@ -220,8 +220,9 @@ class Part:
         there = [f for f in self.faces if f.normal is not None and sign * f.normal[k] > 1.0 - _NEAR]
         if not there:
             raise StageError(
-                f"{self.source} has no plane face that looks along {'+' if sign > 0 else '-'}"
-                f"{axis}: name the face in the CAD program, or give a point on it"
+                f"{self.source} has no plane face with its normal along "
+                f"{'+' if sign > 0 else '-'}{axis}: name the face in the CAD program, or give a "
+                "point on it"
             )
         outermost = max(sign * f.centre[k] for f in there)
         low, high = self.bounding_box
@@ -230,7 +231,7 @@ class Part:
         return tuple(dict.fromkeys(level))
 
     def boundary(self, names: str | Sequence[str]) -> str:
-        """Return the regular expression that stands for faces in a mesh."""
+        """Return the regular expression of faces in a mesh."""
         given = (names,) if isinstance(names, str) else tuple(names)
         known = {f.name for f in self.faces}
         for name in given:
@@ -257,7 +258,7 @@ class Part:
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
-        It is in millimetres; the mesher is given up after `limit` seconds of computing time.
+        It is in millimetres; the mesher is stopped after `limit` seconds of computing time.
 
         Examples
         --------
@@ -316,11 +317,11 @@ def part_surface(part: Part) -> PartSurface:
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
     """Read a part from a STEP file.
 
-    Whatever its unit of length, the geometry kernel turns it into millimetres. `solid` are those to
-    take of several, by number, counted from 0, or by name; ``all`` keeps all of them, and several
-    are joined where they touch. Faces and solids that have no name in the file are called
-    ``face1``, ..., ``body1``, ... in its order. Refused are no STEP file or one that is not whole,
-    no solid, one without volume, several of which none is chosen, and several that overlap.
+    The geometry kernel converts any unit of length to millimetres. `solid` selects from several
+    solids, by number, counted from 0, or by name; ``all`` keeps all of them, and several are joined
+    where they touch. Faces and solids that have no name in the file are called ``face1``, ...,
+    ``body1``, ... in its order. A file is refused that is no STEP file or incomplete, or that has
+    no solid, a solid without volume, several solids without a selection, or overlapping solids.
     """
     path = Path(path)
     packed, bodies, faces = of_step(path, _packed_part, path, solid)
@@ -330,7 +331,7 @@ def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None
 def _packed_part(
     shape: TopoDS_Shape, path: Path, solid: int | str | Sequence[int | str] | None
 ) -> tuple[bytes, tuple[str, ...], tuple[PartFace, ...]]:
-    """Return the shape of a part for another process, what it is called, and its faces."""
+    """Return the shape of a part for another process, its names, and its faces."""
     part = _part_of(shape, path, solid)
     packed = pickle.dumps(OCCGeometry(part.shape))
     # all that is done with it there, but its mesh, is done here first: the kernel may break down
@@ -369,7 +370,7 @@ def _part_of(
 
 
 def _number(word: int | str, names: Sequence[str], path: Path) -> int:
-    """Return which solid a word means: a name, or as text a number from 1, as in ``body1``."""
+    """Return the number of a solid by its name, or by text with a number from 1 (``body1``)."""
     if isinstance(word, int):
         if 0 <= word < len(names):
             return word

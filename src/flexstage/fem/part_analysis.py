@@ -1,6 +1,6 @@
-"""What finite elements say of a part that was drawn elsewhere: mass, modes, stiffness, ratio.
+"""Analysis of a part from a STEP file by finite elements: mass, modes, stiffness, ratio.
 
-What it is made of is said in words: a name, or figures; for all solids, or for one.
+Materials are given as text: a name from the catalogue, or figures; for all solids, or for one.
 """
 
 import math
@@ -36,7 +36,7 @@ _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3"
 
 
 def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
-    """Return what each solid of a part is made of, by its name.
+    """Return the material of each solid of a part, by its name.
 
     Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
     material is a name from the catalogue, or ``E=..., nu=..., rho=...``, bare numbers in SI.
@@ -74,7 +74,7 @@ def _solid(part: Part, word: str) -> str:
     if word.isdigit() and 0 < int(word) <= len(part.bodies):
         return part.bodies[int(word) - 1]
     known = ", ".join(f"{k} {name}" for k, name in enumerate(part.bodies, 1))
-    raise StageError(f"{part.source} has no solid '{word}' to give a material to: it has {known}")
+    raise StageError(f"{part.source} has no solid '{word}' for the material: it has {known}")
 
 
 def _material(text: str) -> Material:
@@ -112,13 +112,13 @@ def _material(text: str) -> Material:
 class Bodies(Continuum):
     """A part in three dimensions whose regions are of different materials.
 
-    `materials` gives each region's by its name. `held` is the regular expression of the boundaries
-    that are held, `held_components` those held in one direction, by ``x``, ``y``, ``z``; the mesh
-    is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
+    `materials` gives each region's by its name. `held` is the regular expression of the fixed
+    boundaries, `held_components` those of boundaries fixed in one direction, by ``x``, ``y``,
+    ``z``; the mesh is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
 
     Notes
     -----
-    Loads by volume (gravity, temperature) are those of one material and are not given here.
+    Loads by volume (gravity, temperature) are those of one material and are not available here.
     """
 
     def __init__(
@@ -169,23 +169,23 @@ class InterfaceResult:
     """A part with one kind of interfaces."""
 
     frequency_hz: Array
-    """Natural frequencies, rigid motions left out [Hz], shape (k,)."""
+    """Natural frequencies, without rigid motions [Hz], shape (k,)."""
     stiffness: Array | None = None
     """Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
     shape (6, 6).
     """
     ratio: MotionRatio | None = None
-    """How the output moves when two faces are pushed apart."""
+    """Motion of the output when two faces are pushed apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartAnalysis:
-    """A part, held or free."""
+    """The analysis of a part, fixed or free."""
 
     part: Part
     """The part."""
     materials: Mapping[str, Material]
-    """What each of its bodies is made of."""
+    """Material of each of its bodies."""
     order: int
     """Polynomial order of the displacement."""
     elements: int
@@ -193,21 +193,20 @@ class PartAnalysis:
     unknowns: int
     """Unknowns of the mesh."""
     expected: PartEstimate
-    """What they were expected to be, and to cost."""
+    """Their estimate before the analysis, with its cost."""
     held: tuple[str, ...]
-    """Faces that are held; empty for a free part."""
+    """Fixed faces; empty for a free part."""
     moved: tuple[str, ...]
-    """Faces whose stiffness was asked for."""
+    """Faces with a requested stiffness."""
     at: tuple[float, ...]
     """The point about which the stiffness is [m]."""
     results: Mapping[str, InterfaceResult]
-    """The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
-    one, ``free``.
+    """The result by the kind of interfaces, ``rigid`` and ``mean``; of a free part one, ``free``.
     """
 
 
 def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
-    """Return the faces that some words name.
+    """Return the faces of a list of words.
 
     ``x-min``, ``z-max`` and so on stand for the plane faces at that end of the part.
 
@@ -231,9 +230,9 @@ def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wanted:
-    """What is asked for, with faces as regular expressions; empty where there are none.
+    """The requested interfaces as regular expressions; empty where there are none.
 
-    Held and moved faces have one for each group of faces that touch.
+    Fixed and moved faces have one for each group of faces that touch.
     """
 
     held: tuple[str, ...]
@@ -252,10 +251,10 @@ def analyse_part(
 ) -> PartAnalysis:
     """Analyse a part.
 
-    Where nothing is held it floats. ``rigid`` interfaces move as if stiff plates were welded to
-    them; ``mean`` ones may deform, and it is their mean motion that counts, of each group of held
-    and of moved faces that touch. The displacement has the order of the mesh. `expect` is told what
-    the mesh will be and cost, before it is made.
+    Without fixed faces it is free. ``rigid`` interfaces move as if stiff plates were welded to
+    them; ``mean`` ones may deform, and their mean motion counts, of each group of fixed and of
+    moved faces that touch. The displacement has the order of the mesh. `expect` receives the
+    estimate of the mesh and its cost beforehand.
 
     Notes
     -----
@@ -311,7 +310,7 @@ def analyse_part(
 
 
 def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
-    """Count them: floating parts need one, rigid interfaces one for each set that is held."""
+    """Return their number: one for a free part, one for each set of fixed rigid faces."""
     of_rigid = sum(map(bool, (wanted.modes, wanted.moved, wanted.ratio)))
     return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
 
@@ -319,7 +318,7 @@ def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
 def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]) -> _Wanted:
     ratio = tuple(named_faces(part, words) for words in request.ratio or ())
     if (move or ratio) and not hold:
-        raise StageError("stiffness and ratio of faces are against held ones: name some to hold")
+        raise StageError("stiffness and ratio refer to fixed faces: name faces to hold")
     for purpose, names in (
         ("moved", move),
         *(("pushed", names) for names in ratio[:2]),
@@ -327,7 +326,7 @@ def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequenc
     ):
         both = set(hold) & set(names)
         if both:
-            raise StageError(f"face '{min(both)}' cannot be held and {purpose}: name it once")
+            raise StageError(f"face '{min(both)}' cannot be fixed and {purpose}: name it once")
     if ratio and len(set().union(*ratio)) < sum(len(set(names)) for names in ratio):
         raise StageError("the ratio is between three different faces, got one of them twice")
     point: tuple[float, ...] = ()
@@ -361,7 +360,7 @@ def _hertz(omega: Array) -> Array:
 
 
 def _free(body: Bodies, modes: int) -> Array:
-    """Return the elastic modes; the rigid ones are below them, whatever rounding makes of them."""
+    """Return the elastic modes; the rigid ones are below them, up to rounding."""
     if not modes:
         return np.zeros(0)
     omega, _ = body.modes(modes + _RIGID_MOTIONS)
@@ -371,9 +370,9 @@ def _free(body: Bodies, modes: int) -> Array:
 def _with_interfaces(
     wanted: _Wanted, part: Callable[..., Bodies], *, rigid: bool
 ) -> InterfaceResult:
-    """Solve with rigid interfaces, one factorisation for each set of faces held, or with mean ones.
+    """Solve with rigid interfaces, one factorisation for each set of fixed faces, or mean ones.
 
-    `part` gives the part with more faces held, or the one that floats.
+    `part` returns the part with further fixed faces, or the free one.
     """
 
     def done(body: Bodies) -> None:
@@ -411,20 +410,20 @@ def _with_interfaces(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartResult(Result):
-    """Faces and mass of a part, and its modes and stiffness where a mesh was asked for."""
+    """Faces and mass of a part, and its modes and stiffness where a mesh was requested."""
 
     table_key: ClassVar[str] = "faces"
 
     part: Part
     """The part."""
     materials: Mapping[str, Material]
-    """What each of its bodies is made of."""
+    """Material of each of its bodies."""
     held: tuple[str, ...]
-    """Names of the faces that are to be held."""
+    """Names of the faces to fix."""
     moved: tuple[str, ...]
-    """Names of those that are to be moved."""
+    """Names of the faces to move."""
     analysis: PartAnalysis | None
-    """Its analysis; None where none was asked for."""
+    """Its analysis; None where not requested."""
 
     def data(self) -> dict[str, Any]:
         out: dict[str, Any] = {

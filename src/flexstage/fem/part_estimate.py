@@ -1,4 +1,4 @@
-"""How large a mesh of a part will be, and what it costs, told before anything is meshed."""
+"""Estimate of the size of a mesh of a part, and of its cost, before it is meshed."""
 
 import math
 from collections import defaultdict
@@ -19,14 +19,14 @@ _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face
 _ON_EDGES = 1500  # places on edges, about, at most
 _LARGER = 1.25  # from one size that is tried to the next
-_ALIKE = 1e-6  # corners at one place, to this part of the size
+_ALIKE = 1e-6  # corners at one place, relative to the size
 _BENT = 1e-3  # angle between triangles of a plane, at most [rad]
 _GIGA = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Experience:
-    """How many elements meshes had, and what they cost.
+    """Numbers of elements of meshes, and their cost.
 
     Measured on 27 meshes of nine parts (a block, a bar, plates with holes, a tube, a notched bar,
     the joints and the actuator of docs/explanation/ansys-comparison.md), 40 to 24 000 elements;
@@ -40,7 +40,7 @@ class _Experience:
     triangles: float = 2.25
     """Triangles for each square of their size: 1.7 to 2.7 [1]."""
     few: float = 2.0
-    """Elements through a wall by which a part is a shell of one layer of them [1]."""
+    """Elements through a wall below which a part is a shell of one layer of elements [1]."""
     starting: float = 1.5
     """Time before the mesher begins [s]."""
     meshing: float = 4.5e-4
@@ -62,39 +62,40 @@ _FOUND = _Experience()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartEstimate:
-    """What a mesh of a part is expected to be and to cost."""
+    """Expected size and cost of a mesh of a part."""
 
     elements: float
     """Tetrahedra [1]."""
     unknowns: float
     """Degrees of freedom [1]."""
     memory: float
-    """At the most at one time [byte]."""
+    """Largest memory at one time [byte]."""
     seconds: float
     """CPU time of one core [s]."""
     meshing: float
-    """The part of it that the mesher takes [s]."""
+    """Share of the mesher in it [s]."""
     largest: float
     """Largest element [m]."""
 
     def words(self) -> str:
-        """Return it in words."""
+        """Return the estimate as text."""
         time = f"{self.seconds:.2g} s"
         if self.seconds > 90.0:
             minutes = self.seconds / 60.0
             time = f"{minutes:.2g} min" if minutes < 90.0 else f"{minutes / 60.0:.3g} h"
         return (
             f"about {_round(self.elements)} elements, {_round(self.unknowns)} unknowns, "
-            f"{self.memory / _GIGA:.2g} GB, {time} on one core (0.8 to 2.5 of what it takes)"
+            f"{self.memory / _GIGA:.2g} GB, {time} on one core (0.8 to 2.5 times the actual "
+            "values)"
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Places:
-    """Places on the surface of a part, and what the size of elements there goes by [m]."""
+    """Places on the surface of a part, with the lengths that determine the element size [m]."""
 
     area: Array
-    """What each stands for [m^2], shape (n,)."""
+    """Area that each represents [m^2], shape (n,)."""
     wall: Array
     """Thickness of the part behind it, shape (n,)."""
     radius: Array
@@ -172,7 +173,7 @@ def _radii(surface: PartSurface, normal: Array) -> Array:
 
 
 def _sizes(places: _Places, part: Part, settings: PartMesh) -> Array:
-    """Return the size of elements at each place, as the mesher's rules have it [m]."""
+    """Return the size of elements at each place, by the mesher's rules [m]."""
     diagonal = math.dist(*part.bounding_box)
     largest = settings.largest(diagonal)
     wanted = np.minimum(largest, places.radius / settings.curvature)
@@ -230,14 +231,13 @@ def estimate_part(part: Part, settings: PartMesh, *, factorisations: int = 1) ->
     the radius of curvature, the wall behind, the length of edges, and growth with the distance from
     where they are small. Counts follow by integration to the middle of the walls.
 
-    `factorisations` is how many stiffness matrices are factorised, one after the other.
+    `factorisations` is the number of stiffness matrices that are factorised, one after the other.
 
     Notes
     -----
-    Validity: of 20 meshes from 12 000 unknowns on it said 0.6 to 1.6 of the elements, 0.7 to 1.5 of
-    the unknowns, and 0.8 to 2.5 of the memory and of the time on the processor it was made on; too
-    much where a part is hollow. Meshes that curving folds are made anew, finer, which it does not
-    know.
+    Validity: for 20 meshes from 12 000 unknowns on it gave 0.6 to 1.6 of the elements, 0.7 to 1.5
+    of the unknowns, and 0.8 to 2.5 of the memory and of the time on the same processor; too much
+    for hollow parts. It does not include the repetition of meshes that curving folds.
     """
     return _estimate(_places(part, part_surface(part)), part, settings, factorisations)
 
@@ -270,7 +270,7 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
 
 
 def require_room(part: Part, settings: PartMesh, expected: PartEstimate) -> None:
-    """Refuse a mesh that will not fit in memory, before it is made.
+    """Refuse a mesh that will not fit in memory, before it is generated.
 
     The size that would fit is in the message.
     """
@@ -279,7 +279,7 @@ def require_room(part: Part, settings: PartMesh, expected: PartEstimate) -> None
         return
     places = _places(part, part_surface(part))
     diagonal = math.dist(*part.bounding_box)
-    hint = "no size of elements makes it small enough: take a lower order or a part of it"
+    hint = "no element size is large enough: take a lower order or a part of the geometry"
     size = expected.largest
     while size < 0.25 * diagonal:
         size = min(_LARGER * size, 0.25 * diagonal)

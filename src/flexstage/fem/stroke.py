@@ -1,4 +1,4 @@
-"""A stage over the stroke of a drive: straightness, stiffening, buckling, also of guide bars."""
+"""Motion of a stage over the stroke of a drive: straightness, stiffening, buckling."""
 
 import math
 from dataclasses import dataclass, replace
@@ -27,17 +27,17 @@ _STEPS = 7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FiniteStroke(StrokeMotion):
-    """Motion of a platform over the stroke of a drive, from nothing, with finite displacements."""
+    """Motion of a platform over the stroke of a drive, from zero, with finite displacements."""
 
     axis: str
     """Name of the axis."""
     force: Array
-    """Force that it takes [N], shape (k,)."""
+    """Force of the drive [N], shape (k,)."""
     frequency_hz: float
     """Natural frequency of the axis' mode at full stroke, drives removed [Hz]."""
     buckling_factor: float
-    """Smallest factor of the load of the full stroke at which the stage buckles, the drive held at
-    its length [1]; infinite where it does not.
+    """Smallest factor of the load of the full stroke at which the stage buckles with the drive
+    locked [1]; infinite where it does not.
     """
 
     @property
@@ -78,7 +78,7 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     Notes
     -----
     Validity: any rotation, small strains; the drive keeps its direction. Motion out of the plane,
-    which comes from errors of manufacture, is not in it.
+    by manufacturing errors, is not included.
     """
     if steps < 3:
         raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
@@ -124,7 +124,7 @@ def _drive_row(model: StageModel, name: str) -> Array:
 def _frequency_at(
     model: StageModel, problem: UncoupledProblem, axis: AxisAnalysis, u: Array
 ) -> float:
-    """Frequency of the mode at a loaded state that moves the axis most."""
+    """Return the frequency of the mode at a loaded state that moves the axis most."""
     stage = model.stage
     probe = stage.probe(axis.probe)
     drive = _drive_row(model, axis.drive)
@@ -136,7 +136,7 @@ def _frequency_at(
 
 
 def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[FiniteStroke, ...]]:
-    """Add what finite displacements say to an analysis: straightness and buckling of each axis.
+    """Add straightness and buckling of each axis, by finite displacements, to an analysis.
 
     The model is in its plane.
     """
@@ -146,8 +146,8 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
     for k, axis in enumerate(analysis.axes):
         if len(axis.drives) > 1 or model.stage.probe(axis.probe).direction is None:
             validity.append(
-                f"Axis {axis.axis} was not followed over its stroke: that is done of a point that "
-                "one drive moves."
+                f"Axis {axis.axis} was not followed over its stroke: this requires a single drive "
+                "and a probe of displacement."
             )
             continue
         try:
@@ -216,7 +216,7 @@ Point = tuple[float, float]
 
 
 def two_notch_bars(stage: Stage) -> tuple[str, ...]:
-    """Return the bodies that guide others as bars between two notches on one line.
+    """Return the bodies that are bars between two notches on one line.
 
     They are guide legs and links.
     """
@@ -252,12 +252,12 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
 
     Notes
     -----
-    Validity: bifurcation of a straight bar in the plane; crookedness and load beside the axis lower
-    what a real one bears, and yielding of the necks may come first.
+    Validity: bifurcation of a straight bar in the plane; crookedness and eccentric load reduce the
+    load of a real one, and the necks may yield before.
     """
     if body not in two_notch_bars(stage):
         raise ModelError(
-            f"body '{body}' is no bar between two notches on one line; there are: "
+            f"body '{body}' is not a bar between two notches on one line; such bars are: "
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
     model = plane_model(_rig(stage, body), settings, modes=1)
@@ -271,7 +271,7 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
 
 
 def _rig(stage: Stage, name: str) -> Stage:
-    """Put a bar twice between a held block and one that is pressed towards it."""
+    """Return a rig of two equal bars between a fixed block and one that is pressed towards it."""
     first, second = (h for h in stage.hinges if name in h.bodies)
     x0, y0 = first.at
     along = math.atan2(second.at[1] - y0, second.at[0] - x0)
@@ -282,7 +282,7 @@ def _rig(stage: Stage, name: str) -> Stage:
     c, s = math.cos(along), math.sin(along)
 
     def turned(p: Point) -> Point:
-        """From axes along the bar, with the first neck as origin."""
+        """Map a point from axes along the bar, with the first neck as origin."""
         return (x0 + c * p[0] - s * p[1], y0 + s * p[0] + c * p[1])
 
     def block(low: float, top: float) -> Loop:

@@ -1,6 +1,6 @@
-"""A stage cut at its necks into bodies with their half notches, each a part of its own.
+"""A stage cut at its necks into bodies with their half notches, as separate parts.
 
-A part holds all that its condensation depends on.
+A part has all inputs of its condensation.
 """
 
 import hashlib
@@ -27,11 +27,11 @@ from flexstage.stage.outline import Point
 BODY = "body"
 _REST = "rest"
 
-#: Change it whenever the condensation of the same substructure gives other figures.
+#: Version of the condensation: to be changed whenever the same substructure gives other figures.
 _ALGORITHM = 2
 
-#: Stiffness and mass go with modulus, density and expansion, so that one condensation, with these
-#: round figures, serves every material of the same Poisson's ratio.
+#: Reference material: stiffness and mass are proportional to modulus, density and expansion, so
+#: that one condensation serves every material of the same Poisson's ratio.
 REFERENCE = Material(
     name="reference",
     youngs_modulus=1e11,
@@ -43,7 +43,7 @@ REFERENCE = Material(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutNeck:
-    """A neck at which a body was cut from its neighbour."""
+    """A neck at which a body is cut from its neighbour."""
 
     at: Point
     """Centre of the neck [m]."""
@@ -61,7 +61,7 @@ class CutNeck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadPatch:
-    """Where a drive touches a body."""
+    """Patch of a drive on a body."""
 
     at: Point
     """The point [m]."""
@@ -73,12 +73,12 @@ class LoadPatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointReading:
-    """Where the motion of a body is read."""
+    """A measured point of a body."""
 
     at: Point
     """The point [m]."""
     direction: float | None
-    """The direction that is read [rad]; None where it is the rotation of the body."""
+    """The direction of measurement [rad]; None where it is the rotation of the body."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,35 +95,35 @@ class Substructure:
     mounting_holes: tuple[Circle, ...]
     """Its holes for bolts."""
     held: bool
-    """Whether it is a fixed body, which is held by these holes."""
+    """Whether it is a fixed body, which is supported at these holes."""
     necks: tuple[CutNeck, ...]
-    """Where it was cut from its neighbours."""
+    """Necks at which it is cut from its neighbours."""
     patches: tuple[LoadPatch, ...]
-    """Where drives touch it."""
+    """Patches of the drives."""
     readings: tuple[PointReading, ...]
-    """Where it is read."""
+    """Measured points."""
     poissons_ratio: float
     """Poisson's ratio of its material [1]."""
     thickness: float
-    """Thickness that the size of its elements is measured by [m]."""
+    """Thickness to which the size of its elements refers [m]."""
     mesh: MeshSettings
-    """How fine it is meshed."""
+    """Its mesh settings."""
     modes: int
-    """Number of modes with held interfaces."""
+    """Number of modes with fixed interfaces."""
     through: ThroughThickness
-    """How displacements run through its thickness."""
+    """Functions of the displacement through its thickness."""
 
     def __hash__(self) -> int:
         # of a part of it: bodies are looked up by the hundred
         return hash((self.outline, self.through, len(self.necks)))
 
     def key(self) -> str:
-        """Return the SHA-256 of all that its condensation depends on, the software included."""
+        """Return the SHA-256 of all inputs of its condensation, the software included."""
         # the text of a float is that of no other float
         return hashlib.sha256(f"{_software()} {self!r}".encode()).hexdigest()
 
     def material(self) -> Material:
-        """Return what it is condensed with: `REFERENCE` with its own Poisson's ratio."""
+        """Return the material of its condensation: `REFERENCE` with its own Poisson's ratio."""
         return replace(REFERENCE, poissons_ratio=self.poissons_ratio)
 
     def stage(self) -> Stage:
@@ -182,7 +182,7 @@ class Substructure:
 
 @lru_cache(maxsize=1)
 def _software() -> str:
-    """Name the software that condenses: versions, and a hash of the sources that take part."""
+    """Return the identity of the software: versions, and a hash of the sources involved."""
     package = Path(str(resources.files("flexstage")))
     sources = [
         source_hash(package / room) for room in ("cache", "elasticity", "fem", "hinges", "stage")
@@ -202,11 +202,11 @@ class Placed:
     """A substructure at its place in a stage."""
 
     body: Body
-    """The body that it is."""
+    """Its body."""
     part: Substructure
     """The substructure."""
     origin: Point
-    """Where its reference point lies [m]."""
+    """Position of its reference point [m]."""
     hinges: tuple[int, ...]
     """Number of the hinge of each of its necks."""
     patches: tuple[tuple[tuple[str, int], ...], ...]
@@ -235,8 +235,8 @@ def cut_free(
 ) -> tuple[Placed, ...]:
     """Cut a stage at its necks.
 
-    `modes` are those of each body with held interfaces; with `supports` ``rigid`` a drive that
-    reacts on a fixed body stands on the ground.
+    `modes` is their number for each body with fixed interfaces; with `supports` ``rigid`` a drive
+    that reacts on a fixed body reacts on the ground.
 
     Examples
     --------
@@ -294,7 +294,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
     """Return the bodies of a stage as those of a plate in space: in the plane and out of it.
 
     The depth of the layer below its faces is a preferred number (ISO 3, series R5), so that the
-    bodies stay what they are where a neck changes a little.
+    bodies stay the same where a neck changes a little.
     """
     thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
     layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
@@ -330,7 +330,7 @@ _Move = Callable[[Point], Point]
 def _touched(
     stage: Stage, body: Body, near: _Move, supports: Supports
 ) -> dict[LoadPatch, list[tuple[str, int]]]:
-    """Find the patches of a body; drives that touch it alike share one."""
+    """Find the patches of a body; drives with the same point and direction share one."""
     found: dict[LoadPatch, list[tuple[str, int]]] = {}
     if body.fixed and supports == "rigid":
         return found
@@ -383,7 +383,7 @@ def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> CutNeck:
 def _preferred(thickness: float, series: int = 10) -> float:
     """Return the preferred number nearest to a thickness (ISO 3, of a series R5, R10, ...).
 
-    The thickness of a plate sets the largest element. Taken from a series it leaves the mesh alone
-    where the thickness changes a little, and the same mesh serves.
+    The thickness of a plate sets the largest element. A value from a series keeps the mesh where
+    the thickness changes a little.
     """
     return float(f"{10.0 ** (round(series * math.log10(thickness)) / series):.3g}")

@@ -24,9 +24,9 @@ from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
-#: How fine bodies are meshed: elements may grow fast, as stress is that of half notches alone.
+#: Mesh settings of bodies: elements may grow fast, as stress is that of half notches alone.
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
-#: Modes of each body with held interfaces, and modes of the stage that its system keeps.
+#: Number of modes of each body with fixed interfaces, and of retained modes of the stage.
 MODES, KEPT = 3, 16
 
 
@@ -41,15 +41,15 @@ class SuperelementModel:
     placed: tuple[Placed, ...]
     """Its bodies as substructures."""
     condensed: tuple[Condensed, ...]
-    """The same, condensed."""
+    """Its condensed bodies."""
     joint: Joint
-    """The bodies, joined, in the motions of their interfaces."""
+    """The joined bodies, in the motions of their interfaces."""
     basis: Array
     """Coordinates of `joint` for each coordinate of `system`, shape (n, r)."""
     mesh_settings: MeshSettings
-    """How fine the bodies are meshed."""
+    """Mesh settings of the bodies."""
     built: tuple[str, ...]
-    """Bodies that were meshed and condensed for it; the others were found in the cache."""
+    """Bodies that were meshed and condensed for this model; the others were in the cache."""
 
     __repr__ = short_repr
 
@@ -64,7 +64,7 @@ class SuperelementModel:
         return sum(c.elements for c in self.condensed)
 
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
-        """Return the system of the same stage with its bodies condensed otherwise."""
+        """Return the system of the same stage with other condensed bodies."""
         said = self.system.validity, self.system.settings
         joined = _joined(self.stage, self.placed, condensed)
         return _in_lowest_modes(self.stage, self.placed, condensed, joined, said)
@@ -84,16 +84,16 @@ def superelement_model(
     """Return the model of a stage whose bodies are condensed to their necks.
 
     Each body with its half notches is meshed and condensed by itself (see
-    `flexstage.fem.condensation.condense`), and kept: after a change only the bodies that it touches
-    are condensed again. Copies at other places, and other thicknesses or materials that leave the
-    mesh and Poisson's ratio alone, need nothing new.
+    `flexstage.fem.condensation.condense`), and cached: after a change only the affected bodies are
+    condensed again. Copies at other places, and other thicknesses or materials with the same mesh
+    and Poisson's ratio, need no new condensation.
 
     Parameters
     ----------
     stage : Stage
         The stage.
     settings : MeshSettings, optional
-        How fine the bodies are meshed; as `BODIES` says where not given.
+        Mesh settings of the bodies; `BODIES` where not given.
     plane : str
         ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
         bodies are in plane stress.
@@ -102,17 +102,17 @@ def superelement_model(
         and has no plane state to choose (see
         `flexstage.fem.through_thickness.ThroughThickness`).
     modes : int
-        Number of modes with held interfaces of each body.
+        Number of modes of each body with fixed interfaces.
     supports : str
-        ``rigid`` where a drive that reacts on a fixed body stands on the ground; ``elastic`` where
-        the frame gives way under it.
+        ``rigid`` where a drive that reacts on a fixed body reacts on the ground; ``elastic`` where
+        the frame is compliant.
     cache : Cache or path or bool
-        Where condensed bodies are kept: True for the user's cache (``$FLEXSTAGE_CACHE``), a
-        directory, or False for nowhere.
+        Cache of condensed bodies: True for the user's cache (``$FLEXSTAGE_CACHE``), a directory, or
+        False for none.
     near : SuperelementModel, optional
         A model of a stage that differs little. Its bodies that are the same are taken from it, and
-        where others differ in the thickness of their necks alone, what these change is computed in
-        a block about each (see `flexstage.fem.condensed_bodies.with_other_necks`).
+        where others differ in the thickness of their necks alone, the change is computed in a block
+        about each (see `flexstage.fem.condensed_bodies.with_other_necks`).
 
     Returns
     -------
@@ -123,9 +123,9 @@ def superelement_model(
     Raises
     ------
     StageError
-        A body falls to pieces, or a fixed one has nothing to be held by.
+        A body is in pieces, or a fixed one cannot be supported.
     ModelError
-        The mesher failed, or a body hangs on nothing.
+        The mesher failed, or a body is not attached.
 
     Notes
     -----
@@ -181,14 +181,14 @@ def superelement_model(
         (
             "Finite elements in space of each body, condensed to its necks, with the lowest "
             "functions through the thickness: drives, probes and extra masses act in the middle "
-            "plane of the plate; mounting holes are fixed over their whole depth. Modes that bend "
-            "single bodies are up to 3 % high."
+            "plane of the plate; mounting holes are fixed over their whole depth. Frequencies of "
+            "modes that bend single bodies are up to 3 % too high."
         )
         if space
         else (
-            "Plane finite elements of each body, condensed to its necks: plane "
-            f"{planes} at the notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane "
-            "motion is not modelled. Modes that bend single bodies are up to 3 % high."
+            f"Plane finite elements of each body, condensed to its necks: plane {planes} at the "
+            f"notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane motion is not "
+            "modelled. Frequencies of modes that bend single bodies are up to 3 % too high."
         ),
         *common_validity(stage, held),
     )
@@ -205,7 +205,7 @@ def superelement_model(
 
 
 def _interleaved(model: SuperelementModel | None) -> list[tuple[Substructure, Condensed]]:
-    """Return the bodies of a model, body by body in each of its ways to move."""
+    """Return the bodies of a model, body by body in each motion, in and out of the plane."""
     if model is None:
         return []
     count = len(model.stage.bodies)
@@ -216,9 +216,9 @@ def _interleaved(model: SuperelementModel | None) -> list[tuple[Substructure, Co
 def _joined(
     stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed]
 ) -> tuple[Joint, Array, Array, tuple[str, ...]]:
-    """Join bodies, and put motions that know nothing of each other side by side, in lowest modes.
+    """Join bodies, combine decoupled motions, and reduce them to the lowest modes.
 
-    Returns the bodies joined, coordinates of them for each one of the system, the frequencies of
+    Returns the joined bodies, their coordinates for each one of the system, the frequencies of
     these [rad/s], and their names.
     """
     each = len(stage.bodies)
@@ -245,7 +245,7 @@ def _in_lowest_modes(
     joined: tuple[Joint, Array, Array, tuple[str, ...]],
     said: tuple[tuple[str, ...], Mapping[str, str]],
 ) -> MechanicalSystem:
-    """Return the system of bodies that `_joined` gives in lowest modes."""
+    """Return the system of the bodies of `_joined` in its lowest modes."""
     joint, basis, omega, names = joined
     stress = joined_stress(stage, joint, placed, condensed, basis)
     coordinates = np.eye(omega.size), np.diag(omega**2), names

@@ -15,7 +15,7 @@ from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
 
-#: Modes that are kept besides the static responses.
+#: Number of modes that are retained besides the static responses.
 PLANE_MODES = 16
 
 
@@ -34,15 +34,15 @@ def plane_model(
     stage : Stage
         The stage.
     settings : MeshSettings, optional
-        How fine the mesh is; order 4 with elements of 0.8 necks where not given.
+        Mesh settings; order 4 with elements of 0.8 necks where not given.
     plane : str
         ``stress`` or ``strain`` in all notches, or ``auto`` to choose by width against neck; the
         bodies are in plane stress.
     modes : int
         Number of modes that are kept besides the static responses.
     supports : str
-        ``rigid`` where a drive that reacts on a fixed body stands on the ground, as lumped models
-        and most published ones have it; ``elastic`` where the frame gives way under it.
+        ``rigid`` where a drive that reacts on a fixed body reacts on the ground, as in lumped and
+        most published models; ``elastic`` where the frame is compliant.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def plane_model(
     Raises
     ------
     StageError
-        Bodies overlap, nothing holds a body, or a fixed one has nothing to be held by.
+        Bodies overlap, a body is not attached, or a fixed one cannot be supported.
     ModelError
         The mesher failed, or the memory does not suffice.
 
@@ -101,7 +101,7 @@ def plane_model(
 
 
 def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
-    """Return what holds for every finite-element model of a stage."""
+    """Return the limits of validity of every finite-element model of a stage."""
     ratio = 100.0 * DAMPING_RATIO
     sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
     corners = (
@@ -119,7 +119,7 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
     )
 
 
-#: Modes that are kept besides the static responses, in the plane and out of it.
+#: Numbers of modes that are retained besides the static responses, in the plane and out of it.
 SOLID_MODES = (12, 8)
 
 
@@ -132,8 +132,8 @@ def solid_model(
 ) -> StageModel:
     """Return the finite-element model of a stage in three dimensions.
 
-    A plate that is driven in its middle plane moves in two ways that do not mix: symmetric about
-    that plane, which is motion in the plane, and the opposite, which is motion out of it. Each is
+    A plate that is driven in its middle plane has two decoupled motions: one symmetric about that
+    plane, which is motion in the plane, and one antisymmetric, which is motion out of it. Each is
     solved on half of the thickness.
 
     Parameters
@@ -141,13 +141,13 @@ def solid_model(
     stage : Stage
         The stage.
     settings : MeshSettings, optional
-        How fine the mesh is; order 4 with elements of 0.8 necks and one layer of prisms through
+        Mesh settings; order 4 with elements of 0.8 necks and one layer of prisms through
         half of the thickness where not given.
     modes : tuple of int
         Numbers of modes in the plane and out of it that are kept besides the static responses.
     supports : str
-        ``rigid`` where a drive that reacts on a fixed body stands on the ground, as lumped models
-        and most published ones have it; ``elastic`` where the frame gives way under it.
+        ``rigid`` where a drive that reacts on a fixed body reacts on the ground, as in lumped and
+        most published models; ``elastic`` where the frame is compliant.
 
     Returns
     -------
@@ -157,14 +157,14 @@ def solid_model(
     Raises
     ------
     StageError
-        Bodies overlap, nothing holds a body, or a fixed one has nothing to be held by.
+        Bodies overlap, a body is not attached, or a fixed one cannot be supported.
     ModelError
         The mesher failed, or the memory does not suffice.
 
     Notes
     -----
     Validity: small displacements; drives, probes and extra masses act in the middle plane; the
-    mounting holes are held over their whole depth.
+    mounting holes are fixed over their full depth.
     """
     settings = settings or MeshSettings()
     progress.update("mesh")
@@ -194,7 +194,7 @@ def solid_model(
         settings,
         validity=(
             "3D finite elements: drives, probes and extra masses act in the middle plane of the "
-            "plate; mounting holes are fixed over their whole depth.",
+            "plate; mounting holes are fixed over their full depth.",
             *common_validity(stage, faces.held),
         ),
         choices={

@@ -1,4 +1,4 @@
-"""Everything that is known of a notch, method beside method."""
+"""Figures of a notch by every method."""
 
 import contextlib
 import dataclasses
@@ -34,7 +34,7 @@ _METHOD_VALIDITY = {
 def hinge_figures(
     notch: Profile, material: Material, width: float, plane: str = "auto"
 ) -> dict[str, Any]:
-    """Return what is known of a notch, by every method, as plain data.
+    """Return the figures of a notch, by every method, as plain data.
 
     `width` is the thickness of the plate. Everything is in SI units: sizes, ``stiffness`` (a row
     for each quantity and method), compliance, concentration of stress, largest rotation.
@@ -118,20 +118,20 @@ def hinge_figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class HingeFigures(Result):
-    """A notch of a plate, and what is known of it by every method."""
+    """A notch of a plate, and its figures by every method."""
 
     table_key: ClassVar[str] = "stiffness"
 
     profile: Profile
     """Its contour."""
     material: Material
-    """What it is cut from."""
+    """Material of the plate."""
     width: float
     """Width of the hinge [m]."""
     plane: str = "auto"
     """Plane state: ``stress``, ``strain``, or ``auto`` to choose by width against neck."""
     figures: Mapping[str, Any] = field(init=False)
-    """What `hinge_figures` gives: plain data in SI units."""
+    """Result of `hinge_figures`: plain data in SI units."""
 
     def __post_init__(self) -> None:
         figures = hinge_figures(self.profile, self.material, self.width, self.plane)
@@ -165,7 +165,7 @@ class HingeFigures(Result):
         )
 
 
-#: What each field of a profile is taken from; lengths along the hinge are asked for whole.
+#: Option and factor for each field of a profile; lengths along the hinge are total ones.
 _SIZES = {
     "radius": "radius",
     "fillet_radius": "radius",
@@ -179,7 +179,7 @@ _SIZES = {
 
 
 def notch_of(request: HingesRequest) -> HingeFigures:
-    """Return the notch that is asked about.
+    """Return the requested notch.
 
     Examples
     --------
@@ -200,11 +200,11 @@ def notch_of(request: HingesRequest) -> HingeFigures:
 
 
 def _notch(request: HingesRequest) -> Profile:
-    """Make the profile, and name every size that is missing or does not belong to it."""
+    """Build the profile; refuse missing and surplus dimensions by name."""
     kind = request.profile
     cls = profile_class(kind)
     if kind == "as-drawn":
-        raise HingeError("an as-drawn notch has a contour, which only a stage file can hold")
+        raise HingeError("an as-drawn notch needs a contour, which only a stage file can contain")
     options = {name: f"--{name.replace('_', '-')}" for name in _SIZES.values()}
     given = {name: getattr(request, name) for name in options}
     wanted = {f.name: _SIZES[f.name] for f in dataclasses.fields(cls) if f.name in _SIZES}

@@ -39,7 +39,7 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
     Parameters
     ----------
     arrays : StageArrays
-        What they are made of.
+        Data of the stages.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def _rows(xp: Any, sides: Sequence[tuple[Array, Array, Array]]) -> Array:
 def _hinge_blocks(
     xp: Any, k: Array, c: Array, s: Array, arms: Sequence[tuple[Array, Array]]
 ) -> tuple[Array, Array, Array]:
-    """What each hinge adds to the blocks (a, a), (b, b) and (a, b), shape (3, 3, h, S)."""
+    """Return the blocks (a, a), (b, b) and (a, b) of each hinge, shape (3, 3, h, S)."""
     (xa, ya), (xb, yb) = arms
     kuu, kvv, ktt, kuv, kut, kvt = (
         k[:, i, j, ...] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -176,7 +176,7 @@ def _hinge_blocks(
 def _blocks(
     xp: Any, count: int, joined: Sequence[tuple[int, int]], parts: tuple[Array, Array, Array]
 ) -> dict[tuple[int, int], Array]:
-    """Add what the hinges do to the blocks of the stage, on and below its diagonal."""
+    """Return the blocks of the stage by its hinges, on and below its diagonal."""
     nothing = xp.zeros_like(parts[0][:, :, 0, ...])
     out: dict[tuple[int, int], Array] = {(i, i): nothing for i in range(count)}
     for h, (a, b) in enumerate(joined):
@@ -224,9 +224,9 @@ def lumped_characteristics(
     Parameters
     ----------
     arrays : StageArrays
-        What the stages are made of.
+        Data of the stages.
     wanted : Collection of tuple, optional
-        Figures as quantity and axis; all that are known where not given.
+        Figures as quantity and axis; all where not given.
 
     Returns
     -------
@@ -237,7 +237,7 @@ def lumped_characteristics(
     Raises
     ------
     ModelError
-        A figure is not known of this topology.
+        A figure is not available for this topology.
 
     Notes
     -----
@@ -267,15 +267,15 @@ def lumped_characteristics(
 def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
     r"""Return the system of a stage, and its derivatives by the parameters.
 
-    The assembly is analytic in what it is made of, so its value at an imaginary step h gives them
-    to rounding (W. Squire, G. Trapp, SIAM Review 40 (1998) 110):
+    The assembly is analytic in its data, so its value at an imaginary step h gives them to rounding
+    (W. Squire, G. Trapp, SIAM Review 40 (1998) 110):
 
     .. math:: \dot K = \operatorname{Im} K(x + \mathrm{i} h \dot x) / h
 
     Parameters
     ----------
     tangents : StageTangents
-        Derivatives of what it is made of.
+        Derivatives of the data of the stage.
 
     Returns
     -------
@@ -309,5 +309,5 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
 
 
 def _as_described(arrays: StageNumbers) -> dict[str, Any]:
-    """Return what a system has as its description has it."""
+    """Return the data of a system that come straight from its description."""
     return {f.name: getattr(arrays, f.name) for f in fields(StageNumbers)}

@@ -1,4 +1,4 @@
-"""The equations of a stage as they are asked for: derived, reduced, with transfer functions."""
+"""The equations of a stage, derived, reduced, and with transfer functions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ class Derivation:
     model: SymbolicModel
     """All of them."""
     reduced: ReducedModel | None
-    """The same in fewer coordinates; None where that was not asked for, or has no use."""
+    """The same in fewer coordinates; None where not requested, or of no use."""
     transfer: tuple[TransferFunction, ...]
     """Transfer functions of the reduced model, where they are short enough to read."""
 
@@ -36,7 +36,7 @@ class Derivation:
         return equation_sheet(self.model, reduced=self.reduced, transfer=self.transfer)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain data, as `flexstage equations --json` prints it."""
+        """Return the equations as plain data, as `flexstage equations --json` prints them."""
         reduced = self.reduced
         return {
             "stage": self.stage.name,

@@ -1,7 +1,7 @@
 r"""The lumped model with finite rotations: energy, forces and tangent stiffness.
 
 Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
-:math:`\mathbf x = (u, v, \vartheta)` that is seen from a frame turning with the *mean* rotation of
+:math:`\mathbf x = (u, v, \vartheta)` in a frame turning with the *mean* rotation of
 its two bodies (`Connections`). Large rigid motion of the whole costs no
 energy, forces are the exact gradient and the tangent the exact Hessian of one energy, and at rest
 the tangent is the linear K. Masses are constant in these coordinates: T is quadratic with the
@@ -38,7 +38,7 @@ class Connections:
     The deformation is seen in a frame that turns with the bodies (:math:`w_a + w_b = 1`), so a
     rigid motion of both, however large, leaves it unchanged. Hinges use the *mean* rotation,
     :math:`w_a = w_b = 1/2`: it is the only choice that does not depend on which body is called a.
-    Drives and probes use :math:`w_a = 1`: their direction is fixed in the body they stand on.
+    Drives and probes use :math:`w_a = 1`: their direction is fixed in the body they react on.
     """
 
     gather: Array
@@ -64,7 +64,7 @@ class Connections:
         return self._state(q)[0]
 
     def rates(self, q: Array) -> tuple[Array, Array]:
-        """Return what each connection reads and its derivatives.
+        """Return the reading of each connection and its derivatives.
 
         The readings have shape (..., h, 3), the derivatives with respect to the six coordinates of
         a and b (..., h, 3, 6).
@@ -228,9 +228,9 @@ class NonlinearMechanism:
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
     def geometric_stiffness(self, q: Array, spring: Array) -> Array:
-        """Return what forces of the hinges (N, V, M), shape (h, 3), add to the tangent at a state.
+        """Return the geometric stiffness by forces of the hinges at a state.
 
-        Shape (n, n).
+        The forces are (N, V, M), shape (h, 3), the stiffness has shape (n, n).
         """
         return _assembled(self.hinges, self.hinges.curvature(np.asarray(q, dtype=float), spring))
 
@@ -250,7 +250,7 @@ class NonlinearMechanism:
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
         """Return the elongation of a drive and its first and second derivatives.
 
-        Along the drive's direction, which turns with the body it stands on [m]; of one state, with
+        Along the drive's direction, which turns with the body it reacts on [m]; of one state, with
         gradient, shape (n,), and Hessian, shape (n, n).
         """
         i = self.mechanism.drives.index(self.mechanism.drive(drive))
@@ -262,7 +262,7 @@ class NonlinearMechanism:
         return float(x[i, 0]), gradient, _assembled(self.drives, self.drives.curvature(q, unit))
 
     def reading(self, probe: str, q: Array) -> Array:
-        """Return what a probe sees.
+        """Return the motion at a probe.
 
         Displacement along and across its direction [m] and rotation of the body [rad], against the
         body it is read from, shape (..., 3).

@@ -1,7 +1,7 @@
 r"""Equilibrium with finite rotations, the path of a probe over the stroke, linear buckling.
 
-Rigid bodies buckle as links between springs; a notch or leaf adds what its own deflection does to
-the axial force that it carries, by the shapes that a beam of its height takes.
+Rigid bodies buckle as links between springs; a notch or leaf adds the effect of its own deflection
+on its axial force, by the shapes of a beam of its height.
 """
 
 import math
@@ -41,7 +41,7 @@ class Equilibrium:
     drive_force: dict[str, float]
     """Force of each drive whose displacement is imposed, positive if it pushes [N]."""
     iterations: int
-    """Newton steps that were taken."""
+    """Number of Newton steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -94,7 +94,7 @@ def equilibrium(
     Raises
     ------
     ConvergenceError
-        Newton's method does not converge; smaller steps from a known state mend it.
+        Newton's method does not converge; take smaller steps from a known state.
     ModelError
         A drive does not exist, or the mechanism can move freely.
     """
@@ -198,15 +198,15 @@ def stroke_path(
         stage = mechanism(stage)
     model = nonlinear(stage) if isinstance(stage, Mechanism) else stage
     if any(p.name == probe and p.direction is None for p in model.mechanism.probes):
-        raise ModelError(f"probe '{probe}' reads a rotation, whose point has no path to follow")
+        raise ModelError(f"probe '{probe}' reads a rotation, so it has no path to follow")
     bent = [hinge.name for hinge in model.mechanism.hinges if hinge.flat_length > 0.0]
     if bent:
         # its chord is 0.6 d^2/L shorter than it is long, which one spring at its middle has not
         more = f" and {len(bent) - 4} more" if len(bent) > 4 else ""
         raise ModelError(
-            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they do, which a hinge "
-            "of the lumped model does not: take the path of plane finite elements "
-            "(`flexstage analyse --model plane --stroke`)"
+            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they bend, which the "
+            "lumped model does not include: use plane finite elements (`flexstage analyse "
+            "--model plane --stroke`)"
         )
     wanted = np.atleast_1d(np.asarray(displacement, dtype=float))
     path = np.zeros((wanted.size, model.order))
@@ -244,11 +244,11 @@ def lumped_buckling(
 
     .. math:: (K + \lambda K_g)\,\phi = 0,\qquad d^T\phi = 0
 
-    with the geometric stiffness :math:`K_g` of the linear state under the forces: what the springs'
-    forces add as the bodies turn, less that of the drives' own forces (the derivative by the load
-    of the tangent of `flexstage.lumped.nonlinear`), and of each notch with its axial force N
-    (positive in tension), its deformation :math:`v, \vartheta` and the slopes
-    :math:`s_v, s_\vartheta` of its deflection in the frame of the mean rotation of its ends
+    with the geometric stiffness :math:`K_g` of the linear state under the forces: the effect of the
+    springs' forces as the bodies turn, less that of the drives' own forces (the derivative by the
+    load of the tangent of `flexstage.lumped.nonlinear`), and of each notch with its axial force N
+    (positive in tension), its deformation :math:`v, \vartheta` and the slopes :math:`s_v,
+    s_\vartheta` of its deflection in the frame of the mean rotation of its ends
 
     .. math::
 
@@ -268,7 +268,7 @@ def lumped_buckling(
         Force by drive [N]; these drives keep their length while the stage buckles, all others are
         removed.
     method : str
-        How hinge stiffness is found, one of `flexstage.hinges.compliance.METHODS`.
+        Method of hinge stiffness, one of `flexstage.hinges.compliance.METHODS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
 
@@ -285,12 +285,12 @@ def lumped_buckling(
     Notes
     -----
     Validity: bifurcation from a straight path, in the plane; bodies are rigid, and the force of a
-    drive turns with the body that it stands on. Leaves are within 0.1 % of Euler's columns, with
+    drive turns with the body that it reacts on. Leaves are within 0.1 % of Euler's columns, with
     fillets of beam elements, bars between two notches within 3 % of plane finite elements. The
     factors of guides and pivots with leaves are within 2 % of those of the plane model (gantry 39,
     linked parallelogram 12). Between notches, and above about a quarter of Young's modulus over the
-    largest stress, that model has no factor to compare with: what it finds are wrinkles of the
-    surface of a neck, whose factor falls as the mesh is made finer.
+    largest stress, that model has no factor to compare with: it finds wrinkles of the surface of a
+    neck, whose factor decreases as the mesh is refined.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Fewer coordinates: by mirror symmetry, exactly, or by condensation, in numbers."""
+"""Reduction of coordinates: exact by mirror symmetry, or numerical by condensation."""
 
 # SymPy's own annotations are partial and contradict what its functions return.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
@@ -26,7 +26,7 @@ _DIRECTIONS = (0.5 * np.pi, 0.0, 0.25 * np.pi, 0.75 * np.pi)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mirror:
-    """A line in which a mechanism is its own image."""
+    """Line of mirror symmetry of a mechanism."""
 
     point: tuple[float, float]
     """A point of the line [m]."""
@@ -39,7 +39,7 @@ class Mirror:
 
 
 def find_mirror(mechanism: Mechanism, *, tolerance: float = 1e-9) -> Mirror | None:
-    """Find a line in which a mechanism is its own image.
+    """Find a line of mirror symmetry of a mechanism.
 
     Lines through the mean of the necks, along x, y and between them, are tried; a line counts if M
     and K stay the same when each body moves like its image.
@@ -74,7 +74,7 @@ def find_mirror(mechanism: Mechanism, *, tolerance: float = 1e-9) -> Mirror | No
 def _image(
     mechanism: Mechanism, middle: Array, direction: float, near: float
 ) -> NDArray[np.int64] | None:
-    """Pair every free body with its image; None where one has none."""
+    """Pair every free body with its mirror image; None if one has none."""
     c, s = round(np.cos(2.0 * direction)), round(np.sin(2.0 * direction))
     flip = np.array([[c, s], [s, -c]])
     bodies = [mechanism.bodies[i] for i in mechanism.free]
@@ -105,7 +105,7 @@ class ReducedModel(Equations):
     has: ClassVar[str] = " in these coordinates: they have"
 
     how: str
-    """How it was reduced."""
+    """Method of reduction."""
     basis: Array
     """Displacements for unit z, shape (number of q, number of z)."""
 
@@ -120,8 +120,8 @@ def reduce_by_symmetry(
     """Keep the motions of one symmetry of a mirror-symmetric stage; exact.
 
     A symmetric force causes symmetric motion only, an antisymmetric one antisymmetric motion only,
-    so the equations fall apart. A coordinate z is that of one body of a pair; its image moves
-    alike.
+    so the equations decouple. A coordinate z is that of one body of a pair; its image has the same
+    motion.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def reduce_by_symmetry(
     found = mirror if mirror is not None else find_mirror(model.source)
     if found is None:
         raise ModelError(
-            f"stage '{model.name}' is not its own image in any line along x, y or between: "
-            "reduce it by condensation"
+            f"stage '{model.name}' has no mirror symmetry about a line along x, along y or at 45 "
+            "deg: reduce it by condensation"
         )
     if parity is None:
         if drive is None and not model.drives:
@@ -189,7 +189,8 @@ def reduce_by_symmetry(
 
     kind = "symmetric" if parity == 1 else "antisymmetric"
     rest = (
-        f" (stiffness and image differ by {100.0 * found.asymmetry:.2g} %, taken as their mean)"
+        f" (stiffness and mirror image differ by {100.0 * found.asymmetry:.2g} %; their mean is "
+        "used)"
         if found.asymmetry > 1e-9
         else ""
     )
@@ -212,9 +213,9 @@ def condense(model: SymbolicModel) -> ReducedModel:
     r"""Condense a stage to its drives and probes, in numbers.
 
     Static condensation (R. J. Guyan, AIAA J. 3 (1965) 380) in its general form: the coordinates z
-    are elongations of drives and readings of probes, :math:`z = W^T q`, and the rest follows as in
-    statics, :math:`q = K^{-1}W(W^TK^{-1}W)^{-1}z`. Static behaviour between them is exact;
-    frequencies are slightly too high.
+    are elongations of drives and readings of probes, :math:`z = W^T q`, and the other coordinates
+    follow as in statics, :math:`q = K^{-1}W(W^TK^{-1}W)^{-1}z`. Static behaviour between them is
+    exact; frequencies are slightly too high.
 
     Parameters
     ----------
@@ -271,7 +272,7 @@ def condense(model: SymbolicModel) -> ReducedModel:
 
 
 def _masters(model: SymbolicModel) -> list[tuple[sp.Symbol, Array]]:
-    """Vectors of the drives and probes that say something new."""
+    """Return the independent vectors of drives and probes."""
     ports = [("d", p) for p in model.drives] + [("p", p) for p in model.probes]
     out: list[tuple[sp.Symbol, Array]] = []
     # a drive and a probe may share a name: both are meant
@@ -282,7 +283,7 @@ def _masters(model: SymbolicModel) -> list[tuple[sp.Symbol, Array]]:
                 out.append((symbol, model.numbers(port.vector)[:, 0]))
     if not out:
         raise ModelError("condensation needs a drive or a probe to keep")
-    # one that repeats the others, such as a probe in line with a drive, is left out
+    # one that repeats the others, such as a probe in line with a drive, is omitted
     whole = np.stack([v for _, v in out], axis=1)
     kept: list[int] = []
     for k in range(len(out)):

@@ -1,8 +1,8 @@
-"""A stage as rigid bodies and springs: the numbers that every lumped model starts from.
+"""A stage as rigid bodies and springs: the data of every lumped model.
 
 Bodies carry mass and inertia, hinges a 3 x 3 stiffness about the neck, drives and probes measure
 the distance of a point of one body from a point of another. Both the symbolic equations and the
-nonlinear model are built from this; neither looks at outlines or notches.
+nonlinear model use these data; neither needs outlines or notches.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class RigidBody:
     centre: Pair
     """Its centre of mass (x, y) [m]."""
     fixed: bool = False
-    """Whether it is held."""
+    """Whether it is fixed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,8 +53,8 @@ class SpringHinge:
     axes [N/m, N, N m/rad], shape (3, 3).
     """
     flat_length: float = 0.0
-    """Length over which it bends, and gets shorter as it does, which a spring does not [m]; 0 of a
-    notch that bends at its neck.
+    """Length over which it bends, and shortens, unlike a spring [m]; 0 of a notch that bends at its
+    neck.
     """
 
 
@@ -89,9 +89,9 @@ class Mechanism:
     hinges: tuple[SpringHinge, ...]
     """The springs."""
     drives: tuple[Sight, ...] = ()
-    """Where drives act: from the body that a drive stands on to the one that it pushes."""
+    """Drives, each from the body that it reacts on to the body that it pushes."""
     probes: tuple[Sight, ...] = ()
-    """Where motion is read."""
+    """Probes."""
 
     __repr__ = short_repr
 
@@ -156,7 +156,7 @@ def mechanism(
     stage : Stage
         The stage.
     method : str
-        How hinge stiffness is found, one of `flexstage.hinges.compliance.METHODS`.
+        Method of hinge stiffness, one of `flexstage.hinges.compliance.METHODS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
 

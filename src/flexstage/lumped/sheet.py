@@ -1,4 +1,4 @@
-"""The sheet of equations of a stage: what is said, in which order, whatever it is printed as."""
+"""The sheet of equations of a stage: its contents and their order, in any format."""
 
 # SymPy's own annotations are partial and contradict what its functions return.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
@@ -26,8 +26,8 @@ def equation_sheet(
 ) -> tuple[SheetSection, ...]:
     """Write down the equations of a stage.
 
-    The generic body and hinge are derived once; the stage follows as tables of what its bodies and
-    hinges put in, the blocks of M, C and K, and the equations of motion of every body.
+    The generic body and hinge are derived once; the stage follows as tables of the constants of its
+    bodies and hinges, the blocks of M, C and K, and the equations of motion of every body.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _bodies(model: SymbolicModel) -> SheetSection:
         items=(
             Paragraph(
                 text=f"{len(rows)} free bodies, three coordinates each: the displacement x, y of "
-                f"the centre of mass and the rotation theta; {model.order} in all. Held: "
+                f"the centre of mass and the rotation theta; {model.order} in all. Fixed: "
                 f"{', '.join(model.held) or 'nothing'}."
             ),
             Tabular(header=("no.", "body", "mass", "inertia"), rows=rows),
@@ -85,7 +85,7 @@ def _body_energy() -> SheetSection:
     accelerations = sp.symbols(r"\ddot{x} \ddot{y} \ddot{\theta}", real=True)
     swap = dict(zip(body.rates, accelerations, strict=True))
     items: list[Item] = [
-        Paragraph(text="Kinetic energy of a body; that of the stage is the sum over its bodies."),
+        Paragraph(text="Kinetic energy of a body; the total is the sum over all bodies."),
         Formula(left="T", right=body.kinetic_energy),
     ]
     for q, rate, momentum in zip(body.coordinates, body.rates, body.momenta, strict=True):
@@ -116,14 +116,14 @@ def _hinge_energy(model: SymbolicModel) -> SheetSection:
     items: list[Item] = [
         Paragraph(
             text="Hinge between bodies a and b: lever arms X, Y from the centres of mass to the "
-            "neck, direction with cosine c and sine s; u along it, v to its left, rotation of b "
-            "against a. A held body has no coordinates."
+            "neck, direction with cosine c and sine s; u along it, v to its left, rotation "
+            "of b against a. A fixed body has no coordinates."
         ),
         *(
             Formula(left=name, right=e)
             for name, e in zip((u, v, t), hinge.deformation, strict=True)
         ),
-        Paragraph(text="Its potential energy, and what it adds to Lagrange's equations."),
+        Paragraph(text="Its potential energy, and its terms in Lagrange's equations."),
         Formula(left="V", right=short),
     ]
     spring = {u: hinge.deformation[0], v: hinge.deformation[1], t: hinge.deformation[2]}
@@ -137,9 +137,7 @@ def _hinge_energy(model: SymbolicModel) -> SheetSection:
                 plain=f"dV/d{q}",
             )
         )
-    items.append(
-        Paragraph(text="Hessian of V: the block that is put in for every hinge (symmetric).")
-    )
+    items.append(Paragraph(text="Hessian of V: the stiffness block of every hinge (symmetric)."))
     items += [
         Formula(
             left=rf"K^h_{{{i + 1},{j + 1}}}",
@@ -192,9 +190,9 @@ def _hinges(model: SymbolicModel) -> SheetSection:
     )
     return SheetSection(
         key="hinges",
-        title="What each hinge puts in",
+        title="Constants of each hinge",
         items=(
-            Paragraph(text="Body 0 is held. Hinges of one stiffness share their symbols."),
+            Paragraph(text="Body 0 is fixed. Hinges of equal stiffness share their symbols."),
             Tabular(header=("hinge", "a", "b", *symbols), rows=rows),
         ),
     )
@@ -242,7 +240,7 @@ def _matrices(model: SymbolicModel) -> SheetSection:
     if model.damping == "rayleigh":
         items.append(Formula(left="C", right=r"\alpha M + \beta K"))
     elif model.damping == "hinge":
-        items.append(Paragraph(text="C is K with c in the place of k."))
+        items.append(Paragraph(text="C is K with c in place of k."))
     else:
         items.append(Formula(left="C", right="0"))
     return SheetSection(key="matrices", title="Mass, damping and stiffness", items=tuple(items))
@@ -253,7 +251,7 @@ def _motion(model: SymbolicModel) -> SheetSection:
     if model.damping != "none":
         items.append(
             Paragraph(
-                text="Written without damping, which adds the same terms in the rates with C for K."
+                text="Damping is omitted here; it adds the same terms in the rates, with C for K."
             )
         )
     for i, name in enumerate(model.bodies):
@@ -280,8 +278,8 @@ def _operator(model: SymbolicModel) -> SheetSection:
             plain="(M s^2 + C s + K) q(s)" if damped else "(M s^2 + K) q(s)",
         ),
         Paragraph(
-            text="A drive pushes with Q = w f, its elongation is w^T q; a probe reads p^T q. "
-            "Their vectors, for the coordinates that take part:"
+            text="A drive applies Q = w f, and its elongation is w^T q; a probe reads p^T q. "
+            "Elongations and readings in terms of the coordinates:"
         ),
         *(
             Formula(
@@ -333,7 +331,11 @@ def _transfer(transfer: Sequence[TransferFunction]) -> SheetSection:
             ]
         elif named:
             items.append(
-                Paragraph(text=f"Too long to print ({operations} operations); with its numbers:")
+                Paragraph(
+                    text=(
+                        f"Too long to print ({operations} operations); with numerical coefficients:"
+                    )
+                )
             )
         top, bottom = tf.coefficients()
         items.append(Formula(left="N(s)" if not named else "N_0(s)", right=_polynomial(top, tf.s)))

@@ -52,10 +52,10 @@ class SymbolicPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Equations:
-    """Linear equations of motion in symbols, with where they are driven and read."""
+    """Linear equations of motion in symbols, with drives and probes."""
 
     has: ClassVar[str] = ": the model has"
-    """What a refusal says of a name that there is not."""
+    """Subject of the message for an unknown name."""
 
     name: str
     """Name of the stage."""
@@ -68,11 +68,11 @@ class Equations:
     K: sp.MatrixBase
     """Stiffness, shape (n, n)."""
     drives: tuple[SymbolicPort, ...]
-    """Where the stage is driven, as far as the coordinates can describe it."""
+    """Drives, as far as the coordinates can describe them."""
     probes: tuple[SymbolicPort, ...]
-    """Where it is read, as far as they can."""
+    """Probes, as far as the coordinates can describe them."""
     values: dict[sp.Symbol, float]
-    """The number that each symbol stands for [SI]."""
+    """The value of each symbol [SI]."""
     damping: DampingKind
     """``none``, ``hinge`` or ``rayleigh``."""
 
@@ -155,7 +155,7 @@ class SymbolicModel(Equations):
     bodies: tuple[str, ...]
     """Names of the free bodies: number i is ``bodies[i - 1]``."""
     held: tuple[str, ...]
-    """Names of the held bodies."""
+    """Names of the fixed bodies."""
     rates: tuple[sp.Symbol, ...]
     """First derivatives of q in time."""
     accelerations: tuple[sp.Symbol, ...]
@@ -249,7 +249,7 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     Returns
     -------
     SymbolicModel
-        Energies, matrices and the number that each symbol stands for.
+        Energies, matrices and the value of each symbol.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from flexstage.lumped.rigid_bodies import Mechanism, Sight
 def upright(name: str) -> str:
     r"""Write a name of a drive or probe as an index of a symbol, in LaTeX.
 
-    What means something to LaTeX is left out.
+    Special characters of LaTeX are omitted.
 
     Examples
     --------
@@ -53,9 +53,9 @@ _TEXT = {
 
 
 class SymbolTable:
-    """Gives a symbol for each number, the same symbol for the same number.
+    """Table of symbols for numbers, the same symbol for the same number.
 
-    The size of the mechanism sets how close two lengths must be to be one.
+    The size of the mechanism sets the tolerance for equal lengths.
     """
 
     def __init__(self, source: Mechanism) -> None:
@@ -94,7 +94,7 @@ class SymbolTable:
         return along if c > 0.0 else -along, across if s > 0.0 else -across
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
-        """Return the number of a kind of hinge, from 1: one for all of the same stiffness."""
+        """Return the number of a type of hinge, from 1: one for each stiffness."""
         for i, known in enumerate(self._types):
             scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
             if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
@@ -167,8 +167,8 @@ def exact(expression: sp.Basic, known: Known) -> Fraction:
     It is made of sums, products, whole powers, sines and cosines of symbols and numbers; sines and
     cosines are rounded to a double first. `known` comes from `starting_values`, and parts that were
     evaluated are added: for the few hundred entries of a model this is ten times faster than
-    compiling them. Expanded determinants cancel to a small part of their terms, and rounding each
-    term would leave nothing of them.
+    compiling them. Expanded determinants cancel to a small part of their terms, so that rounding
+    each term would destroy them.
     """
     value = known.get(expression)
     if value is not None:
@@ -333,12 +333,12 @@ _KEYS = {"uu": (0, 0), "vv": (1, 1), "tt": (2, 2), "uv": (0, 1), "ut": (0, 2), "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HingeConstants:
-    """What a hinge puts into the generic block."""
+    """Constants of a hinge in the generic block."""
 
     name: str
     """Name of the hinge."""
     bodies: tuple[int, int]
-    """Numbers of bodies a and b among the free ones, from 1; 0 for what is held."""
+    """Numbers of bodies a and b among the free ones, from 1; 0 for fixed bodies."""
     constants: dict[sp.Symbol, sp.Expr]
     """Expression for each symbol of `flexstage.lumped.symbols.generic_hinge`."""
 
@@ -346,7 +346,7 @@ class HingeConstants:
 def hinge_constants(
     source: Mechanism, table: SymbolTable, i: int, damping: str
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return what a hinge puts in the place of each symbol of the generic hinge.
+    """Return the constant of a hinge for each symbol of the generic hinge.
 
     With `damping` ``hinge`` it has a damper as well.
     """
@@ -375,7 +375,7 @@ def assemble_blocks(
     local: tuple[sp.Symbol, ...],
     q: tuple[sp.Symbol, ...],
 ) -> tuple[dict[tuple[int, int], sp.Expr], sp.Expr]:
-    """Sum the blocks and energies of all hinges; held bodies have no coordinates.
+    """Sum the blocks and energies of all hinges; fixed bodies have no coordinates.
 
     `block` and `energy` are those of the generic hinge, `local` its six coordinates or rates, and
     `q` those of the stage. Returns the entries of the matrix by row and column, and the energy of

@@ -27,7 +27,7 @@ from sympy.polys.matrices import DomainMatrix
 from flexstage.base.errors import ModelError
 from flexstage.lumped.symbolic import Equations
 
-#: Coordinates beyond which determinants are too long to read.
+#: Largest number of coordinates with readable determinants.
 LARGEST_ORDER = 6
 
 
@@ -36,7 +36,7 @@ class TransferFunction:
     """A ratio of polynomials in Laplace's variable s, of a reading over the force of a drive."""
 
     input_kind: ClassVar[str] = "force"
-    """What the drive gives [N]."""
+    """Input by the drive [N]."""
 
     drive: str
     """Name of the drive."""
@@ -49,7 +49,7 @@ class TransferFunction:
     denominator: sp.Expr
     """Polynomial below."""
     values: dict[sp.Symbol, float]
-    """The number that each symbol stands for [SI]."""
+    """The value of each symbol [SI]."""
 
     @property
     def expression(self) -> sp.Expr:
@@ -149,7 +149,7 @@ def transfer_function(model: Equations, drive: str, probe: str) -> TransferFunct
 
 
 def _determinant(matrix: sp.Matrix) -> sp.Expr:
-    """Expanded determinant; numbers become rationals so that no digit is lost on the way."""
+    """Expanded determinant; numbers become rationals so that no digit is lost."""
     exact_matrix = matrix.applyfunc(_rational)
     # sine and cosine of one angle would keep the entries from being polynomials
     angles = {f: sp.Dummy() for f in exact_matrix.atoms(sp.sin, sp.cos)}
@@ -180,7 +180,7 @@ def _roots(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:
     degree = polynomial.size - 1
     if degree < 1:
         return np.zeros(0, dtype=complex)
-    # in units that make the first and the last coefficient alike
+    # in units that make the first and the last coefficient equal
     ends = abs(polynomial[-1] / polynomial[0])
     unit = float(np.exp(np.log(ends) / degree)) if ends else 1.0
     scaled = polynomial * unit ** np.arange(degree, -1, -1.0)

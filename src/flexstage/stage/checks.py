@@ -1,4 +1,4 @@
-"""Says what is wrong with a stage, before anything is computed or cut."""
+"""Checks of the geometry and the mechanism of a stage, before it is computed or cut."""
 
 import math
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.narrowest import overlaps, slots_between, slots_within, wall_of
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
-#: How far a drive or probe may be off its body [m].
+#: Largest distance of a drive or probe from its body [m].
 ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]
 _INTO_BODY = 50e-6
@@ -37,12 +37,12 @@ def check(stage: Stage) -> tuple[Issue, ...]:
     Returns
     -------
     tuple of Issue
-        Errors first; empty if nothing is wrong.
+        Errors first; empty if there are none.
 
     Notes
     -----
     Outlines with arcs are compared as polygons that deviate by 0.5 um, so overlaps less than 2 um
-    deep are not seen. What depends on something that is wrong already is not reported again.
+    deep are not seen. An issue that follows from another one is not reported again.
 
     Examples
     --------
@@ -111,7 +111,8 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
             "thin-neck",
             (hinge.name,),
             f"the neck of hinge '{hinge.name}' is {millimetres(profile.neck_thickness)} thick, "
-            f"less than the thinnest that can be cut, {millimetres(limits.minimum_neck)}",
+            "below the minimum neck of the manufacturing process, "
+            f"{millimetres(limits.minimum_neck)}",
         )
     if profile.neck_thickness > stage.thickness:
         yield _warning(
@@ -124,8 +125,8 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
         yield _error(
             "narrow-notch",
             (hinge.name,),
-            f"the notch of hinge '{hinge.name}' is {millimetres(profile.length)} long, shorter "
-            f"than the wire is wide, {millimetres(limits.wire_width)}",
+            f"the notch of hinge '{hinge.name}' is {millimetres(profile.length)} long, less than "
+            f"the wire width of {millimetres(limits.wire_width)}",
         )
     elif 0.0 < profile.neck_radius < 0.5 * limits.wire_width * (1.0 - 1e-9):
         yield _error(
@@ -156,8 +157,8 @@ def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
         yield _error(
             "root-off-body",
             (hinge.name, a, b),
-            f"hinge '{hinge.name}' does not grow from body '{a}' towards body '{b}' but the other "
-            f"way round: turn its direction by 180 deg, or name the bodies as '{b}', '{a}'",
+            f"hinge '{hinge.name}' points from body '{b}' to body '{a}', but its bodies are "
+            f"'{a}', '{b}': reverse its direction (180 deg), or name the bodies as '{b}', '{a}'",
         )
     else:
         yield from found
@@ -177,11 +178,11 @@ def _wall(stage: Stage, body: Body, shape: Shape) -> Iterator[Issue]:
         f"the thinnest wall of body '{body.name}', between its holes, mounting holes and outline, "
         f"is {millimetres(max(wall, 0.0))}, "
         + (
-            f"less than a tenth of the thinnest neck that can be cut, {millimetres(limit)}, and "
-            "will break: make the wall thicker, or leave it out"
+            "less than a tenth of the minimum neck of the manufacturing process, "
+            f"{millimetres(limit)}, and will break: make the wall thicker, or remove it"
             if breaks
-            else f"thinner than the thinnest neck that can be cut, {millimetres(limit)}: make it "
-            "thicker"
+            else f"below the minimum neck of the manufacturing process, {millimetres(limit)}: make "
+            "it thicker"
         ),
     )
 
@@ -191,7 +192,7 @@ def _mechanism(stage: Stage) -> Iterator[Issue]:
         yield _error(
             "no-fixed-body",
             (),
-            "no body is fixed, so the stage is not constrained: write 'fixed: true' for the body "
+            "no body is fixed, so the stage is not constrained: set 'fixed: true' on the body "
             "that is bolted down",
         )
         return
@@ -224,16 +225,16 @@ def _freedom(stage: Stage) -> Iterator[Issue]:
         and b.name not in platforms | ends
         and sum(b.name in h.bodies for h in stage.hinges) == 1
     )
-    how = []
+    motions = []
     if motion.turning:
-        how.append(f"{_list('body', motion.turning)} can turn")
+        motions.append(f"{_list('body', motion.turning)} can rotate")
     if motion.shifting:
-        how.append(f"{_list('body', motion.shifting)} can shift")
-    count = "one motion" if motion.freedoms == 1 else f"{motion.freedoms} motions"
+        motions.append(f"{_list('body', motion.shifting)} can translate")
+    several = "s" if motion.freedoms > 1 else ""
+    count = f"{motion.freedoms} degree{several} of freedom"
     text = (
-        f"with every drive held still, {count} of the mechanism "
-        f"{'is' if motion.freedoms == 1 else 'are'} left free: {' and '.join(how)}, held only by "
-        "the bending of hinges"
+        f"with all drives locked, the mechanism keeps {count}: {' and '.join(motions)}, resisted "
+        "only by the bending of hinges"
     )
     if dangling:
         yield _error(
@@ -297,17 +298,17 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Iss
             "drive-pulls",
             (name, drive.pushes),
             f"drive '{name}' acts away from body '{drive.pushes}' instead of into it, and a "
-            f"{drive.kind} cannot pull: turn its direction round, or push on the other side",
+            f"{drive.kind} cannot pull: reverse its direction, or push on the other side",
         )
     dx, dy = x - drive.at[1][0], y - drive.at[1][1]
-    # beside each other within the patch, the two contacts still face each other
+    # with an offset within the patch the two contacts still face each other
     if abs(dx * s - dy * c) > drive.patch_half_width:
         yield _warning(
             "drive-askew",
             (name,),
-            f"the two points of drive '{name}' lie {millimetres(abs(dx * s - dy * c))} beside the "
-            f"line of its direction, further than its patch reaches "
-            f"({millimetres(drive.patch_half_width)}): the models take the line through the pushed "
+            f"the two points of drive '{name}' are offset by {millimetres(abs(dx * s - dy * c))} "
+            "across its direction, more than the half-width of its patch "
+            f"({millimetres(drive.patch_half_width)}): the models use the line through the pushed "
             "point for push and reaction, so move one of the points",
         )
 
@@ -329,13 +330,15 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
             distance = insides[body.name].distance(at)
             if distance > ON_BODY or inner:
                 where = (
-                    f"on body '{inner[0]}'" if inner else f"{millimetres(distance)} outside of it"
+                    f"on body '{inner[0]}'"
+                    if inner
+                    else f"{millimetres(distance)} outside its outline"
                 )
                 yield _error(
                     "probe-off-body",
                     (probe.name, body.name),
                     f"probe '{probe.name}' reads body '{body.name}' at {millimetres(*probe.at)}, "
-                    f"which lies {where}: move the point onto the body that is to be read",
+                    f"which is {where}: move the point onto the body to be measured",
                 )
         if body.fixed and probe.relative_to is None:
             yield _warning(
@@ -347,7 +350,7 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
 
 
 def _list(noun: str, names: tuple[str, ...]) -> str:
-    """Name a few things: "body 'a'", "bodies 'a', 'b' and 3 more"."""
+    """Return a noun and names: "body 'a'", "bodies 'a', 'b' and 3 more"."""
     shown = ", ".join(f"'{n}'" for n in names[:4])
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     plural = noun[:-1] + "ies" if len(names) > 1 and noun.endswith("y") else noun
@@ -360,6 +363,6 @@ def _published(stage: Stage) -> Iterator[Issue]:
         yield _warning(
             "published-axis",
             (name,),
-            f"a published figure belongs to axis '{name}', which the stage does not have "
-            f"(it has {', '.join(sorted(axes)) or 'none'}), so it is compared with nothing",
+            f"a published figure refers to axis '{name}', which the stage does not have (it has "
+            f"{', '.join(sorted(axes)) or 'none'}), so the figure is not compared",
         )

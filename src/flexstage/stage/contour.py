@@ -1,4 +1,4 @@
-"""Bodies as they are cut: their outline together with the half notches that they own."""
+"""Contours of bodies as cut: their outline together with their half notches."""
 
 import itertools
 import math
@@ -34,9 +34,9 @@ def half_notch(hinge: Hinge, which: int) -> Loop:
 
 
 def _from_neck(hinge: Hinge, which: int, contour: Sequence[Vertex]) -> Loop:
-    """Return the outline of what lies between the neck and the end of a contour of one side.
+    """Return the outline between the neck and the end of a contour of one side.
 
-    It runs along the left side from the neck to the end, across, and back along the right side.
+    It runs along the left side from the neck to the end, across, and back on the right side.
     """
     (left, bent), (right, right_bent) = _both_sides(hinge, which, contour)
     bulges = (*bent, 0.0, *right_bent, 0.0)
@@ -103,9 +103,9 @@ def _sides(hinge: Hinge, share: float) -> tuple[list[Vertex], list[Vertex]]:
 
 
 def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], list[float]]:
-    """Walk round the outer part of a half notch, from the right end of the root to the left one.
+    """Return the outer part of a half notch, from the right end of the root to the left one.
 
-    Right and left are those of the hinge's direction. Bulges belong to the step that follows.
+    Right and left are those of the hinge's direction. Bulges belong to the segment that follows.
     """
     (left, bent), (right, right_bent) = _both_sides(hinge, which, outer)
     return [*right, *left], [*right_bent, 0.0, *bent]
@@ -114,8 +114,8 @@ def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], l
 def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
     """Return the part of a half notch next to the neck.
 
-    Where a notch runs out tangent to the edge it grows from, a region that ends there would end in
-    a cusp without an angle, which no mesh can bear; this one ends before.
+    Where a notch ends tangent to the edge of its body, a region up to that end would have a cusp,
+    which cannot be meshed; this one ends before.
 
     `which` is 0 for the half of body a, 1 for that of body b. It reaches a `share`, above 0 and
     below 1, of the half length of the notch, and ends in a straight line across.
@@ -126,9 +126,9 @@ def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
 def body_contour(
     stage: Stage, body: Body, share: float = 0.0
 ) -> tuple[Loop, tuple[Loop | Circle, ...]]:
-    """Return a body as it is cut: its outline and holes with its half notches grown on.
+    """Return a body as cut: its outline and holes with its half notches added.
 
-    `share` is the part of each half notch, from the neck on, that is left off [1].
+    `share` is the part of each half notch, from the neck on, that is omitted [1].
 
     Examples
     --------
@@ -153,8 +153,8 @@ def body_contour(
                     break
             else:
                 raise StageError(
-                    f"hinge '{hinge.name}' does not grow from one straight edge of body "
-                    f"'{body.name}': run 'flexstage check' on it"
+                    f"hinge '{hinge.name}' is not attached to one straight edge of body "
+                    f"'{body.name}': run 'flexstage check'"
                 )
     outline = loops[0]
     assert isinstance(outline, Loop)
@@ -201,7 +201,7 @@ def _grow(
 
 
 def _segment_at(segments: list[tuple[_Pair, _Pair, float]], end: _Pair, other: _Pair) -> int | None:
-    """Find the straight segment that one end of a root lies on and the root goes on along."""
+    """Find the straight segment on which one end of a root lies and along which the root runs."""
     for i, (a, b, bulge) in enumerate(segments):
         length = math.dist(a, b)
         if bulge or length < _SAME:

@@ -1,4 +1,4 @@
-"""What a stage file writes once and has several times: shared profiles, mirror images, patterns."""
+"""Shared profiles, mirror images and patterns of a stage file."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +22,7 @@ from flexstage.stage.model import Body, Hinge, Probe, Stage
 from flexstage.stage.outline import Loop, Point
 from flexstage.stage.transform import PlaneMotion, moved
 
-#: What can be copied: the groups of a stage.
+#: Groups of a stage whose parts can be copied.
 GROUPS = ("bodies", "hinges", "drives", "probes")
 
 _Part = Body | Hinge | Drive | Probe
@@ -36,16 +36,16 @@ class MirrorImages:
     """Mirror images of what the file describes."""
 
     line: PlaneMotion
-    """The line of symmetry: x or y for that axis, {x: 40 mm} or {y: 40 mm} for the line where that
-    coordinate is so much, or [[0, 0], [1, 1]] for the line through two points.
+    """The line of symmetry: x or y for that axis, {x: 40 mm} or {y: 40 mm} for the line of that
+    coordinate, or [[0, 0], [1, 1]] for the line through two points.
     """
     of: tuple[str, ...]
     """Names of bodies, hinges, drives and probes that are mirrored."""
     rename: Mapping[str, str]
-    """Words in their names, and what stands in place of each in the names of the images."""
+    """Words in their names, and the word that replaces each in the names of the images."""
 
     def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
-        """Yield how each copy lies, and how it is called."""
+        """Yield the position and the names of each copy."""
         yield self.line, lambda name: _renamed(name, self.rename)
 
 
@@ -56,7 +56,7 @@ class Pattern:
     of: tuple[str, ...]
     """Names of bodies, hinges, drives and probes that are copied."""
     count: Annotated[int, Range(low=2, high=1000)]
-    """How many there are then, with the first."""
+    """Total number, including the original."""
     turn: Angle | None = None
     """Angle from each to the next, to the left [rad]."""
     about: Point = (0.0, 0.0)
@@ -64,14 +64,14 @@ class Pattern:
     step: Point | None = None
     """Displacement from each to the next [m], instead of turn."""
     rename: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Words in their names, and what stands in place of each in the copies in turn; where not
-    given, names end in -2, -3 and so on.
+    """Words in their names, and the words that replace each in the copies in turn; where not given,
+    names end in -2, -3 and so on.
     """
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "a pattern")
         if (self.turn is None) == (self.step is None):
-            raise StageError("a pattern has either 'turn' or 'step': say how the copies lie")
+            raise StageError("a pattern needs either 'turn' or 'step'")
         for word, names in self.rename.items():
             if len(names) != self.count - 1:
                 raise StageError(
@@ -79,7 +79,7 @@ class Pattern:
                 )
 
     def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
-        """Yield how each copy lies, and how it is called."""
+        """Yield the position and the names of each copy."""
         for k in range(1, self.count):
             words = {word: names[k - 1] for word, names in self.rename.items()}
             if self.turn is not None:
@@ -90,7 +90,7 @@ class Pattern:
             yield motion, partial(_renamed, words=words) if words else partial(_numbered, k=k + 1)
 
 
-#: How a file may copy what it describes, by key; the key that stands first is done first.
+#: Ways in which a file may copy its parts, by key, in the order in which they are applied.
 COPIES: Mapping[str, type[MirrorImages] | type[Pattern]] = {
     "mirror": MirrorImages,
     "pattern": Pattern,
@@ -127,7 +127,7 @@ def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNod
 def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     """Return the plain data of a stage in which profiles have names, and their quantities as well.
 
-    They are called by what they are, with numbers where there are several.
+    They are named by their kind, with numbers where there are several.
     """
     data = encoder.document(stage)
     profiles = list(dict.fromkeys(hinge.profile for hinge in stage.hinges))
@@ -191,7 +191,9 @@ def read_with_copies(
                 origins[group, copy.name] = (entry.line, path)
                 points += _size(copy)
                 if len(origins) > _MOST or points > MAX_NODES:
-                    most = f"at most {_MOST} copies, with {MAX_NODES} points, are made for a file"
+                    most = (
+                        f"a file may have at most {_MOST} copies with {MAX_NODES} points in total"
+                    )
                     decoder.refuse(entry, path, most)
     return {group: tuple(named.values()) for group, named in parts.items()}, origins
 
@@ -251,13 +253,13 @@ def _require_new(
         decoder.refuse(
             entry,
             path,
-            f"the copy of {_NOUNS[group]} '{name}' would be called '{new}', and there is one of "
-            "that name: say in 'rename' what it is called",
+            f"the copy of {_NOUNS[group]} '{name}' would be called '{new}', a name that is in "
+            "use: give another name in 'rename'",
         )
 
 
 def _stands_on(part: _Part) -> tuple[str, ...]:
-    """Names of the bodies that a part names."""
+    """Return the names of the bodies to which a part refers."""
     match part:
         case Hinge():
             return part.bodies
@@ -269,7 +271,7 @@ def _stands_on(part: _Part) -> tuple[str, ...]:
 
 
 def _place(entry: Node, key: str, word: str) -> Node:
-    """Where a word of an entry stands."""
+    """Return the position of a word of an entry."""
     assert isinstance(entry, MappingNode)
     node = entry.items[key]
     if isinstance(node, MappingNode):
@@ -292,7 +294,7 @@ def _renamed(name: str, words: Mapping[str, str]) -> str:
 
 
 def _boundary(character: str) -> str:
-    """What does not stand beside a word that begins or ends so."""
+    """Return the characters that must not adjoin a word that begins or ends so."""
     if character.isdigit():
         return r"\d"
     return r"[^\W\d_]" if character.isalpha() else ""

@@ -1,4 +1,4 @@
-"""Reads and writes stage files: YAML with units in the text; their format and JSON Schema.
+"""Stage files, their format and JSON Schema: YAML with units in the text.
 
 A file begins with ``flexstage: 1``, the version of the format. It either spells the stage out or
 names a parametric design. ``length_unit: mm`` at the top gives lengths without a unit one.
@@ -127,7 +127,7 @@ def _loop_schema(builder: Any) -> dict[str, Any]:
     arc = {
         "type": "object",
         "properties": {
-            "to": {**point, "description": "Where the arc ends."},
+            "to": {**point, "description": "End of the arc."},
             "bulge": {
                 **builder.of(float),
                 "description": "Tangent of a quarter of its angle, positive if it turns left.",
@@ -274,7 +274,7 @@ def read_stage(
         ``flexstage.stage.designs.build``; without it a file with ``design:`` is refused.
     set : mapping, optional
         Parameters of its design by name, with dots for those of a group, and values as the file
-        has them; they stand in place of those in the file.
+        has them; they replace those in the file.
 
     Returns
     -------
@@ -284,8 +284,8 @@ def read_stage(
     Raises
     ------
     FlexstageError
-        There is no such file, or it does not hold a possible stage; the message is one sentence
-        with file, line and key.
+        There is no such file, or it does not describe a possible stage; the message has file, line
+        and key.
     """
     text = read_text(Path(path), STAGE_FILE.noun, StageError)
     return stage_from_text(text, designs, set=set, source=os.fspath(path))
@@ -309,7 +309,7 @@ def stage_from_text(
     set : mapping, optional
         Parameters by name, as `read_stage` takes them.
     source : str
-        What to call the text in messages.
+        Name of the text in messages.
 
     Returns
     -------
@@ -319,7 +319,7 @@ def stage_from_text(
     Raises
     ------
     FlexstageError
-        The text does not hold a possible stage.
+        The text does not describe a possible stage.
 
     Examples
     --------
@@ -403,7 +403,7 @@ def stage_to_text(stage: Stage, *, shared: bool = False) -> str:
 
 
 def write_stage(stage: Stage, path: str | os.PathLike[str], *, shared: bool = False) -> None:
-    """Write a stage file; it appears whole or not at all.
+    """Write a stage file; it appears complete or not at all.
 
     Parameters
     ----------
@@ -432,7 +432,9 @@ def _from_design(
     name = node.items["name"]
     for key in ("name", "based_on"):
         if key in decoder.settings.items:
-            raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
+            raise StageError(
+                f"'{key}' of a design is not a parameter: change it in {decoder.source}"
+            )
     rest = {key: value for key, value in node.items.items() if key != "name"}
     entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
     given = Given(entry, decoder)
@@ -453,7 +455,7 @@ def _placed(
     root: MappingNode,
     origins: Mapping[tuple[str, str], tuple[int | None, str]],
 ) -> FlexstageError:
-    """Point an error of the whole stage at the thing that it is about."""
+    """Attribute an error of the whole stage to the part that it concerns."""
     text = str(error)
     start = f"{decoder.source}, line {root.line}: "
     if not text.startswith(start):

@@ -1,4 +1,4 @@
-"""Where a hinge meets its two bodies: the edge it grows from, and how wide the body is there."""
+"""Attachment of a hinge to its two bodies: the edge at its root and the width of the body there."""
 
 import math
 from functools import lru_cache
@@ -55,10 +55,10 @@ def hinge_root(stage: Stage, hinge: Hinge, which: int) -> Root:
             return Root(body.name, (right, left), edge, width)
     x, y = hinge.to_plane((-0.5, 0.5)[which] * hinge.profile.length, 0.0)
     raise StageError(
-        f"hinge '{hinge.name}' does not grow from body '{body.name}': its root, "
-        f"{hinge.profile.root_height * 1e3:.6g} mm wide about ({x * 1e3:.6g}, {y * 1e3:.6g}) mm, "
-        f"must lie on one straight edge of the body's outline (to {TOLERANCE * 1e6:.0f} um); "
-        "move the hinge, turn its direction, or widen the edge"
+        f"hinge '{hinge.name}' is not attached to body '{body.name}': its end face, "
+        f"{hinge.profile.root_height * 1e3:.6g} mm wide at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm, "
+        f"must lie on one straight edge of the body's outline (to {TOLERANCE * 1e6:.0f} um); move "
+        "the hinge, correct its direction, or widen the edge"
     )
 
 
@@ -111,7 +111,7 @@ def _straight_edges(body: Body) -> list[tuple[_Pair, _Pair]]:
 
 
 def _in_line(edge: tuple[_Pair, _Pair], onward: _Pair) -> bool:
-    """Say whether going on from an edge to a point keeps its direction."""
+    """Return whether an edge keeps its direction when it is continued to a point."""
     (x0, y0), (x1, y1) = edge
     ax, ay, bx, by = x1 - x0, y1 - y0, onward[0] - x1, onward[1] - y1
     # a corner that is off the chord by less than a nanometre is a rounding, not a corner

@@ -1,4 +1,4 @@
-"""What the description of a stage allows to be commanded of one of its axes."""
+"""Limits of the commands to an axis, from the description of the stage."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLimits:
-    """What may be commanded of one axis."""
+    """Limits of the commands to one axis."""
 
     position: Range | None = None
     """Lowest and highest position [m]; not checked where not given."""
@@ -29,14 +29,14 @@ class AxisLimits:
         for name in ("position", "voltage"):
             bounds = getattr(self, name)
             if bounds is not None and not bounds[0] < bounds[1]:
-                raise ModelError(f"the {name} range of an axis must rise, got {bounds!r}")
+                raise ModelError(f"the {name} range of an axis must be increasing, got {bounds!r}")
         for name in ("speed", "slew"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise ModelError(f"the largest {name} must be positive and finite, got {value!r}")
 
     def within(self, other: "AxisLimits") -> "AxisLimits":
-        """Return the narrower of two limits, with the safe voltage of these, led into the range."""
+        """Return the narrower of two limits, with the safe voltage of these within the range."""
         voltage = _common(self.voltage, other.voltage, "voltage")
         safe = self.safe_voltage
         if voltage is not None:
@@ -51,10 +51,10 @@ class AxisLimits:
 
 
 def stage_limits(stage: Stage, axis: str) -> AxisLimits:
-    """Return what the description of a stage allows on one of its axes.
+    """Return the limits of one axis by the description of its stage.
 
     Voltage range and slew of a stack, travel and speed of a screw. The position of a piezo stage is
-    measured at its platform, and not limited by what is said of its drive.
+    measured at its platform, and not limited by the data of its drive.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def _common(a: Range | None, b: Range | None, what: str) -> Range | None:
     if not low < high:
         raise ModelError(
             f"the stage allows a {what} of {a[0]:g} to {a[1]:g}, the controller {b[0]:g} to "
-            f"{b[1]:g}: they have nothing in common, so one of them describes another stage"
+            f"{b[1]:g}: the ranges do not overlap, so one of them describes another stage"
         )
     return low, high
 

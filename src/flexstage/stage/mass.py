@@ -13,7 +13,7 @@ _SIDES = (-1.0, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MassProperties:
-    """Mass of a body and how it is spread in the plane."""
+    """Mass of a body and its distribution in the plane."""
 
     mass: float
     """Its mass [kg]."""
@@ -27,7 +27,7 @@ def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     """Return mass, centre of mass and inertia of every body.
 
     A body is its outline less its holes and mounting holes, the half notch of each of its hinges
-    that touches it, and what is mounted on it.
+    that touches it, and its extra masses.
 
     Parameters
     ----------

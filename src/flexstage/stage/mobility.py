@@ -1,7 +1,7 @@
-"""Motions that neither the hinges nor the drives of a stage hold.
+"""Motions that neither the hinges nor the drives of a stage constrain.
 
-A hinge holds the two bodies together at its neck and lets them turn. With every drive held still as
-well, nothing should be free to move: what still moves is held by the bending of hinges alone.
+A hinge holds the two bodies together at its neck and lets them turn. With all drives locked as
+well, no body should be free to move: a remaining motion is resisted by the bending of hinges alone.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ _STILL = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeMotion:
-    """What can move while the drives are held still."""
+    """Motions of a stage with locked drives."""
 
     freedoms: int
     """Number of independent motions."""
     turning: tuple[str, ...]
-    """Bodies that mainly turn."""
+    """Bodies that mainly rotate."""
     shifting: tuple[str, ...]
-    """Bodies that mainly shift."""
+    """Bodies that mainly translate."""
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -35,7 +35,7 @@ class FreeMotion:
 
 
 def reachable_bodies(stage: Stage) -> set[str]:
-    """Return the bodies that hang together with a fixed one through hinges."""
+    """Return the bodies that hinges connect to a fixed one."""
     neighbours: dict[str, set[str]] = {b.name: set() for b in stage.bodies}
     for hinge in stage.hinges:
         a, b = hinge.bodies
@@ -54,8 +54,8 @@ def reachable_bodies(stage: Stage) -> set[str]:
 def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
     """Find the motions that the hinges, taken as pins, leave free.
 
-    Bodies that no hinge ties to a fixed one are left out; with `hold_drives` each drive keeps its
-    length.
+    Bodies that hinges do not connect to a fixed one are excluded; with `hold_drives` each drive
+    keeps its length.
 
     Notes
     -----

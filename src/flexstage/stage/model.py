@@ -21,7 +21,7 @@ _T = TypeVar("_T", "Body", "Hinge", "Drive", "Probe", "Axis")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtraMass:
-    """Something mounted on a body that is not of the plate.
+    """A mass mounted on a body, not part of the plate.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class ExtraMass:
 class Body:
     """A part of the plate that is meant to be rigid.
 
-    Its outline leaves the notches out; the half of each notch that touches it belongs to it.
+    Its outline excludes the notches; the half of each notch that touches it belongs to it.
     """
 
     name: str
@@ -56,9 +56,9 @@ class Body:
     mounting_holes: tuple[Circle, ...] = ()
     """Holes by which it is bolted down or carries a load."""
     fixed: bool = False
-    """Whether it is held."""
+    """Whether it is fixed."""
     extra_masses: tuple[ExtraMass, ...] = ()
-    """What is mounted on it."""
+    """Masses mounted on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +105,7 @@ class Hinge:
         Returns
         -------
         tuple of float
-            What `to_plane` takes for it.
+            Distances along and across the hinge, the arguments of `to_plane` [m].
         """
         c, s = math.cos(self.direction), math.sin(self.direction)
         x, y = point[0] - self.at[0], point[1] - self.at[1]
@@ -114,7 +114,7 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """A place where motion is read.
+    """A point at which motion is measured.
 
     Raises
     ------
@@ -125,15 +125,15 @@ class Probe:
     name: str
     """Its name."""
     body: str
-    """The body whose motion is read."""
+    """The measured body."""
     at: Point
     """The point [m]; of a rotation, where it is drawn and the distance of drives is taken from."""
     direction: Angle | None = None
     """The direction in which a displacement is read, from the x axis to the left [rad]."""
     relative_to: str | None = None
-    """The body against which it is read; the ground where not given."""
+    """The reference body; the ground where not given."""
     reads: Literal["displacement", "rotation"] = "displacement"
-    """What is read: the displacement of the point [m], or the rotation of the body [rad]."""
+    """Measured quantity: the displacement of the point [m], or the rotation of the body [rad]."""
 
     def __post_init__(self) -> None:
         if self.reads == "displacement" and self.direction is None:
@@ -143,8 +143,8 @@ class Probe:
             )
         if self.reads == "rotation" and self.direction is not None:
             raise StageError(
-                f"probe '{self.name}' reads a rotation, which has no direction in the plane: leave "
-                "its direction out"
+                f"probe '{self.name}' reads a rotation, which has no direction in the plane: "
+                "remove its direction"
             )
 
     @property
@@ -178,7 +178,7 @@ class Probe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One direction of positioning: what drives it and where its motion is read.
+    """One direction of positioning, with its drives and its probe.
 
     Raises
     ------
@@ -198,8 +198,8 @@ class Axis:
     def __post_init__(self) -> None:
         if (self.drive is None) == (not self.drives):
             raise StageError(
-                f"axis '{self.name}' must name what moves it: 'drive' for one drive, or 'drives' "
-                f"for several, got {'none' if self.drive is None else 'both'}"
+                f"axis '{self.name}' must name its drives: 'drive' for one, or 'drives' for "
+                f"several, got {'none' if self.drive is None else 'both'}"
             )
         if len(set(self.drives)) < len(self.drives):
             raise StageError(f"axis '{self.name}' names a drive twice: {', '.join(self.drives)}")
@@ -240,33 +240,33 @@ class Stage:
     Raises
     ------
     StageError
-        Two things share a name, or a name is used that nothing has.
+        Two parts share a name, or a name refers to no part.
     """
 
     name: str
     """Its name."""
     title: str = ""
-    """One line that says what it is."""
+    """Its description in one line."""
     thickness: Size
     """Thickness of the plate [m]."""
     material: Material
-    """What it is cut from."""
+    """Material of the plate."""
     bodies: tuple[Body, ...]
     """Its rigid parts."""
     hinges: tuple[Hinge, ...] = ()
     """Its notches."""
     drives: tuple[Drive, ...] = ()
-    """What moves it."""
+    """Its drives."""
     probes: tuple[Probe, ...] = ()
-    """Where its motion is read."""
+    """Its probes."""
     axes: tuple[Axis, ...] = ()
     """Its directions of positioning."""
     manufacture: Manufacture = field(default_factory=Manufacture)
     """Limits of the cutting process."""
     published: tuple[Characteristic, ...] = ()
-    """Figures that others have given for it."""
+    """Published figures."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every result of it; those that begin with Published to a study."""
+    """Notes for every result; those that begin with Published appear in a study only."""
 
     # how a notebook shows a stage; set by the room that draws
     _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None
@@ -304,7 +304,7 @@ class Stage:
 
     @property
     def own_notes(self) -> tuple[str, ...]:
-        """Its remarks without those on what was published."""
+        """Its notes without those on published figures."""
         return tuple(note for note in self.notes if not note.startswith("Published"))
 
     def body(self, name: str) -> Body:
@@ -407,8 +407,8 @@ def only_drive(axis: str, drives: tuple[str, ...], error: type[FlexstageError]) 
     """Return the one drive of an axis; refuse, with an error of a class, one that has several."""
     if len(drives) != 1:
         raise error(
-            f"axis '{axis}' is moved by the drives {', '.join(drives)} together, which this cannot "
-            "do: it needs an axis that one drive moves (an axis whose 'drive' names one)"
+            f"axis '{axis}' is moved by the drives {', '.join(drives)} together, but this needs "
+            "an axis with a single drive (its key 'drive')"
         )
     return drives[0]
 

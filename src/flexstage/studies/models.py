@@ -191,12 +191,14 @@ def _meshed(
     name: str,
     build: "Callable[[MeshSettings | None], StageModel]",
 ) -> ModelRun:
-    from flexstage.fem import LADDERS, refine
+    from flexstage.fem import REFINEMENT_MESHES, refine
 
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
-    found = refine(build, LADDERS[name], accuracy=options.accuracy, quantity=options.quantity)
+    found = refine(
+        build, REFINEMENT_MESHES[name], accuracy=options.accuracy, quantity=options.quantity
+    )
     return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
 
 

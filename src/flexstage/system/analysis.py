@@ -1,4 +1,4 @@
-"""Everything that is said of a stage by one model: statics, modes, responses, characteristics."""
+"""Analysis of a stage by one model: statics, modes, responses, characteristics."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Analysis:
-    """What one model says of a stage."""
+    """Results of one model of a stage."""
 
     stage: Stage
     """The stage."""
@@ -35,13 +35,13 @@ class Analysis:
     responses: tuple[FrequencyResponse, ...]
     """Response of each axis' probe to its drive, drives removed and in place."""
     characteristics: Characteristics
-    """The figures that are quoted."""
+    """The characteristics."""
     validity: tuple[str, ...]
-    """Where they stop being valid."""
+    """Limits of their validity."""
     provenance: Provenance
-    """Where they come from."""
+    """Their provenance."""
     coupling: CoupledAxes | None = None
-    """What all drives do to all axes, where there are several drives."""
+    """Coupling of all drives and axes, where there are several drives."""
 
     __repr__ = short_repr
 
@@ -99,15 +99,15 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
 
 
 def _missing(system: MechanicalSystem, bare: Modes) -> tuple[str, ...]:
-    """Say what a description leaves out that the figures above would need."""
+    """Return notes on missing axes and unconstrained bodies."""
     notes = []
     if not system.axes:
-        notes.append("No axis is named (a drive and the probe that reads it): modes only.")
+        notes.append(
+            "The stage has no axis (a drive with the probe that reads it): only modes are computed."
+        )
     f = bare.frequency_hz
     # rounding leaves 1e-8 of the highest frequency in place of nothing
     loose = int((f <= 1e-6 * f.max(initial=0.0)).sum())
     if loose:
-        notes.append(
-            f"{loose} of these modes, at 0 Hz, deform no hinge: a body is not constrained."
-        )
+        notes.append(f"{loose} of these modes, at 0 Hz, deform no hinge: a body is unconstrained.")
     return tuple(notes)

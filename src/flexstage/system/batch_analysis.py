@@ -36,8 +36,8 @@ def batch_characteristics(
     batch : SystemBatch
         The systems.
     wanted : Collection of tuple, optional
-        Figures as quantity and axis, ``("transmission_ratio", "x")``; all that are known where not
-        given. Only what they need is computed.
+        Figures as quantity and axis, ``("transmission_ratio", "x")``; all where not given. Nothing
+        else is computed.
 
     Returns
     -------
@@ -49,15 +49,15 @@ def batch_characteristics(
     Raises
     ------
     ModelError
-        A figure is not known of this topology.
+        A figure is not available for this topology.
 
     Notes
     -----
-    Validity: as the model. What is quoted is decided on the nominal stage. An axis of which more
-    drives than axes make the motion is left to `flexstage.system.analyse`, and so is the workspace
-    of two displacements and a rotation by more than three drives.
+    Validity: as the model. The nominal stage decides which figures are quoted. An axis of which
+    more drives than axes make the motion is left to `flexstage.system.analyse`, and so is the
+    workspace of two displacements and a rotation by more than three drives.
 
-    A value does not depend on the samples beside it, to the last bit.
+    A value does not depend on the other samples, to the last bit.
 
     Examples
     --------
@@ -89,25 +89,26 @@ def batch_characteristics(
 
 
 def quoted(batch: SystemBatch) -> tuple[Key, ...]:
-    """Return which figures a batch knows, by quantity and axis, and compute none."""
+    """Return the figures that a batch gives, by quantity and axis, without computing them."""
     decided = decisions(batch.stage, batch.nominal)
     return tuple(StageFigures(decided, _Values(batch, decided)).rows)
 
 
 def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
-    """Refuse figures that are not known, and say which are."""
+    """Refuse figures that are not available, and list those that are."""
     texts = [f"{quantity} of {axis}" for quantity, axis in known]
     for key in wanted:
         if key not in known:
             name = f"{key[0]} of {key[1]}"
             raise ModelError(
-                f"a batch of stage '{batch.stage.name}' knows no {name}, but {', '.join(texts)}; "
-                f"the analysis of a single stage may know more{did_you_mean(name, texts)}"
+                f"a batch of stage '{batch.stage.name}' does not give {name}, only "
+                f"{', '.join(texts)}; the analysis of a single stage may give "
+                f"more{did_you_mean(name, texts)}"
             )
 
 
 def _sure(figures: StageFigures, source: "_Values") -> Array:
-    """Samples that are no mechanisms, and are coupled where the nominal stage is."""
+    """Return the samples that are no mechanisms, and coupled if the nominal stage is."""
     xp, fine = source.xp, source.fine()
     coupling = figures.coupling
     if coupling is None or any(len(axis.drives) > 1 for axis in coupling.nominal.axes):
@@ -125,7 +126,7 @@ def _sure(figures: StageFigures, source: "_Values") -> Array:
 
 
 class FieldSource(ABC):
-    """What figures are made of that is a field of a batch."""
+    """Ingredients of figures that are fields of a batch."""
 
     batch: SystemBatch
 
@@ -159,7 +160,7 @@ class FieldSource(ABC):
 
 
 class _Values(FieldSource):
-    """What figures are made of, over the samples of a batch."""
+    """Ingredients of figures, over the samples of a batch."""
 
     figures: StageFigures
     shapes = False

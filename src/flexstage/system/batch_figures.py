@@ -1,9 +1,9 @@
-"""The figures of the axes of a stage, each from what unit forces of the drives do.
+"""The figures of the axes of a stage, each from the responses to unit forces of the drives.
 
-They are those of `flexstage.system.characteristics` and `flexstage.system.coupled_axes`, which read
-them off the states of any model, whose stress need not be linear. Here they are written in what
-unit forces do, for values over many samples or values with derivatives: a source gives either. What
-an engineer would decide by looking is decided on the nominal stage, for all.
+They are those of `flexstage.system.characteristics` and `flexstage.system.coupled_axes`, which take
+them from the states of any model, whose stress need not be linear. Here they are functions of the
+responses to unit forces, for values over many samples or values with derivatives: a source gives
+either. Decisions that an engineer would make are made on the nominal stage, for all.
 """
 
 import math
@@ -45,7 +45,7 @@ from flexstage.system.statics import AxisAnalysis, probe_stiffness
 
 
 class CouplingFigures:
-    """What all drives do to all axes."""
+    """Coupling of all drives and axes."""
 
     def __init__(
         self, stage: Stage, system: MechanicalSystem, nominal: CoupledAxes, source: Source
@@ -75,7 +75,7 @@ class CouplingFigures:
 
     @cached_property
     def jacobian(self) -> list[list[Any]]:
-        """What each axis reads for a unit of each drive."""
+        """Reading of each axis for unit elongation of each drive."""
         reach = self.source.reach
         return [
             [added([f * reach(p, i) for i, f in self.forces[j].items()]) for j in self.drives]
@@ -96,7 +96,7 @@ class CouplingFigures:
         ]
 
     def gains(self, axis: int) -> dict[int, Any]:
-        """What an axis reads for a unit of each drive."""
+        """Reading of an axis for unit elongation of each drive."""
         return dict(zip(self.drives, self.jacobian[axis], strict=True))
 
     @cached_property
@@ -172,7 +172,7 @@ class CouplingFigures:
         return largest(ends)
 
     def _area(self) -> Any:
-        """Area of the workspace, with a rotation that at its middle."""
+        """Area of the workspace; with a rotation, at its middle."""
         units = self.nominal.units
         straight = [i for i, unit in enumerate(units) if unit == "m"][:2]
         turning = [i for i, unit in enumerate(units) if unit == "rad"]
@@ -197,7 +197,7 @@ class CouplingFigures:
 
 
 def _pivot_rows(matrix: Array) -> list[int]:
-    """Order of rows by which elimination never meets a small pivot."""
+    """Return an order of rows in which elimination has no small pivot."""
     left, order = matrix / np.abs(matrix).max(), []
     rows = list(range(len(matrix)))
     for column in range(len(matrix)):
@@ -211,25 +211,25 @@ def _pivot_rows(matrix: Array) -> list[int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Decisions:
-    """What is decided on the nominal stage, for all samples of its topology."""
+    """Decisions on the nominal stage, for all samples of its topology."""
 
     stage: Stage
     """The nominal stage."""
     system: MechanicalSystem
     """Its system."""
     coupling: CoupledAxes | None
-    """What all drives do to all axes."""
+    """Coupling of all drives and axes."""
     together: CoupledAxes | None
     """The same, where all drives together make the motion of each axis."""
     axes: tuple[AxisAnalysis, ...]
     """The full stroke of each axis."""
     start: Array | None
-    """Modes to begin with; None where all modes are wanted."""
+    """Initial modes of the iteration; None where all modes are needed."""
 
 
 @lru_cache(maxsize=32)
 def decisions(stage: Stage, system: MechanicalSystem) -> Decisions:
-    """Decide on the nominal stage, once."""
+    """Return the decisions on the nominal stage."""
     coupling, together, axes = axis_states(stage, system)
     responses = [
         (_force(system, axis.static.drive_force), system.probe(axis.probe).vector) for axis in axes
@@ -250,7 +250,7 @@ def _force(system: MechanicalSystem, forces: Mapping[str, float]) -> Array:
 
 
 class StageFigures:
-    """All figures that are known of a topology, each computed when it is called for."""
+    """All figures of a topology, each computed when it is called."""
 
     def __init__(self, decided: Decisions, source: Source) -> None:
         self.decided, self.source = decided, source
@@ -331,7 +331,7 @@ class AxisFigures:
 
     @cached_property
     def held(self) -> tuple[Any, dict[int, Any]]:
-        """Reading for a unit force on the probe, drives in place, and the forces that they hold."""
+        """Reading for a unit force on the probe, drives in place, and the forces of the drives."""
         system, source = self.stage.decided.system, self.source
         drives = [j for j, d in enumerate(system.drives) if d.stiffness != 0.0]
         soft = source.own(self.probe)

@@ -2,10 +2,10 @@ r"""Natural frequencies of many stages at once, of the modes by which the axes m
 
 Subspace iteration (K.-J. Bathe, E. L. Wilson, Int. J. Numer. Methods Eng. 6 (1973) 213) from modes
 of the nominal stage: :math:`Y = K^{-1} M X`, then the small problem of :math:`Y^T K Y = Y^T M X`
-and :math:`Y^T M Y`. It needs nothing but the factor that the statics have made already. A sample is
-done when two things are shown for it: that the residual of the mode is negligible, and that no mode
-outside of the subspace can give more of the static response than the one that was chosen, by the
-inequality of A. L. Cauchy and H. A. Schwarz. All others are solved in full.
+and :math:`Y^T M Y`. It needs only the factor of the statics. A sample is complete when two
+conditions hold: that the residual of the mode is negligible, and that no mode outside of the
+subspace can give more of the static response than the selected one, by the inequality of A.
+L. Cauchy and H. A. Schwarz. All others are solved in full.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,22 +65,22 @@ def start_shapes(
     return None
 
 
-#: A vector of few bodies: their numbers, and its parts, each of shape (3, S).
+#: A vector of a few bodies: their numbers, and its parts, each of shape (3, S).
 Form = Sequence[tuple[int, Array]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenReading:
-    """A force and a reading: sought is the mode that gives most of the one for the other."""
+    """A force and a reading, for the mode that gives the largest share of the response."""
 
     force: Form
     """Force d on each coordinate."""
     reading: Form
     """Reading p of each coordinate."""
     pushed: Array
-    """What the force moves itself at rest, :math:`d^T K^{-1} d`, shape (S,)."""
+    """Static compliance at the force, :math:`d^T K^{-1} d`, shape (S,)."""
     read: Array
-    """What the reading would, taken as a force, :math:`p^T K^{-1} p`, shape (S,)."""
+    """Static compliance at the reading, :math:`p^T K^{-1} p`, shape (S,)."""
 
 
 def axis_modes(
@@ -97,8 +97,8 @@ def axis_modes(
 
     `mass` is the diagonal of M by body, shape (k, 3, S), `blocks` are those of K, `count` is S;
     `shapes` asks for more digits, for what depends on the shapes. Returns by axis the squared
-    angular frequency, and the sum of squares of what its probe reads of this mode and of those
-    alike, which is one over the effective mass, each of shape (S,).
+    angular frequency, and the sum of squares of the readings of its probe in this mode and those of
+    the same frequency, which is the inverse of the effective mass, each of shape (S,).
     """
     xp = factor.xp
     mass = xp.broadcast_to(mass, (*mass.shape[:2], count))
@@ -132,7 +132,7 @@ def axis_modes(
 
 
 class _Work:
-    """Samples that are not done yet."""
+    """Samples that are not complete yet."""
 
     def __init__(
         self, factor: BlockFactor, mass: Array, responses: Sequence[DrivenReading], shapes: bool
@@ -152,7 +152,7 @@ class _Work:
     def step(self, x: Array) -> tuple[Array, Array, Array]:
         """Do one step from shapes, (k, 3, m, S).
 
-        Returns what is found, shape (2, a, S), the next shapes, and which samples are done.
+        Returns the results, shape (2, a, S), the next shapes, and which samples are complete.
         """
         xp, mass = self.factor.xp, self.mass[:, :, None, :]
         right = mass * x
@@ -167,7 +167,7 @@ class _Work:
         return values, new, xp.logical_or(done, xp.logical_not(self.factor.regular))
 
     def _judged(self, value: Array, shape: Array, off: Array) -> tuple[Array, Array]:
-        """Choose the mode of each axis, and say for which samples that is sure and exact."""
+        """Select the mode of each axis; also return for which samples that is certain and exact."""
         xp = self.factor.xp
         limit = _RESIDUAL_SHAPE if self.shapes else _RESIDUAL_FREQUENCY
         known = off < _KNOWN
@@ -197,7 +197,7 @@ class _Work:
         return xp.stack((xp.stack(omega), xp.stack(shown))), sure
 
     def in_full(self, blocks: Mapping[tuple[int, int], Array]) -> Array:
-        """Find all modes, and of them what is asked for, shape (2, a, S)."""
+        """Find all modes, and return the requested results, shape (2, a, S)."""
         xp = self.factor.xp
         bodies = self.mass.shape[0]
         scale = 1.0 / xp.sqrt(self.mass)
@@ -275,7 +275,7 @@ def _less(value: Array, products: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _gram(xp: Any, a: Array, b: Array) -> list[list[Array]]:
-    """Products of each shape with each, of what is symmetric; the same below and above."""
+    """Products of each shape with each; symmetric."""
     m = a.shape[2]
     low = [[total(a[:, :, i, :] * b[:, :, j, :], 2) for j in range(i + 1)] for i in range(m)]
     return [[low[max(i, j)][min(i, j)] for j in range(m)] for i in range(m)]

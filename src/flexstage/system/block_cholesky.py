@@ -4,7 +4,7 @@ A stage is a sparse graph: a body is joined to a few others, so most of K is emp
 its factor if the bodies are taken in a good order. The order is found once, for the pattern; then
 every number of the elimination is an array over the samples, and each operation is done for all of
 them at once. Only sums, products, quotients and roots of single numbers occur, which IEEE 754
-rounds in one way: a sample has the same bits whatever others it is computed beside.
+rounds in one way: a sample has the same bits whatever other samples are computed with it.
 
 Samples are the last axis of every array here, so that they lie next to each other in memory.
 """
@@ -26,7 +26,7 @@ _PIVOT = 1e-16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elimination:
-    """In which order bodies are eliminated, and which later ones each of them then touches."""
+    """Order of elimination of the bodies, and the later ones that each of them touches."""
 
     order: tuple[int, ...]
     """The bodies."""
@@ -36,7 +36,7 @@ class Elimination:
 
 @lru_cache(maxsize=256)
 def elimination(count: int, pairs: tuple[tuple[int, int], ...]) -> Elimination:
-    """Return the order of elimination by least degree, and what fills in.
+    """Return the order of elimination by least degree, with the fill-in.
 
     W. F. Tinney, J. W. Walker, Proc. IEEE 55 (1967) 1801, scheme 2: next comes the body that is
     joined to the fewest others. `pairs` are the bodies that are joined.
@@ -205,7 +205,7 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
 
 
 def _furthest(factor: BlockFactor, diagonal: Mapping[int, Array]) -> Array:
-    """How far a force of the order of 1 on each coordinate moves one, scaled to a unit diagonal."""
+    """Return the displacement by a unit force on each coordinate, scaled to a unit diagonal."""
     xp, count = factor.xp, len(diagonal)
     size = xp.stack([xp.stack([diagonal[i][c, c, ...] for c in range(3)]) for i in range(count)])
     size = xp.sqrt(xp.clip(size, 0.0, None))

@@ -1,6 +1,6 @@
 r"""Analytic derivatives of the characteristics of a stage, by any number of parameters at once.
 
-With derivatives of M and K, of what drives push and probes read, marked by a dot, statics are
+With derivatives of M, K and the vectors of drives and probes marked by a dot, statics are
 
 .. math:: K\dot q = \dot f - \dot K q,
 
@@ -17,13 +17,13 @@ and the shape of a mode follows in the basis of all of them (the same; R. B. Nel
 (1976) 1201, avoids that basis, which pays for large systems: here n is small).
 
 *Modes of one frequency.* Where several modes share :math:`\omega^2`, to rounding, those that the
-change leaves apart are the eigenvectors of :math:`\Phi^T(\dot K - \omega^2\dot M)\Phi`, and its
-eigenvalues are the derivatives; that of the mode that moves the axis is taken, as the figure itself
-takes it. An effective mass is that of all modes alike: their projector :math:`\Phi\Phi^T M` is
-smooth even where they cross.
+change separates are the eigenvectors of :math:`\Phi^T(\dot K - \omega^2\dot M)\Phi`, and its
+eigenvalues are the derivatives; that of the mode that moves the axis is used, as by the figure
+itself. An effective mass is that of all modes of one frequency: their projector :math:`\Phi\Phi^T
+M` is smooth even where they cross.
 
-What is a largest of several has the derivative of the active one; of stresses that are the largest
-alike, the mean of the derivatives to either side.
+A largest of several values has the derivative of the active one; of equal largest stresses, the
+mean of the derivatives to either side.
 """
 
 from collections.abc import Collection
@@ -59,7 +59,7 @@ def characteristic_derivatives(
     slopes : SystemBatch
         Derivatives of its fields, with a leading axis of p parameters; of 1 where they are zero.
     wanted : Collection of tuple, optional
-        Figures as quantity and axis; all that `flexstage.system.batch_characteristics` knows where
+        Figures as quantity and axis; all those of `flexstage.system.batch_characteristics` where
         not given.
 
     Returns
@@ -71,13 +71,13 @@ def characteristic_derivatives(
     Raises
     ------
     ModelError
-        There are several samples, the stage is a mechanism, or a figure is not known.
+        There are several samples, the stage is a mechanism, or a figure is not available.
 
     Notes
     -----
-    Validity: as the model; exact to rounding. Where several stresses are the largest alike, a
-    figure has a kink, and this is the mean of its two sides; where two modes of one frequency move
-    an axis alike, it is that of one of them.
+    Validity: as the model; exact to rounding. Where several largest stresses are equal, a figure
+    has a kink, and this is the mean of its two sides; where two modes of one frequency move an axis
+    equally, it is that of one of them.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def characteristic_derivatives(
 
 
 class _Slopes(FieldSource):
-    """What figures are made of, with derivatives."""
+    """Ingredients of figures, with derivatives."""
 
     figures: StageFigures
 
@@ -192,7 +192,7 @@ class _Slopes(FieldSource):
         return (self._drive if kind == "drive" else self._probe)[which]
 
     def _compliance(self, a: tuple[str, int], b: tuple[str, int]) -> Dual:
-        """What one vector reads of the shape for another one, with its derivatives."""
+        """Reading of one vector of the shape for another one, with its derivatives."""
         (u, u_slope), (_, v_slope) = self._pair(*a), self._pair(*b)
         q_u, q_v = self._shape(*a), self._shape(*b)
         slope = (
@@ -273,7 +273,7 @@ class _Slopes(FieldSource):
         shown = float(np.sum(read[alike] ** 2))
         k, m = between(shapes[:, alike], shapes)
         change = k - value[alike][:, None] * m
-        # of modes alike among each other only M counts, that of the projector on all of them
+        # among modes of one frequency only M counts, that of the projector on all of them
         apart = value[alike][:, None] - value
         with np.errstate(divide="ignore"):
             gap = np.where(alike, 0.0, 1.0 / apart)

@@ -1,7 +1,7 @@
-"""Which figures are quoted of an axis, and what each is made of: once for all that compute them.
+"""Figures of an axis and their ingredients, for every way to compute them.
 
-One stage is told by its states (`flexstage.system.characteristics`), many at once and derivatives
-by what unit forces do (`flexstage.system.batch_figures`): both give what is asked for here.
+For one stage they are its states (`flexstage.system.characteristics`), for many stages and for
+derivatives the responses to unit forces (`flexstage.system.batch_figures`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,15 +27,15 @@ _OF_ROTATION = {
 
 
 def axis_quantity(quantity: str, unit: str) -> str:
-    """Return what a figure of an axis is called, by the unit in which the axis is read."""
+    """Return the name of a figure of an axis, by the unit in which the axis is read."""
     return _OF_ROTATION[quantity] if unit == "rad" else quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisMeasures:
-    """What the figures of an axis are made of, for one stage, over samples or with derivatives.
+    """Ingredients of the figures of an axis, for one stage, over samples or with derivatives.
 
-    Each is computed when it is called for.
+    Each is computed when it is called.
     """
 
     input: Callable[[], Any]
@@ -47,11 +47,11 @@ class AxisMeasures:
     strength: Callable[[int], Any]
     """Yield strength (0), and largest pulsating stress (1) [Pa]."""
     step: Callable[[str], Any]
-    """What the smallest displacement of a drive moves the probe by, signed."""
+    """Reading of the probe for the smallest displacement of a drive, signed."""
     frequency_hz: Callable[[], Any]
     """Frequency of the mode by which the axis moves [Hz]."""
     shown: Callable[[], Any]
-    """Sum of squares of what the probe reads of this mode and those alike [1/kg, 1/(kg m^2)]."""
+    """Sum of squares of the readings in this mode and those of its frequency [1/kg, 1/(kg m^2)]."""
     worst: Callable[[list[str]], Any]
     """Reading of some probes over the stroke that is the largest, with its sign."""
     rotation: Callable[[], Any]
@@ -71,10 +71,10 @@ class AxisMeasures:
 def axis_figures(
     system: MechanicalSystem, axis: AxisAnalysis, material: Material, measures: AxisMeasures
 ) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Give the figures of an axis, in their order: quantity, and what computes it.
+    """Yield the figures of an axis, in their order: quantity, and its function.
 
-    Which there are is decided on one stage, `system` with the full stroke of its `axis`, for all
-    that the `measures` are of.
+    The choice of figures is made on one stage, `system` with the full stroke of its `axis`, for all
+    stages of the `measures`.
     """
     port = system.probe(axis.probe)
     unit, turns = port.unit, port.unit == "rad"
@@ -107,10 +107,11 @@ def axis_figures(
 
 
 def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tuple[str, list[str]]]:
-    """Give the figures that tell what the probes of other axes read over the stroke of one.
+    """Yield the figures for the probes of other axes over the stroke of one.
 
-    Each is the largest reading of some of them: in parts of its own motion (``cross_coupling``)
-    where they are of the same kind, and not nothing beside it; as it is otherwise.
+    Each is the largest reading of some of them: relative to the motion of the axis
+    (``cross_coupling``) where they are of the same kind and that motion is not negligible;
+    otherwise absolute.
     """
     others = [other.probe for other in system.axes if other.name != axis.axis]
     unit = system.probe(axis.probe).unit
@@ -126,7 +127,7 @@ def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tup
 
 
 class Source(Protocol):
-    """What figures are made of, as values over samples or as values with derivatives.
+    """Ingredients of figures, as values over samples or as values with derivatives.
 
     Drives and probes are numbered as the system has them.
     """
@@ -157,7 +158,7 @@ class Source(Protocol):
         ...
 
     def of_drive(self, field: str, drive: int) -> Any:
-        """A field of the batch that is given by drive."""
+        """Return a field of the batch that is given by drive."""
 
     def strength(self, which: int) -> Any:
         """Yield strength, or largest pulsating stress [Pa]."""
@@ -173,7 +174,7 @@ class Source(Protocol):
         """Width, height and thickness of the plate [m]."""
 
     def fine(self) -> Any:
-        """Samples whose stiffness is regular; None where no other comes up."""
+        """Samples whose stiffness is regular; None where all are."""
 
 
 def added(parts: list[Any]) -> Any:
@@ -195,7 +196,7 @@ def stress_figures(
     stress: Callable[[], Any],
     stressed: bool = True,
 ) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Give a largest stress, and how far it is from yield and from fatigue where it is not zero."""
+    """Yield a largest stress and, where it is not zero, the safety against yield and fatigue."""
     yield "max_stress", stress
     if stressed and material.yield_strength is not None:
         yield "safety_factor", lambda: strength(0) / stress()

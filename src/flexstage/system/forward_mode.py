@@ -1,4 +1,4 @@
-r"""Numbers with their derivatives, so that a formula is written once for both.
+r"""Numbers with their derivatives, so that one formula serves for both.
 
 A `Dual` is a value and its derivative in several directions, :math:`x + \epsilon\,\dot x`; sums,
 products and quotients follow the rules of calculus (R. E. Wengert, Comm. ACM 7 (1964) 463), exact
@@ -24,7 +24,7 @@ def array_namespace(*arrays: Array) -> Any:
     Raises
     ------
     ModelError
-        The library has none of itself (CuPy, PyTorch), and array-api-compat is not installed.
+        The library has none of its own (CuPy, PyTorch), and array-api-compat is not installed.
     """
     first = next((a for a in arrays if not isinstance(a, np.generic | float)), None)
     if first is None or isinstance(first, np.ndarray):
@@ -107,8 +107,8 @@ def magnitude(x: Any) -> Any:
 def largest_row(x: Any) -> Any:
     """Return the largest value along the first axis; its derivative is that of the active row.
 
-    Of rows that are alike to rounding it is the mean of the derivatives to either side, as central
-    differences have it.
+    Of rows equal to rounding it is the mean of the derivatives to either side, as by central
+    differences.
     """
     if not isinstance(x, Dual):
         return array_namespace(x).max(x, axis=0)
@@ -147,8 +147,8 @@ def _value(x: Any) -> Array:
 def singular_values(rows: Sequence[Sequence[Any]], fine: Any = None) -> list[Any]:
     r"""Return the singular values of a matrix given by its entries, falling.
 
-    Their derivative is :math:`\dot\sigma_i = u_i^T \dot A v_i`. Where `fine` says no, the matrix is
-    taken for that of the unit, and its values mean nothing.
+    Their derivative is :math:`\dot\sigma_i = u_i^T \dot A v_i`. Where `fine` is false, the identity
+    replaces the matrix, and its values have no meaning.
     """
     flat = [entry for row in rows for entry in row]
     shape = len(rows), len(rows[0])
@@ -170,7 +170,7 @@ def singular_values(rows: Sequence[Sequence[Any]], fine: Any = None) -> list[Any
 
 
 def solved(matrix: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
-    """Solve a small system whose pivots, in the order that it is given in, are none of them zero.
+    """Solve a small system whose pivots, in the given order, are not zero.
 
     Entries and right side are values over the samples; elimination is that of C. F. Gauss.
     """

@@ -68,7 +68,7 @@ _SPREAD, _MODES_SHOWN = 600, 6
 
 
 def default_frequencies_hz(result: Modes) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance."""
+    """Return frequencies that resolve the lowest modes, denser at each resonance."""
     shown = result.frequency_hz[:_MODES_SHOWN]
     shown = shown[shown > 0.0]
     if shown.size == 0:
@@ -207,11 +207,11 @@ def time_response(
     Raises
     ------
     ModelError
-        The times do not rise, a shape does not fit, or a rigid drive is in place.
+        The times do not increase, a shape does not fit, or a rigid drive is in place.
     """
     t = np.asarray(time, dtype=np.float64)
     if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
-        raise ModelError("the times of a time response must be at least two and rise")
+        raise ModelError("a time response needs at least two times, in increasing order")
     if drives == "locked":
         raise ModelError("a time response needs the drives removed or in place, got 'locked'")
     result = modes(system, drives=drives, count=None)
@@ -365,7 +365,7 @@ def state_space(
     .. math:: \eta' = x_2 + 2\zeta\omega g w, \quad
               x_2' = -\omega^2\eta - 2\zeta\omega x_2 + (1 - 4\zeta^2)\,\omega^2 g w
 
-    and what the static shape holds beyond the kept modes is feedthrough.
+    and the static shape beyond the retained modes is feedthrough.
 
     Parameters
     ----------
@@ -376,8 +376,8 @@ def state_space(
         drives that have a stiffness, imposed displacements [m] of those that are rigid, and forces
         [N] of those that are pure forces.
     count : int, optional
-        Number of modes that are kept, all where not given; what the others would add statically is
-        kept as feedthrough.
+        Number of retained modes, all where not given; the static contribution of the others is
+        feedthrough.
 
     Returns
     -------

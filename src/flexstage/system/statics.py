@@ -20,7 +20,7 @@ from flexstage.system.mechanical import (
 )
 from flexstage.system.stress_map import StressMap
 
-#: Two drives whose elongations are the same to this part are one.
+#: Two drives whose elongations agree to this relative tolerance are one.
 DEPENDENT = 1e12
 
 
@@ -109,7 +109,7 @@ def static_forces(
     forces : Mapping
         Force by drive [N].
     drives : str
-        ``removed``, ``in place`` or ``locked``: what all drives do besides pushing with `forces`.
+        Condition of all drives besides their `forces`: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def static_displacements(
     displacements : Mapping
         Elongation by drive [m].
     others : str
-        What the drives that are not named do: ``removed``, ``in place`` or ``locked``.
+        Condition of the other drives: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def static_displacements(
     Raises
     ------
     ModelError
-        A drive does not exist or moves nothing, two hold the same, or the stage is a mechanism.
+        A drive does not exist or moves nothing, two are redundant, or the stage is a mechanism.
     """
     names = list(displacements)
     vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
@@ -165,10 +165,10 @@ def static_displacements(
         or np.linalg.cond(moved / np.outer(size, size)) > DEPENDENT
     ):
         if len(names) == 1 and not rest.drive_springs(others)[1].shape[1]:
-            raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are held")
+            raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are fixed")
         raise ModelError(
             f"the displacements of {', '.join(names)} cannot be imposed: a drive moves nothing, "
-            "or moves what the others already hold"
+            "or the others already determine its motion"
         )
     force = np.linalg.solve(moved, wanted)
     return static_state(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
@@ -195,7 +195,7 @@ def static_loads(
     -------
     StaticSolution
         The state. Its hinge stress is that of the deformation alone: under a change of temperature
-        the part that expands freely has to be taken off, so it is left out there.
+        the free expansion would have to be subtracted, so there is none.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def static_loads(
 
 
 def load_readings(system: MechanicalSystem) -> dict[str, dict[str, float]]:
-    """Return what every load on the whole stage does to every probe, drives removed.
+    """Return the reading of every probe for every load on the whole stage, drives removed.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def drive_stiffness(
     drive : str
         Name of the drive.
     others : str
-        What the other drives do: ``removed``, ``in place`` or ``locked``.
+        Condition of the other drives: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -280,7 +280,7 @@ def probe_stiffness(
 def _under(
     system: MechanicalSystem, vectors: Iterable[tuple[Array, float]], drives: DriveCondition
 ) -> Array:
-    """Return the coordinates under vectors of force, each times its size."""
+    """Return the coordinates under vectors of force, each times its magnitude."""
     right = np.zeros((system.order, 1))
     for vector, size in vectors:
         right[:, 0] += size * vector
@@ -291,7 +291,7 @@ def _under(
 def _compliance(
     system: MechanicalSystem, vectors: Array, drives: DriveCondition
 ) -> tuple[Array, Array]:
-    """Return the shapes for unit vectors of force, and what each moves itself with nothing held."""
+    """Return the shapes for unit vectors of force, and their self-compliances, unconstrained."""
     added, held = system.drive_springs(drives)
     shapes, _ = solve_stiffness(system.K + added, vectors, held)
     free = shapes
@@ -301,7 +301,7 @@ def _compliance(
 
 
 def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:
-    """Return what coordinates and the drive forces that hold them are in a stage."""
+    """Return the state of a stage for coordinates and drive forces."""
     motion = {b.name: b.matrix @ q for b in system.bodies}
     return StaticSolution(
         q=q,

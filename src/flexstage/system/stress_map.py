@@ -29,7 +29,7 @@ class StressOfForces:
     count: int
     """Number of places."""
     shares: tuple[StressByForces, ...]
-    """What stresses them; those of the same places add up."""
+    """Contributions to the stress; those of the same places add up."""
 
     def at(self, q: Array) -> Array:
         """Return the components for coordinates, shape (n,): shape (m, 6)."""
@@ -49,7 +49,7 @@ class StressOfForces:
         return found
 
     def of(self, own: NDArray[np.bool_]) -> "StressOfForces":
-        """Return that of some of the places."""
+        """Return the same for some of the places."""
         before = np.concatenate(([0], np.cumsum(own)))
         shares = []
         for first, stress, forces in self.shares:
@@ -96,7 +96,7 @@ class StressMap:
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
     def of(self, hinge: str) -> "StressMap":
-        """Return that of one hinge."""
+        """Return the map of one hinge."""
         own = self.owner == self.hinges.index(hinge)
         return StressMap(
             hinges=(hinge,),
@@ -108,7 +108,7 @@ class StressMap:
         )
 
     def scatter(self, q: Array) -> dict[str, float]:
-        """Return by how much the elements about the most stressed point of each hinge differ.
+        """Return the scatter of the elements about the most stressed point of each hinge.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class StressMap:
         return dict(zip(self.hinges, spread.tolist(), strict=True))
 
     def components(self, q: Array) -> Array:
-        """Return what `matrix` has at each place for coordinates, shape (n,): shape (m[, 6])."""
+        """Return the product of `matrix` and coordinates, shape (n,): shape (m[, 6])."""
         return self.matrix.at(q) if isinstance(self.matrix, StressOfForces) else self.matrix @ q
 
     def equivalent(self, q: Array) -> Array:

@@ -21,7 +21,7 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisParameters:
-    """The dimensions of one axis; both halves of an axis are alike."""
+    """The dimensions of one axis; both halves of an axis are equal."""
 
     lever_arm_input: Size
     """Distance a from the fulcrum to the input notch, along the lever [m]."""
@@ -54,13 +54,13 @@ class AxisParameters:
     input_block_length: Size
     """Length of the input block along the motion [m]."""
     actuator_pocket_length: Size
-    """Distance between the faces that the drive pushes and stands on [m]; equal to the slot for a
+    """Distance between the two faces on which the drive acts [m]; equal to the slot for a
     screw that comes through the wall, the length of the stack for a stack.
     """
     actuator_pocket_width: Size = 9e-3
     """Width of the pocket [m]."""
     actuator: AnyActuator
-    """What drives the axis."""
+    """Actuator of the axis."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "an axis")
@@ -68,7 +68,7 @@ class AxisParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where the coordinates (u, v) of an axis lie in the plane of the stage."""
+    """Placement of the coordinates (u, v) of an axis in the plane of the stage."""
 
     origin: Pair = (0.0, 0.0)
     """The point u = v = 0 [m]."""
@@ -89,7 +89,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLayout:
-    """Where everything of one axis lies."""
+    """Layout of one axis."""
 
     name: str
     """Name of the axis, with which the names of its bodies and hinges begin."""
@@ -127,7 +127,7 @@ class AxisLayout:
 
     @property
     def reaction_face(self) -> float:
-        """Face of the ground on which the drive stands: the left end of the window [m]."""
+        """Face of the ground on which the drive reacts: the left end of the window [m]."""
         return self.block_left - self.parameters.actuator_pocket_length
 
     @property
@@ -227,9 +227,9 @@ class AxisLayout:
     # ------------------------------------------------------------------- bodies and hinges
 
     def bodies(self, place: Placement) -> Iterator[Body]:
-        """Give levers, links, guide legs and input block.
+        """Return levers, links, guide legs and input block.
 
-        u and d in a name tell the half with positive and negative v.
+        u and d in a name denote the half with positive and negative v.
         """
         p, half = self.parameters, self.notch_height / 2.0
         leg = self.leg_width / 2.0
@@ -253,7 +253,7 @@ class AxisLayout:
         yield Body(name=f"{self.name}in", outline=outline.mapped(place.to_plane))
 
     def hinges(self, place: Placement, platform: str, ground: str) -> Iterator[Hinge]:
-        """Give the notches of lever, link and guide legs, on both sides.
+        """Return the notches of lever, link and guide legs, on both sides.
 
         ``ful`` is a fulcrum, ``inp`` an input notch, ``lko`` from lever to link, ``lkp`` from link
         to platform, ``gp`` from platform to guide leg, ``gg`` from guide leg to ground; `platform`
@@ -289,7 +289,7 @@ class AxisLayout:
 
 
 def _corners(points: list[Pair]) -> tuple[Pair, ...]:
-    """Return the points of an axis-parallel line at which it really turns."""
+    """Return the corners of an axis-parallel line."""
     kept: list[Pair] = []
     for point in points:
         if kept and math.dist(kept[-1], point) < 1e-12:

@@ -1,4 +1,4 @@
-"""Families of stages, and the parameters that can be set: their names, values and meaning."""
+"""Families of stages, and their parameters: names, values and meaning."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -21,9 +21,9 @@ class Topology:
     name: str
     """Its name in stage files."""
     title: str
-    """One line that says what it is."""
+    """Its description in one line."""
     source: str
-    """Where it is described: author, title, journal, year."""
+    """Its source: author, title, journal, year."""
     parameters: type
     """The dataclass of its dimensions."""
     construct: Callable[[Any], Stage]
@@ -44,7 +44,7 @@ class Topology:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSet:
-    """A built-in stage: dimensions of a family, and what is known of the stage that has them."""
+    """A built-in stage: dimensions of a family, with the published figures of that stage."""
 
     name: str
     """Its name, and that of its stage."""
@@ -66,13 +66,13 @@ class StageParameter:
     name: str
     """Its name as `find_stage` sets it, with dots for what is nested."""
     value: Any
-    """Its value; of a quantity in SI units, None where there is none."""
+    """Its value, in SI units; None where there is none."""
     dimension: str
-    """Its dimension, of `flexstage.quantities.units.DIMENSIONS`; empty for what is no quantity."""
+    """Its dimension, of `flexstage.quantities.units.DIMENSIONS`; empty where it is no quantity."""
     text: str
-    """Its value as a file has it and `find_stage` takes it, to the same bits."""
+    """Its value as in a file and for `find_stage`, to the same bits."""
     description: str
-    """What it is."""
+    """Its description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,11 +82,11 @@ class Group:
     name: str
     """Its name, with dots for what is nested."""
     description: str
-    """What it is."""
+    """Its description."""
 
 
 def entries_of(dimensions: Any, group: str = "") -> Iterator[StageParameter | Group]:
-    """Yield the fields of a description: parameters, and groups before what they hold."""
+    """Yield the fields of a description: parameters, and groups before their members."""
     texts = field_texts(type(dimensions))
     for field, (_, annotation) in field_types(type(dimensions)).items():
         value, name = getattr(dimensions, field), group + field

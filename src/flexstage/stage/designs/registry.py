@@ -1,4 +1,4 @@
-"""Stages by name: those that are built in, and the families that stage files build from."""
+"""Stages by name: built-in stages, and the families on which stage files are based."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -56,7 +56,8 @@ TOPOLOGIES: dict[str, Topology] = {
     )
 }
 
-#: Built-in stages for stage files to start from: two that are known, and the usual one of a family.
+#: Built-in stages on which stage files can be based: two published ones, and the default of each
+#: family.
 PARAMETER_SETS: dict[str, ParameterSet] = {
     known.name: known
     for known in (
@@ -66,7 +67,7 @@ PARAMETER_SETS: dict[str, ParameterSet] = {
     )
 }
 
-#: What builds each of them.
+#: Function that builds each of them.
 DESIGNS: dict[str, Callable[[], Stage]] = {
     name: known.construct for name, known in PARAMETER_SETS.items()
 }
@@ -104,16 +105,16 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     Parameters
     ----------
     name : str
-        One of `TOPOLOGIES`; or one of `DESIGNS`, from which all other dimensions are then taken.
+        One of `TOPOLOGIES`; or one of `DESIGNS`, for all other dimensions.
     parameters : mapping
         Dimensions by name, as texts with units, nested as the dataclass of the family is; and
-        ``based_on``, the name of the built-in design from which all others are taken.
+        ``based_on``, the name of the built-in design for all others.
 
     Returns
     -------
     Stage
-        The stage. One that differs from the design it is based on carries none of its published
-        figures, and says what it varies.
+        The stage. A stage that differs from its base has none of its published figures, and a note
+        with the base.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
 
 
 def construct(topology: Topology, known: ParameterSet | None, dimensions: Any) -> Stage:
-    """Build a stage of a family; `known` is the built-in design that its dimensions vary."""
+    """Build a stage of a family; `base` is the built-in design that its dimensions vary."""
     if known is None:
         return topology.construct(dimensions)
     if dimensions == known.parameters:
@@ -140,9 +141,7 @@ def construct(topology: Topology, known: ParameterSet | None, dimensions: Any) -
     return replace(
         topology.construct(dimensions),
         name=f"{known.name}-variation",
-        notes=(
-            f"A variation of {known.name}: figures published for that stage do not belong to it.",
-        ),
+        notes=(f"Variation of {known.name}: figures published for that stage do not apply.",),
     )
 
 
@@ -156,8 +155,8 @@ def chosen(
         known = PARAMETER_SETS[name]
         if base_name is not None:
             raise StageError(
-                f"'based_on' goes with a parametric design, such as '{known.topology.name}', got "
-                f"'{name}': name that, or leave 'based_on' out"
+                f"'based_on' needs a parametric design, such as '{known.topology.name}', got "
+                f"'{name}': name that design, or remove 'based_on'"
             )
         name, base_name = known.topology.name, name
     topology = TOPOLOGIES[name]
@@ -178,7 +177,7 @@ def chosen(
 
 
 def _dimensions(topology: Topology, given: Mapping[str, object], base: Any) -> Any:
-    """Read dimensions; those that are not given are those of a base, where there is one."""
+    """Read dimensions; missing ones are those of a base, where there is one."""
     node, path = node_of(given), ""
     decoder = Decoder(f"the design '{topology.name}'", STAGE_FILE)
     if isinstance(given, Given):  # in a file, whose lines are known
@@ -204,18 +203,18 @@ def _built(name: str) -> Stage:
 
 
 def some_of(names: Iterable[str]) -> str:
-    """Return the first of many names for a message, and where the others are listed."""
+    """Return the first of many names for a message, and a reference to the others."""
     first, more = list(names)[:_SHOWN], "'flexstage new' lists all"
     return f"{', '.join(first)}, ...; {more}"
 
 
 def known_design(name: str) -> str:
-    """Return the name of a built-in design as it is registered; refuse one that there is not."""
+    """Return the name of a built-in design as registered; refuse an unknown one."""
     return _known("built-in design", name, DESIGNS)
 
 
 def _known(noun: str, name: str, names: Iterable[str]) -> str:
-    """Return a name as it is registered."""
+    """Return a name as registered."""
     wanted = name.strip().casefold()
     if wanted in set(names):
         return wanted

@@ -1,4 +1,4 @@
-"""What a STAGE is: a built-in design, a stage file or a drawing, and what can be set of it."""
+"""Sources of a STAGE: a built-in design, a stage file or a drawing, and its parameters."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -47,7 +47,7 @@ def find_stage(
         Parameters of the design or of the file by name, with dots for those of a group, and their
         values as a stage file has them, ``{"x.lever_neck": "0.45 mm"}``; a number is in SI units.
     drawing : DrawingOptions, optional
-        What is to be known of a drawing beyond its file.
+        Data of a drawing beyond its file.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def find_stage(
     Raises
     ------
     StageError
-        There is neither such a design nor such a file, the file is no stage, or it has no such
+        There is neither such a design nor such a file, the file is invalid, or it has no such
         parameter.
 
     Examples
@@ -73,7 +73,8 @@ def find_stage(
     set = in_si(text, set)
     if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
         raise StageError(
-            f"what is said of a drawing belongs to one ({', '.join(DRAWINGS)}), got '{text[:200]}'"
+            f"options of a drawing apply to drawings only ({', '.join(DRAWINGS)}), got "
+            f"'{text[:200]}'"
         )
     if text.casefold() in DESIGNS:
         return construct(*chosen_design(text.casefold(), set)) if set else design(text)
@@ -116,7 +117,7 @@ def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
     Raises
     ------
     StageError
-        There is neither such a design nor such a file, or the file is no stage.
+        There is neither such a design nor such a file, or the file is invalid.
 
     Examples
     --------
@@ -139,9 +140,9 @@ def parameters_in(
     set: Mapping[str, object] | None = None,
     designed: Callable[[tuple[Topology, ParameterSet | None, Any]], None] | None = None,
 ) -> tuple[StageParameter, ...]:
-    """Return the parameters of a built-in design, or of the text of a file, some of them set.
+    """Return the parameters of a built-in design, or of the text of a file, with settings.
 
-    `designed` is told family, built-in design and dimensions of the design that a file names.
+    `designed` receives family, built-in design and dimensions of the design that a file names.
     """
     if file is None:
         return _in_design(chosen_design(source, set or {})[2])
@@ -176,11 +177,11 @@ def _in_design(dimensions: Any) -> tuple[StageParameter, ...]:
 
 
 def _file(text: str) -> Path:
-    """Return the path of a stage file that is there."""
+    """Return the path of an existing stage file."""
     path = Path(text)
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
-        # named alike, the ending left out: of five letters four are those of any other file
+        # similar names without their ending: a name of five letters shares four with many files
         beside = {Path(name).stem: name for name in _files_beside(path)}
         file = beside.get(nearest(path.stem, beside, 0.75) or "")
         near = (
@@ -213,7 +214,7 @@ def _names_of(name: str) -> tuple[str, ...]:
 
 
 def _files_beside(path: Path) -> list[str]:
-    """Names of the stage files in the folder that a path is in."""
+    """Return the names of the stage files in the folder of a path."""
     try:
         return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml", *DRAWINGS)]
     except (OSError, ValueError):  # no such folder, or a name that none can have

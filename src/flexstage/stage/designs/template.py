@@ -1,4 +1,4 @@
-"""Many stages from one source, a design or a stage file, and the texts of files to start from."""
+"""Many stages from one source, a design or a stage file, and the texts of initial stage files."""
 
 import os
 import re
@@ -35,7 +35,7 @@ _COMMENT = re.compile(r"""\w+:\s*(?:'(?:[^']|'')*'|"(?:[^"\\]|\\.)*"|[^'"#].*?)(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageTemplate:
-    """A design or a stage file of which parameters are changed, quickly and often.
+    """A design or a stage file whose parameters are changed often.
 
     It holds the text of a file, so that it can be sent to another machine.
 
@@ -51,11 +51,11 @@ class StageTemplate:
     file: str | None = None
     """Text of the file; None for a built-in design."""
     settings: tuple[tuple[str, str], ...] = ()
-    """Parameters that are set throughout, and their values as a file has them."""
+    """Parameters with fixed values, as in a file."""
 
     @classmethod
     def of(cls, source: str | os.PathLike[str], settings: Mapping[str, str] | None = None) -> Self:
-        """Take a design by its name, or a stage file.
+        """Return the template of a design, by its name, or of a stage file.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class StageTemplate:
 
     @property
     def parameters(self) -> tuple[StageParameter, ...]:
-        """All parameters, with the values that they have here."""
+        """All parameters, with their present values."""
         return _parameters(self)
 
     def stage(self, values: Mapping[str, float] | None = None) -> Stage:
@@ -91,7 +91,7 @@ class StageTemplate:
         Raises
         ------
         FlexstageError
-            There is no such stage: dimensions that do not go together, or an unknown parameter.
+            The stage is impossible: incompatible dimensions, or an unknown parameter.
         """
         if self.file is None:
             return construct(*_design(self)[:2], self._dimensions(values or {}))
@@ -103,7 +103,7 @@ class StageTemplate:
         )
 
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """Return it with other values of parameters, in SI units, that are set throughout."""
+        """Return the template with other fixed values of parameters, in SI units."""
         settings = dict(self.settings) | self._texts(values)
         return replace(self, settings=tuple(settings.items()))
 
@@ -112,8 +112,8 @@ class StageTemplate:
     ) -> str:
         """Return a stage file of the stage with other values, and another name and title.
 
-        That of a design gives all of its dimensions. A file keeps its words and comments where each
-        value that changes stands in a line of it; else all is written anew.
+        That of a design gives all of its dimensions. A file keeps its text and comments if each
+        changed value is in a line of it; otherwise it is written anew.
         """
         words = {k: v for k, v in (("name", name), ("title", title)) if v is not None}
         wanted = replace(self.stage(values), **words)  # type: ignore[arg-type]
@@ -160,7 +160,7 @@ def _parameters(template: StageTemplate) -> tuple[StageParameter, ...]:
 
 
 def _with(dimensions: Any, values: Mapping[str, float], source: str) -> Any:
-    """Return dimensions with other values, some of them some groups down, all at once."""
+    """Return dimensions with other values, also of nested groups, all at once."""
     changes: dict[str, Any] = {}
     groups: dict[str, dict[str, float]] = {}
     for name, value in values.items():
@@ -175,7 +175,7 @@ def _with(dimensions: Any, values: Mapping[str, float], source: str) -> Any:
 
 
 def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
-    """Put values into a file, each in the line that has it; None where one has no such line."""
+    """Put values into a file, each in its line; None where one has no such line."""
     assert template.file is not None
     lines = template.file.splitlines(keepends=True)
     root = parse_yaml(template.file, template.source, STAGE_FILE.noun, StageError)
@@ -196,7 +196,7 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
 
 
 def _called(text: str, words: Mapping[str, str]) -> str:
-    """Put name and title of a stage into a file, where they stand or below its first key."""
+    """Put name and title of a stage into a file, in their lines or below its first key."""
     lines = text.splitlines()
     for key, value in words.items():
         written = f"{key}: {flow_text(value)}"
@@ -216,7 +216,7 @@ def _called(text: str, words: Mapping[str, str]) -> str:
 
 
 def _place(root: Node, name: str) -> Scalar | None:
-    """Return where the value of a parameter stands in a file."""
+    """Return the position of the value of a parameter in a file."""
     for key, path in ((PARAMETERS, [name]), ("design", name.split("."))):
         node = root
         for part in (key, *path):
@@ -236,14 +236,19 @@ _COLUMN = 34  # where comments begin, at least
 _OF_KEYS = {
     "parameters": 'Dimensions of the notches: change one here, or by --set NAME="VALUE". The gap '
     "between two bodies is as long as the notch that fills it.",
-    "profiles": "Shapes that hinges have by name.",
+    "profiles": "Notch profiles, to which hinges refer by name.",
     "name": "The plate.",
-    "bodies": "Outlines leave the notches out: each fills the gap between the edges of two bodies.",
-    "hinges": "Each joins two bodies: its neck is at a point, its direction is from the first on.",
-    "drives": "What pushes which body, and which it stands on: the point pushed, the other end.",
-    "probes": "Where the motion of a body is read, and in which direction.",
-    "axes": "Which drives and which probe belong together.",
-    "published": "Figures of others for this very stage: delete them when you change it.",
+    "bodies": (
+        "Outlines exclude the notches: each notch fills the gap between the edges of two bodies."
+    ),
+    "hinges": (
+        "Each joins two bodies: its neck is at a point, its direction is from the first to the "
+        "second."
+    ),
+    "drives": "Each pushes one body and reacts on another, at two points: the pushed one first.",
+    "probes": "Each reads the motion of a body at a point, in a direction.",
+    "axes": "Each joins its drives and the probe that reads their motion.",
+    "published": "Published figures of this stage: delete them when you change it.",
 }
 
 
@@ -262,11 +267,12 @@ def design_text(name: str) -> str:
 def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimensions: Any) -> str:
     """Return a stage file that names a family and gives all dimensions.
 
-    `known` is the built-in design that they vary, where it is one.
+    `base` is the built-in design that they vary, where there is one.
     """
     lines = [
         *_head(
-            topology, "Every dimension of the design is here, with its value: change or delete it."
+            topology,
+            "All dimensions of the design, with their values: change or delete any of them.",
         ),
         "flexstage: 1",
         "design:",
@@ -279,7 +285,7 @@ def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimension
 
 def spelled_out_text(name: str) -> str:
     """Return a stage file in which the stage of a built-in design is described part by part."""
-    said = "The whole stage is described here, without the design that it was made from."
+    said = "Full description of the stage, independent of the design it was made from."
     text = _with_comments(stage_to_text(design(name), shared=True), _OF_KEYS)
     return "\n".join([*_head(PARAMETER_SETS[name].topology, said), text])
 
@@ -290,7 +296,7 @@ def _head(topology: Topology, said: str) -> list[str]:
         f"{title[:1].upper()}{title[1:]}" + ("" if title.endswith(".") else "."),
         f"Source: {topology.source.removesuffix('.')}.",
         said,
-        "flexstage check FILE says what is wrong with it, flexstage show FILE draws it.",
+        "'flexstage check FILE' reports its faults, 'flexstage show FILE' draws it.",
     ]
     return [line for text in told for line in _comment(text, "")] + [""]
 

@@ -1,4 +1,4 @@
-"""Which thin places of a part are necks, and the bodies that are left without them."""
+"""The necks among the thin places of a part, and the bodies between them."""
 
 import math
 from collections.abc import Sequence
@@ -14,10 +14,9 @@ from flexstage.stage.drawing.thickness import Pass, Relief, relief
 from flexstage.stage.outline import Circle, Loop
 from flexstage.stage.shapes import CHORD
 
-#: A neck is at least so much thinner than the thinner of its two bodies, unless a limit is given.
+#: Least ratio of the thickness of the thinner body to that of a neck, unless a limit is given.
 LEAST_RATIO = 1.5
-#: Above the gap in thickness a neck counts where its profile is a notch and its bodies this much
-#: thicker.
+#: The same above the gap in thickness, where a neck counts only if its profile is a notch.
 CLEAR_RATIO = 2.0
 
 
@@ -26,8 +25,8 @@ def find_necks(
 ) -> tuple[list[Neck], tuple[float, float] | None]:
     """Return the necks of a part, and the gap in thickness above them.
 
-    That is the thickness of the thickest neck, and of the thinnest place that is none [m]; None
-    where all thin places are necks.
+    These are the thicknesses of the thickest neck and of the thinnest other place [m]; None where
+    all thin places are necks.
 
     All places thinner than `limit` are necks [m]; where none is given, those below the widest gap
     in the thicknesses of all thin places, and above it those whose sides are a notch by its own
@@ -41,16 +40,17 @@ def find_necks(
         if neck is None:
             x, y = each.sides[0].at
             raise StageError(
-                f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, has no "
-                "profile that a hinge can have: both halves must be alike, and both sides, or one "
-                "straight; mend the drawing there, or give --contours neck_limit=LENGTH below its "
-                "thickness to leave it out"
+                f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, "
+                "matches no hinge profile: both halves must be equal, and both sides equal or "
+                "one of them straight; correct the drawing there, or exclude the neck by "
+                "--contours neck_limit=LENGTH below its thickness"
             )
         necks.append(neck)
     if not necks:
         raise StageError(
-            "the drawing holds no neck: no place of the part is so much thinner than what lies on "
-            "both sides of it; give --contours neck_limit=LENGTH, the thickest neck that counts"
+            "the drawing contains no neck: no place of the part is much thinner than the "
+            "material on both sides; give --contours neck_limit=LENGTH, the thickest neck that "
+            "counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
     others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
@@ -58,7 +58,7 @@ def find_necks(
 
 
 def _chosen(part: DrawnPart, found: Relief, limit: float | None) -> list[Pass]:
-    """Choose the passes that are necks."""
+    """Select the passes that are necks."""
     by_size = sorted(found.passes, key=lambda p: p.thickness)
     if limit is not None:
         return _separating([p for p in by_size if p.thickness <= 1.05 * limit], found)
@@ -79,12 +79,12 @@ def _is_notch(part: DrawnPart, found: Pass) -> bool:
     neck = neck_of(part, found)
     if neck is None or neck.profile.kind in ("as-drawn", "leaf"):
         return False
-    # a wall beside a pocket with round corners has two fillets and a straight side as well
+    # a wall next to a pocket with round corners has two fillets and a straight side as well
     return not (neck.profile.one_sided and neck.profile.flat_length > 0.0)
 
 
 def _separating(chosen: list[Pass], found: Relief) -> list[Pass]:
-    """Leave out the passes within one body, once the others are no border."""
+    """Exclude the passes within one body."""
     hill = {k: k for k in found.heights}
 
     def root(k: int) -> int:
@@ -100,7 +100,7 @@ def _separating(chosen: list[Pass], found: Relief) -> list[Pass]:
 
 
 def certainty(neck: Neck, gap: tuple[float, float] | None) -> str:
-    """Say in a word how sure a neck is: ``sure``, ``likely`` or ``doubtful``."""
+    """Return the certainty of a neck: ``sure``, ``likely`` or ``doubtful``."""
     wide = gap is None or gap[1] >= 2.0 * gap[0] or neck.profile.neck_thickness < 0.5 * gap[1]
     drawn = neck.profile.kind == "as-drawn"
     if neck.found.ratio >= CLEAR_RATIO and wide and not drawn:
@@ -119,7 +119,7 @@ class DrawnBody:
     holes_layers: tuple[str, ...]
     """The layer of each opening."""
     roots: tuple[tuple[int, int], ...]
-    """The necks that grow from it, each with 0 where it is their body a, 1 where their body b."""
+    """The necks attached to it, each with 0 where it is their body a, 1 where their body b."""
 
 
 class _Cut(NamedTuple):
@@ -134,7 +134,7 @@ class _Cut(NamedTuple):
 
 
 def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
-    """Take the notches out of a part and close what is left by straight lines across the roots."""
+    """Remove the notches from a part and close its bodies by straight lines across the roots."""
     cuts = _cuts(part, necks)
     chains: dict[tuple[int, int, bool], tuple[list[Curve], _Cut]] = {}
     loose: list[DrawnContour] = []
@@ -147,9 +147,9 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
             following = own[(n + 1) % len(own)]
             if cut.outward == following.outward:
                 raise StageError(
-                    f"two notches overlap about {part.place(following.point)}: the drawing cannot "
-                    "be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
-                    "that counts"
+                    f"two notches overlap about {part.place(following.point)}, so the drawing "
+                    "cannot be divided into bodies: give --contours neck_limit=LENGTH, the "
+                    "thickest neck that counts"
                 )
             if cut.outward:
                 chains[(*cut.root, cut.left)] = (_between(contour, cut, following), following)
@@ -166,7 +166,7 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
             across = chains.get(key) if key != start else (curves,)
             if across is None:
                 raise StageError(
-                    f"the contours about {part.place(end.point)} do not close to a body"
+                    f"the contours about {part.place(end.point)} do not enclose a body"
                 )
             curves.append(Curve(curves[-1].end, across[0][0].start))
         loops.append((curves, roots))
@@ -208,7 +208,8 @@ def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> 
         if math.dist(curve.point(share), point) < 2.0 * part.tolerance + neck.off:
             return n, share
     raise StageError(
-        f"the neck about {part.place(neck.frame.at)} has no straight root at {part.place(point)}"
+        f"the neck about {part.place(neck.frame.at)} is not attached to a straight edge at "
+        f"{part.place(point)}"
     )
 
 
@@ -245,7 +246,7 @@ def _gathered(
     loops: list[tuple[list[Curve], list[tuple[int, int]]]],
     loose: list[DrawnContour],
 ) -> list[DrawnBody]:
-    """Tell outlines from openings, and give each opening to the body that it is in."""
+    """Separate outlines from openings, and assign each opening to its body."""
     from shapely import Polygon
 
     slack = max(SAME, 4.0 * part.rounding)
@@ -270,7 +271,7 @@ def _gathered(
     owned: list[list[tuple[Loop | Circle, str]]] = [[] for _ in outer]
     roots_of = [list(roots) for *_, roots in outer]
     for shape, ring, roots, layer in inner:
-        # a point beside the opening, on the material; the smallest outline round it is its body
+        # a point next to the opening, on the material; the smallest outline around it is its body
         inside = ring.representative_point()
         holder = next(
             (
@@ -282,9 +283,9 @@ def _gathered(
         )
         if holder is None:
             raise StageError(
-                f"the opening about {part.place(inside.coords[0])} lies in no body: the drawing "
-                "cannot be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
-                "that counts"
+                f"the opening about {part.place(inside.coords[0])} is in no body, so the drawing "
+                "cannot be divided into bodies: give --contours neck_limit=LENGTH, the thickest "
+                "neck that counts"
             )
         owned[holder].append((shape, layer))
         roots_of[holder] += roots
@@ -300,7 +301,7 @@ def _gathered(
 
 
 def _loop(curves: list[Curve], slack: float) -> Loop:
-    """Return a loop, without corners that are none."""
+    """Return a loop without redundant corners."""
     kept = [c for c in curves if c.length > SAME]
     points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
     bulges = [c.bulge for c in kept]

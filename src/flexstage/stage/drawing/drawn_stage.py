@@ -1,6 +1,6 @@
-"""A stage out of a drawing: names by place, what is held, and what the drawing does not say.
+"""A stage from a drawing: names by position, fixed bodies, and data that the drawing lacks.
 
-The stage file of it has what the drawing does not say as marked blanks.
+The stage file of the drawing marks these data as blanks.
 """
 
 import math
@@ -29,34 +29,34 @@ from flexstage.stage.outline import Circle, Loop
 LARGEST_MOUNTING_HOLE = 12e-3
 
 _HOLES_LAYER = "HOLES"
-_THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # stand in for what nobody has said
+_THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # where neither drawing nor options give them
 _ROW = 0.02  # centres are in one row where they are this near, in heights of the part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnNeck:
-    """What was found of a neck."""
+    """A neck of a drawing."""
 
     hinge: str
     """Name of its hinge."""
     certainty: str
     """``sure``, ``likely`` or ``doubtful``."""
     ratio: float
-    """How much thicker the thinner of its two bodies is [1]."""
+    """Thickness of the thinner of its two bodies over that of the neck [1]."""
     off: float
-    """Largest distance of what was drawn from its profile [m]."""
+    """Largest distance of the drawn contour from its profile [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnStage:
-    """A stage that was found in a drawing."""
+    """A stage from a drawing."""
 
     stage: Stage
-    """The stage; what is blank has a stand-in."""
+    """The stage; blanks have default values."""
     necks: tuple[DrawnNeck, ...]
-    """What was found of each neck, in the order of the hinges."""
+    """Data of each neck, in the order of the hinges."""
     blanks: tuple[str, ...]
-    """What the drawing does not say: ``thickness``, ``material``, ``drives``, ``probes``, or the
+    """Data that the drawing lacks: ``thickness``, ``material``, ``drives``, ``probes``, or the
     name of a drive without an actuator.
     """
     left_out: tuple[tuple[str, int], ...]
@@ -73,23 +73,23 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     path : str or os.PathLike
         A DXF file with the contours of a plate, or a STEP file with a plate of one thickness.
     options : DrawingOptions, optional
-        What is to be known of it beyond the file.
+        Data beyond the file.
 
     Returns
     -------
     DrawnStage
-        The stage, how sure its necks are, and what the drawing does not say.
+        The stage, the certainty of its necks, and the data that the drawing lacks.
 
     Raises
     ------
     StageError
-        The file is no such drawing, its contours are not closed or cross, or a neck has no profile
-        that a hinge can have; the message is one sentence with the place in the drawing.
+        The file is no such drawing, its contours are not closed or cross, or a neck matches no
+        hinge profile; the message gives the place in the drawing.
 
     Notes
     -----
-    Validity: necks are at least 1.5 times thinner than the bodies beside them, or as thin as
-    `ContourOptions.neck_limit`; profiles are within 0.5 um of what was drawn, or twice the
+    Validity: necks are at least 1.5 times thinner than the bodies next to them, or as thin as
+    `ContourOptions.neck_limit`; profiles are within 0.5 um of the drawn contour, or twice the
     rounding of a file with few digits.
 
     Examples
@@ -161,8 +161,8 @@ def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> S
     for what in ("thickness", "material"):
         if what in drawn.blanks:
             raise StageError(
-                f"the drawing '{path}' does not say the {what} of the plate: give --{what} to "
-                "'flexstage import', which makes a stage file of it"
+                f"the drawing '{path}' does not give the {what} of the plate: give --{what} to "
+                "'flexstage import', which writes a stage file"
             )
     return drawn.stage
 
@@ -175,7 +175,7 @@ def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> Non
     if o.thickness is not None and has is not None and abs(o.thickness - has) > 1e-6 * has:
         raise StageError(
             f"the plate in '{path}' is {has * 1e3:.6g} mm thick, and --thickness says "
-            f"{o.thickness * 1e3:.6g} mm: leave it out"
+            f"{o.thickness * 1e3:.6g} mm: omit the option"
         )
 
 
@@ -203,7 +203,7 @@ def _reading_order(places: Sequence[tuple[float, float]], part: DrawnPart) -> li
 def _named_bodies(
     part: DrawnPart, drawn: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
 ) -> tuple[list[Body], list[int]]:
-    """Return the bodies with names and what is held, and the place of each in the list."""
+    """Return the bodies with names and supports, and the place of each in the list."""
     centres = []
     for body in drawn:
         a = body.outline.integrals()
@@ -263,7 +263,7 @@ def _held(
     o: DrawingOptions,
     sheet: Sheet,
 ) -> set[int]:
-    """Return the numbers of the bodies that are held."""
+    """Return the numbers of the fixed bodies."""
     if o.fixed:
         return {_asked(bodies, text, sheet) for text in o.fixed}
     sizes = [b.outline.integrals().area for b in bodies]
@@ -276,7 +276,7 @@ def _held(
 
 
 def _is_outside(bodies: list[Body], n: int) -> bool:
-    """Say whether no other body goes round one."""
+    """Return whether no other body encloses one."""
     from flexstage.stage.shapes import ring
 
     own = ring(bodies[n].outline).representative_point()
@@ -298,8 +298,8 @@ def _asked(bodies: list[Body], text: str, sheet: Sheet) -> int:
             name = at.body(bodies, point, "--fixed holds")
             return next(n for n, b in enumerate(bodies) if b.name == name)
     raise StageError(
-        f"--fixed is a point on the body that is held, such as 12,4 in the unit of the drawing, "
-        f"got '{text}'"
+        "--fixed is a point on the fixed body, such as 12,4 in the unit of the drawing, got "
+        f"'{text}'"
     )
 
 
@@ -352,7 +352,7 @@ def _hinges(
     return hinges, told
 
 
-#: What marks a blank.
+#: Mark of a blank.
 BLANK = "# FILL IN"
 
 _TEXTS = {
@@ -360,7 +360,7 @@ _TEXTS = {
     "material": "name of the material, such as Al 7075-T6",
 }
 _DRIVES = """\
-{blank}: what drives the stage, such as
+{blank}: the drives of the stage, such as
 # drives:
 #   x:
 #     kind: piezo
@@ -372,7 +372,7 @@ _DRIVES = """\
 #     stiffness: 50 N/um
 """
 _PROBES = """\
-{blank}: where its motion is read, and which drive belongs to which probe, such as
+{blank}: the probes that read the motion, and the axes that join drives and probes, such as
 # probes:
 #   x: {{body: body-1, at: [0, 0], direction: 0 deg}}
 # axes:
@@ -381,7 +381,7 @@ _PROBES = """\
 
 
 def stage_file_text(drawn: DrawnStage) -> str:
-    """Return the text of a stage file; `BLANK` stands where something has to be filled in.
+    """Return the text of a stage file; `BLANK` marks data that have to be filled in.
 
     A file whose thickness or material is blank is refused, with its line, until it is filled in.
     """
@@ -395,8 +395,8 @@ def stage_file_text(drawn: DrawnStage) -> str:
         if drive.name in drawn.blanks:
             text = text.replace(
                 f"  {drive.name}:\n    kind: force\n",
-                f"  {drive.name}:  {BLANK}: its actuator; a force of 1 N stands in\n"
-                "    kind: force\n",
+                f"  {drive.name}:  {BLANK}: its actuator; a force of 1 N is assumed\n    kind: "
+                "force\n",
             )
     held = next(b.name for b in drawn.stage.bodies if b.fixed)
     if "drives" in drawn.blanks:

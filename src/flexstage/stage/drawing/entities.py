@@ -1,4 +1,4 @@
-"""The lines, arcs and curves of a DXF file, whatever entities and blocks hold them."""
+"""The lines, arcs and curves of a DXF file, also those within blocks."""
 
 import itertools
 import math
@@ -48,7 +48,7 @@ class Word(NamedTuple):
     """A text of a drawing."""
 
     text: str
-    """What it says."""
+    """Its words."""
     at: Pair
     """Where it begins [m]."""
     layer: str
@@ -57,7 +57,7 @@ class Word(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sheet:
-    """What a drawing holds, in metres."""
+    """Contents of a drawing, in metres."""
 
     curves: tuple[tuple[Curve, str], ...]
     """Lines and arcs of contours, each with its layer."""
@@ -70,11 +70,11 @@ class Sheet:
     words: tuple[Word, ...] = ()
     """Its texts on those layers."""
     rounding: float = 0.0
-    """Largest error of a coordinate for want of digits in the file [m]."""
+    """Largest rounding error of a coordinate in the file [m]."""
     left_out: tuple[tuple[str, int], ...] = ()
-    """Kinds of entities that were left out, and how many of each."""
+    """Kinds of excluded entities, and the number of each."""
     thickness: float | None = None
-    """Thickness of the plate [m]; None of a drawing, which does not say it."""
+    """Thickness of the plate [m]; None of a DXF file."""
 
 
 def read_dxf(
@@ -82,9 +82,9 @@ def read_dxf(
 ) -> Sheet:
     """Read the lines, arcs and curves of the contours in a DXF file.
 
-    `unit` is one of `UNITS`, and counts where the file does not say its own; `layers` are those of
+    `unit` is one of `UNITS`, and counts where the file does not give its own; `layers` are those of
     the contours. Where none are named they are those that flexstage writes, or else all but those
-    whose names or line types say that they hold something else.
+    whose names or line types mark them as something else.
     """
     document = _document(Path(path))
     name = _HEADER_UNITS.get(int(document.header.get("$INSUNITS", 0) or 0))
@@ -93,7 +93,7 @@ def read_dxf(
     name = unit or name
     if name is None:
         raise StageError(
-            f"the drawing '{path}' does not say its unit ($INSUNITS): give --contours unit=UNIT, "
+            f"the drawing '{path}' does not give its unit ($INSUNITS): give --contours unit=UNIT, "
             f"one of {', '.join(UNITS)}"
         )
     scale = UNITS[name]
@@ -123,8 +123,8 @@ def read_dxf(
     if not curves:
         have = ", ".join(sorted({str(e.dxf.layer) for e in found})) or "none"
         raise StageError(
-            f"the drawing '{path}' holds no contour on the layers that were asked for (its layers "
-            f"are: {have}): name those of the contours by --contours layers=NAMES"
+            f"the drawing '{path}' has no contour on the requested layers (its layers are: "
+            f"{have}): name those of the contours by --contours layers=NAMES"
         )
     return Sheet(
         curves=tuple(curves),
@@ -141,7 +141,7 @@ def _rounding(curves: list[tuple[Curve, str]], scale: float) -> float:
     """Return the error of coordinates that were written with few digits; 0 where they have all.
 
     Programs write so many significant digits, or so many decimals. Where even the longest numbers
-    have few, they may as well be round as they are: then nothing is known, and nothing allowed for.
+    have few, they may be exact round figures: then no rounding is assumed.
     """
     import numpy as np
 
@@ -163,7 +163,7 @@ def _rounding(curves: list[tuple[Curve, str]], scale: float) -> float:
 
 
 def _written(values: list[float], form: str) -> bool:
-    """Say whether numbers are what a format writes of them."""
+    """Return whether numbers keep their value in a format."""
     return all(abs(float(f"{v:{form}}") - v) <= 1e-13 * v for v in values)
 
 
@@ -178,12 +178,12 @@ def _document(path: Path) -> Any:
     except (DXFError, UnicodeError, ValueError, KeyError, IndexError, OSError) as error:
         raise StageError(
             f"'{path}' cannot be read as a DXF file ({str(error).strip() or 'damaged'}): save the "
-            "drawing as DXF once more"
+            "drawing as DXF again"
         ) from error
 
 
 def _flat(entities: Iterable[Any], left: Counter[str], layer: str | None = None) -> Iterator[Any]:
-    """Give entities, those of blocks in their places; dimensions and hatches stay whole."""
+    """Yield entities, those of blocks in their places; dimensions and hatches are not divided."""
     for entity in entities:
         # layer 0 of a block is that of its reference
         if layer is not None and entity.dxf.layer == "0":
@@ -216,7 +216,7 @@ def _visible(document: Any, entity: Any, left: Counter[str]) -> bool:
 
 
 def _choice(entities: list[Any], layers: Iterable[str] | None) -> Any:
-    """Return what says whether an entity is of a contour."""
+    """Return the test whether an entity belongs to a contour."""
     drawn = {"LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"}
     have = {str(e.dxf.layer).upper() for e in entities if e.dxftype() in drawn}
     if layers is not None:
@@ -260,7 +260,7 @@ def _curves(entity: Any, scale: float, left: Counter[str]) -> list[Curve]:
 
 
 def _bows(entity: Any, scale: float) -> list[Curve]:
-    """Return an arc, or the two halves of a circle; all on the mirrored side of the plane too."""
+    """Return an arc, or the two halves of a circle; also on the mirrored side of the plane."""
     centre, radius = entity.dxf.center, float(entity.dxf.radius)
     first, sweep = 0.0, 2.0 * math.pi
     if entity.dxftype() == "ARC":
@@ -286,7 +286,7 @@ def _refuse_tilted(entity: Any) -> None:
     normal = entity.dxf.extrusion
     if math.hypot(normal.x, normal.y) > _FLAT * abs(normal.z):
         raise StageError(
-            f"the drawing holds a {entity.dxftype().lower()} that does not lie in the plane (its "
-            f"normal is {normal.x:.3g}, {normal.y:.3g}, {normal.z:.3g}): give a flat drawing, or "
-            "the plate as a STEP file"
+            f"the drawing contains a {entity.dxftype().lower()} that does not lie in the plane "
+            f"(its normal is {normal.x:.3g}, {normal.y:.3g}, {normal.z:.3g}): give a flat "
+            "drawing, or the plate as a STEP file"
         )

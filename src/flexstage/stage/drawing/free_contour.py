@@ -1,4 +1,4 @@
-"""The contour of a neck as it was drawn, where no formula fits it."""
+"""The contour of a neck as drawn, where no formula fits it."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from flexstage.stage.outline import arc
 
 @dataclass(frozen=True, slots=True)
 class _FreeRules:
-    """What is taken for the contour of a notch."""
+    """Limits by which a contour counts as that of a notch."""
 
     back: float = 0.15
     """A side comes back where its slope is below level, or beyond upright, by more [rad]."""
@@ -46,7 +46,7 @@ _RULES = _FreeRules()
 
 
 def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Propose the contour itself, where both halves are alike, and both sides or one straight."""
+    """Propose the contour itself if both halves are equal, and both sides or one straight."""
     straight = [
         not sides.stroke(left).curve.bulge and not sides.stroke(left).trace
         for left in (False, True)
@@ -126,7 +126,7 @@ def _settled(
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
 ) -> tuple[NeckFrame, float] | None:
-    """Return the axes where both halves, and both sides, are most alike, and the thickness."""
+    """Return the axes of best symmetry of both halves and both sides, and the thickness."""
     from scipy.optimize import least_squares
 
     points = {
@@ -141,7 +141,7 @@ def _settled(
         return NeckFrame(frame.plane(x, y), frame.direction + turn)
 
     def heights(trial: NeckFrame) -> tuple[float, float]:
-        """Where the two sides are nearest to each other, across the hinge."""
+        """Return the heights at which the two sides are nearest to each other, across the hinge."""
         low = float(np.min(_across(points, trial, True)))
         if one_sided:
             high = float(trial.local(np.array([line.point(0.5)]))[0, 1])
@@ -183,13 +183,13 @@ def _profile(
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
 ) -> Profile | None:
-    """Return the contour of one quarter, as far as all go on alike."""
+    """Return the contour of one quarter, as far as all quarters agree."""
     half = 0.5 * neck
     corners = {key: _corners(frame, half, run, key) for key, run in runs.items()}
     if any(len(c) < 2 for c in corners.values()):
         return None
     reach = min(c[-1][0] for c in corners.values())
-    # the shortest one is the reference: the others go on further
+    # the shortest one is the reference: the others are longer
     key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
     chosen = corners[key]
     (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
@@ -213,7 +213,7 @@ def _profile(
 def _corners(
     frame: NeckFrame, half: float, run: list[DrawnStroke], key: tuple[bool, bool]
 ) -> list[tuple[float, float, float]]:
-    """Return distance and depth of the corners of a quarter, and the bulge of what leads there."""
+    """Return distance and depth of the corners of a quarter, and the bulge before each."""
     left, ahead = key
     out = [(0.0, 0.0, 0.0)]
     # seen from the neck outward, a side on the right to body b, or on the left to a, is mirrored

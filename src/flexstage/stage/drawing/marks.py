@@ -13,7 +13,7 @@ from flexstage.stage.drive import Drive, Force
 from flexstage.stage.file import STAGE_FILE
 from flexstage.stage.model import Body, Probe, Stage
 
-#: Force of a drive whose actuator nobody has named [N].
+#: Force of a drive without an actuator [N].
 STAND_IN = 1.0
 #: A point that is drawn this near to the edge of a body is on it [m].
 NEAR = 0.2e-3
@@ -35,7 +35,7 @@ class Arrow(NamedTuple):
     end: Pair
     """Its tip [m]."""
     rest: str = ""
-    """What is said besides, of a drive its actuator."""
+    """Further text: the actuator of a drive."""
 
     @property
     def direction(self) -> float:
@@ -44,7 +44,7 @@ class Arrow(NamedTuple):
 
 
 def whole(angle: float) -> float:
-    """Return an angle, without the rounding that parts it from whole degrees [rad]."""
+    """Return an angle [rad] rounded to whole degrees if it is that close to them."""
     degrees = math.degrees(angle)
     near = round(degrees)
     turned = math.radians(near) if abs(degrees - near) < _ROUND_DEG else angle
@@ -70,10 +70,10 @@ def arrow_of(text: str, option: str, unit: float) -> Arrow:
         angle = math.radians(float(turned[4]))
         return Arrow(turned[1], (x, y), (x + math.cos(angle), y + math.sin(angle)))
     example = (
-        '"x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um", from the body that it '
-        "stands on to the one that it pushes"
+        '"x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um", from the body it '
+        "reacts on to the body it pushes"
         if option == "--drive"
-        else '"x: 30,4 -> 40,4" or "x: 30,4 at 0 deg", from the point that is read in its direction'
+        else '"x: 30,4 -> 40,4" or "x: 30,4 at 0 deg", from the measured point, in its direction'
     )
     raise StageError(f"{option} is {example}, in the unit of the drawing, got '{text}'")
 
@@ -115,12 +115,12 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
 def drives_of(
     bodies: Sequence[Body], sheet: Sheet, texts: Sequence[str], at: "Places"
 ) -> list[tuple[Drive, bool]]:
-    """Return the drives, each with whether its actuator is but a stand-in."""
+    """Return the drives, each with whether its actuator is only assumed."""
     arrows = [*arrows_on(sheet, DRIVES_LAYER)]
     arrows += [arrow_of(text, "--drive", sheet.unit) for text in texts]
     made = []
     for arrow in arrows:
-        reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' stands on")
+        reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' reacts on")
         pushes, end = at.edge(bodies, arrow.end, f"drive '{arrow.name}' pushes")
         place = {
             "name": arrow.name,
@@ -202,7 +202,7 @@ class Places:
         holding = [(r.area, b.name) for b, r in _rings(bodies) if r.covers(Point(point))]
         if not holding:
             raise StageError(
-                f"{what} a body at {self._words(point)}, where none is: the nearest is "
+                f"{what} a body at {self._words(point)}, but there is none: the nearest is "
                 f"'{self._nearest(bodies, point)[1]}'"
             )
         return min(holding)[1]

@@ -1,4 +1,4 @@
-"""The two sides of a neck in its own axes, and how far a profile is from what was drawn."""
+"""The two sides of a neck in its own axes, and the distance of a profile from the drawing."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ LEAF_STEP = 4.0
 PARALLEL = 0.02
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
-# a contour that goes on with such a slope against the hinge gets deeper [rad]
+# a contour that continues with such a slope against the hinge gets deeper [rad]
 _FLANK = (0.1, 1.3)
 _LEVEL = 0.01  # one of less slope runs along the hinge [rad]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
@@ -42,7 +42,7 @@ class NeckFrame(NamedTuple):
         return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]])
 
     def plane(self, along: float, across: float) -> Pair:
-        """Return the point of the plane so far along and across the hinge [m]."""
+        """Return the point of the plane at distances along and across the hinge [m]."""
         c, s = math.cos(self.direction), math.sin(self.direction)
         return self.at[0] + c * along - s * across, self.at[1] + s * along + c * across
 
@@ -98,11 +98,10 @@ def quarter(frame: NeckFrame, half_neck: float, points: Array, left: bool, ahead
 def quarters(
     sides: Sides, frame: NeckFrame, half_neck: float, reach: float, deep: float
 ) -> dict[tuple[bool, bool], Array]:
-    """Return what was drawn on each side to each end, as distance from the neck and depth [m].
+    """Return the drawn contour on each side to each end, as distance from the neck and depth [m].
 
-    Each goes on until it is further along the hinge than `reach`, or deeper than `deep`, and comes
-    as points that lie on what was drawn; the key says whether it is on the left, and whether
-    towards body b.
+    Each runs until it is further along the hinge than `reach`, or deeper than `deep`, as points on
+    the drawn contour; the key says whether it is on the left, and whether towards body b.
     """
     out = {}
     for left in (False, True):
@@ -118,7 +117,7 @@ def quarters(
 
 
 def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
-    """Return the largest distance of what was drawn from a profile [m]; infinite if it ends short.
+    """Return the largest distance of the drawing from a profile [m]; infinite if it ends short.
 
     What lies beyond the root of the profile does not count.
     """
@@ -140,7 +139,7 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
             return math.inf
         end = int(ends[0])
         if not arrived[end]:
-            # the last piece goes on straight beyond the root, which lies on it
+            # the last piece continues straight beyond the root, which lies on it
             passes = straight and abs(depth[end]) <= slack
             if not (passes or (not straight and profile.step == 0.0 and x[end] >= half - slack)):
                 return math.inf
@@ -152,7 +151,7 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
 
 
 def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
-    """Say whether straight lines, as chords of the profile, come near to it all along."""
+    """Return whether straight lines, as chords of the profile, are near it throughout."""
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     slack = sides.part.tolerance
     for left in (True,) if profile.one_sided else (False, True):
@@ -174,9 +173,9 @@ def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
 
 
 def goes_on(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
-    """Say whether what was drawn goes on getting deeper beyond the root, on every side.
+    """Return whether the drawn contour gets deeper beyond the root, on every side.
 
-    A notch that ends there is but a part of what was drawn.
+    A notch that ends there is only a part of the drawn one.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     end = float(profile.pieces()[-1](np.array([1.0]))[2][0])

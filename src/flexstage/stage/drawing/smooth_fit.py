@@ -1,4 +1,4 @@
-"""Profiles that are neither lines nor arcs, found by a fit of their formulas to what was drawn."""
+"""Profiles that are neither lines nor arcs, by a fit of their formulas to the drawing."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -23,16 +23,16 @@ from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
 
 @dataclass(frozen=True, slots=True)
 class _FitRules:
-    """What is fitted, and when a fit is near."""
+    """Limits of the fits."""
 
     corner: float = math.radians(40.0)
     """A corner that turns more than this ends a smooth side [rad]."""
     tangent: float = 0.05
-    """An arc goes over into a line of the same curve at its tangent, give or take this [rad]."""
+    """Largest angle between an arc and a line of the same curve [rad]."""
     chord: float = 0.5e-6
     """Largest distance of chords between points on arcs from these [m]."""
     long: float = 2.5
-    """A line that is so many times as long as what it goes on from is of a body."""
+    """A line that is longer than the curve before it by this factor belongs to a body [1]."""
     fewest: int = 9
     """Fewest points of a side that is fitted."""
     most: int = 160
@@ -47,7 +47,7 @@ _RULES = _FitRules()
 
 
 class Chains(NamedTuple):
-    """The two sides of a neck, each in the direction of its contour, up to where they bend off."""
+    """The two sides of a neck, each in the direction of its contour, up to a corner."""
 
     right: Array
     """Points of the right side, shape (n, 2) [m]."""
@@ -58,7 +58,7 @@ class Chains(NamedTuple):
 
 
 def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Propose the smooth profiles that come nearest to what was drawn."""
+    """Propose the smooth profiles that come nearest to the drawing."""
     for shorter in (0, 1):
         chains = chains_of(sides, shorter)
         if chains.straight == (True, True):
@@ -256,7 +256,7 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
 
 
 def _some(points: Array) -> Array:
-    """Return so many points as a fit needs, evenly picked."""
+    """Return the number of points that a fit needs, evenly selected."""
     if len(points) <= _RULES.most:
         return points
     return points[np.unique(np.linspace(0, len(points) - 1, _RULES.most).round().astype(int))]
@@ -265,7 +265,7 @@ def _some(points: Array) -> Array:
 def _solutions(
     placed: Callable[[Any], tuple[Array, Array, float]], start: list[float]
 ) -> Iterator[tuple[_Kind, Any, Any]]:
-    """Fit each formula; give the place and the parameters of those that come near."""
+    """Fit each formula; yield the place and the parameters of near fits."""
     x, d, _ = placed(start)
     reach, deep = float(np.max(np.abs(x))), float(np.max(d))
     if deep <= 0.0:
@@ -293,8 +293,8 @@ def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
     """Return the parameters of the smallest squares of a residual.
 
     Damped Gauss-Newton steps (K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. W. Marquardt, J.
-    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first ones is given
-    up.
+    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first steps is
+    abandoned.
     """
     x, r = start, residual(start)
     damping = 1e-3
@@ -333,7 +333,7 @@ def _made(
     t: float,
     one_sided: bool,
 ) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Give the profile of a fit; where it ends is where the shortest side does."""
+    """Return the profile of a fit; it ends with the shortest side."""
     neck = t * size
     half_neck = 0.5 * neck
     ends = []

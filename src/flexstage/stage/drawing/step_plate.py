@@ -1,4 +1,4 @@
-"""The contours of a plate of one thickness out of a STEP file: the edges of its face."""
+"""The contours of a plate of constant thickness from a STEP file: the edges of its face."""
 
 import itertools
 import math
@@ -41,7 +41,7 @@ def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
     solids = list(shape.solids)
     if len(solids) != 1:
         raise StageError(
-            f"'{path}' holds {len(solids)} solids, where a plate is one: export the plate alone"
+            f"'{path}' contains {len(solids)} solids instead of one plate: export the plate alone"
         )
     solid = solids[0]
     faces = sorted(solid.faces, key=lambda f: -f.mass)[:_CANDIDATES]
@@ -58,8 +58,9 @@ def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
                 curves=tuple(curves), unit=1e-3, unit_name="mm", thickness=thickness / METRE
             )
     raise StageError(
-        f"the solid in '{path}' is no plate of one thickness: no two of its faces are alike and "
-        "parallel with all material between them; 'flexstage part' computes such parts in space"
+        f"the solid in '{path}' is not a plate of constant thickness: it has no two equal, "
+        "parallel faces with all material between them; 'flexstage part' analyses such parts in "
+        "three dimensions"
     )
 
 
@@ -72,7 +73,7 @@ def _points(edge: Any, count: int) -> Array:
 def _as_plate(
     solid: "TopoDS_Shape", face: Any, faces: list[Any]
 ) -> tuple[tuple[Array, Array], float] | None:
-    """Return the axes in a face and the thickness [mm], where the solid is that face, extruded."""
+    """Return the axes in a face and the thickness [mm] if the solid is its extrusion."""
     edges = list(face.edges)
     # the tip of a cone is an edge without a curve, which the kernel cannot walk along
     if not all(e.mass > 0.0 for e in edges):

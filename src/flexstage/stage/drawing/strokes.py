@@ -1,4 +1,4 @@
-"""Contours as few exact pieces: polylines and splines that stand for arcs become arcs again."""
+"""Contours as few exact pieces: polylines and splines that approximate arcs become arcs."""
 
 import math
 from collections.abc import Sequence
@@ -14,19 +14,18 @@ from flexstage.stage.outline import arc
 
 Pair = tuple[float, float]
 
-#: Points, circles or corners that are nearer than this are one [m].
+#: Points, circles or corners closer than this are one [m].
 SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class ArcRules:
-    """When the corners of a polyline are those of an arc."""
+    """Limits by which the corners of a polyline are those of an arc."""
 
     tolerance: float = 0.2e-6
     """Largest distance of the corners from the arc [m]."""
     tighter: tuple[float, ...] = (2e-9, 20e-9)
-    """Tighter ones, which are tried first, so that an arc does not reach into what goes on from it
-    smoothly [m]."""
+    """Tighter ones, tried first, so that an arc does not reach into a smooth continuation [m]."""
     chord_error: float = 25e-6
     """Largest distance of the arc from the chords [m]."""
     sharpest: float = math.radians(50.0)
@@ -36,7 +35,7 @@ class ArcRules:
     uneven: float = math.log(6.0)
     """Logarithm of the ratio by which neighbouring chords differ at most."""
     round_corners: int = 12
-    """Fewest corners of a polygon that stands for a circle."""
+    """Fewest corners of a polygon that approximates a circle."""
     curved: float = 50.0
     """Least rise of the arc above its chord, in tolerances."""
     round: float = 1.9 * math.pi
@@ -52,8 +51,7 @@ class DrawnStroke(NamedTuple):
     curve: Curve
     """The line or the arc."""
     trace: tuple[Pair, ...] = ()
-    """The corners of the polyline or spline that it stands for [m]; none where it was drawn as it
-    is.
+    """The corners of the polyline or spline that it replaces [m]; none where it was drawn so.
     """
 
     def reversed(self) -> "DrawnStroke":
@@ -62,7 +60,7 @@ class DrawnStroke(NamedTuple):
         return DrawnStroke(Curve(c.end, c.start, -c.bulge), self.trace[::-1])
 
     def points(self, chord: float) -> list[Pair]:
-        """Return points that lie on what was drawn, the ends among them.
+        """Return points on the drawn contour, the ends among them.
 
         Of an arc that was drawn as one they are so close that chords are off by at most `chord`.
         """
@@ -162,7 +160,7 @@ def _solved(rows: Array, right: Array) -> tuple[float, float, float] | None:
 
 
 def _refined(run: list[Pair], tolerance: float) -> list[DrawnStroke]:
-    """Return the lines and arcs that a polyline stands for."""
+    """Return the lines and arcs that a polyline approximates."""
     out: list[DrawnStroke] = []
     i, last = 0, len(run) - 1
     points = np.array(run)
@@ -264,7 +262,7 @@ def _as_arcs(points: Array) -> list[DrawnStroke]:
 
 
 def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> list[DrawnStroke]:
-    """Join lines that go on straight, and arcs that go on on the same circle."""
+    """Join collinear lines, and arcs on the same circle."""
     out: list[DrawnStroke] = []
     for stroke in strokes:
         joined = _join(out[-1], stroke, tolerance, straight) if out else None
@@ -278,7 +276,7 @@ def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> li
 
 
 def _join(a: DrawnStroke, b: DrawnStroke, tolerance: float, straight: float) -> DrawnStroke | None:
-    """Return two pieces as one, where they are."""
+    """Return two pieces as one, where they form one."""
     start, end = a.curve.start, b.curve.end
     if a.trace or b.trace:
         return _join_traces(a, b, tolerance)

@@ -1,4 +1,4 @@
-r"""Where a part is locally thin: the passes between its thick places.
+r"""Thin places of a part: the passes between its thick places.
 
 Points along the contours are joined to triangles (B. N. Delaunay 1934). Their circles are the
 largest that fit between the contours, their centres the middle line of the part (H. Blum, in
@@ -21,7 +21,7 @@ from flexstage.stage.drawing.strokes import Pair
 
 @dataclass(frozen=True, slots=True)
 class _ReliefRules:
-    """How finely the contours are sampled, and which passes count."""
+    """Sampling of the contours, and limits of passes."""
 
     least_ratio: float = 1.25
     """A body is at least this much thicker than a neck that leads to it [1]."""
@@ -92,7 +92,7 @@ class _Samples(NamedTuple):
 def relief(part: DrawnPart) -> Relief:
     """Find the thin places of a part.
 
-    Round holes are left out: a wall beside a drilled hole is no neck.
+    Round holes are excluded: a wall next to a drilled hole is no neck.
     """
     walls = [k for k, c in enumerate(part.contours) if k == 0 or c.circle is None]
     samples = _sampled(part, walls)
@@ -132,7 +132,7 @@ def _even(contour: DrawnContour, n: int, step: float) -> list[float]:
 def _gathered(
     part: DrawnPart, walls: list[int], shares: dict[tuple[int, int], list[float]]
 ) -> tuple[_Samples, Array]:
-    """Place the points; each stands for the stretch up to the next, whose length is given too."""
+    """Place the points; each represents the length up to the next, which is returned too."""
     at, contour, stroke, share, along, following, length = [], [], [], [], [], [], []
     step: list[float] = []
     for k in walls:
@@ -164,7 +164,7 @@ def _gathered(
 
 
 def _too_coarse(samples: _Samples, step: Array) -> Any:
-    """Return the points after which the contour wants another, as material is thin there."""
+    """Return the points after which the contour needs another, as material is thin there."""
     from scipy.spatial import KDTree
 
     coarse = np.flatnonzero(step > 2.0 * _RULES.finest)
@@ -236,7 +236,7 @@ def _place(samples: _Samples, i: int) -> Place:
 
 
 def _within(samples: _Samples, triangles: Any) -> Any:
-    """Say which triangles are material."""
+    """Return which triangles are material."""
     from shapely import Polygon, contains_xy, prepare
 
     rings = [samples.at[samples.contour == k] for k in np.unique(samples.contour)]
