@@ -74,7 +74,7 @@ def test_a_root_may_be_off_by_a_micrometre_and_no_more() -> None:
         if fine:
             root_widths(stage, moved)
         else:
-            with pytest.raises(StageError, match="'h' does not grow from body 'a'"):
+            with pytest.raises(StageError, match="'h' is not attached to body 'a'"):
                 root_widths(stage, moved)
 
 

@@ -29,7 +29,7 @@ class AxisLimits:
         for name in ("position", "voltage"):
             bounds = getattr(self, name)
             if bounds is not None and not bounds[0] < bounds[1]:
-                raise ModelError(f"the {name} range of an axis must be increasing, got {bounds!r}")
+                raise ModelError(f"the {name} range of an axis must rise, got {bounds!r}")
         for name in ("speed", "slew"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
