@@ -74,7 +74,7 @@ def test_what_a_description_refuses(make: Callable[[], object], said: str):
     ],
 )
 def test_what_needs_one_drive_says_so(use: Callable[[Stage], object]):
-    with pytest.raises(FlexstageError, match=r"moved by the drives a, b, c together, but this needs"):
+    with pytest.raises(FlexstageError, match="by the drives a, b, c together, but this needs"):
         use(three_legs())
 
 

@@ -10,9 +10,8 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.elasticity import face
 from flexstage.fem.fronts import FrontalFactor
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate, PlaneIntegrals, factorised
 from flexstage.fem.mesh import MeshSettings, face_mesh
-from flexstage.fem.substructure import REFERENCE
 from flexstage.fem.through_thickness import ThroughThickness
 
 # a block with generic sides, away from the origin

@@ -9,7 +9,7 @@ from flexstage.base.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
-from flexstage.stage.hinge_attachment import hinge_root, root_widths
+from flexstage.stage.contour import hinge_root, root_widths
 from tests.reference_stages import NAMES, reference_stage
 
 NOTCH = RightCircular(neck_thickness=0.4e-3, radius=1.2e-3)

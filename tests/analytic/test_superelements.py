@@ -15,7 +15,7 @@ from flexstage.base.errors import ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import mesh as plane_meshes
-from flexstage.fem.condensation import Condensed, Constrained, condensed_with_shapes
+from flexstage.fem.condensation import Condensed, PrescribedDisplacement, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
 from flexstage.fem.geometry import (
     either,
@@ -163,7 +163,7 @@ def test_matrices_are_symmetric_and_positive(bars: SuperelementModel) -> None:
 
 
 @pytest.fixture(scope="module")
-def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.ndarray]:
+def small(lying: tuple[Placed, Condensed]) -> tuple[PrescribedDisplacement, np.ndarray, np.ndarray]:
     """A floating body on a coarse mesh with its dense stiffness and mass."""
     part = replace(lying[0].part, mesh=COARSE)
     continuum, plate = floating(part)
@@ -191,7 +191,7 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
     np.testing.assert_allclose(
         plate.stiffness.toarray(), stiffness, atol=1e-12 * np.abs(stiffness).max()
     )
-    body = Constrained(plate, np.array([plate.mean(row) for row in rows]), floating=True)
+    body = PrescribedDisplacement(plate, np.array([plate.mean(row) for row in rows]), floating=True)
     return body, stiffness, mass
 
 
@@ -213,7 +213,7 @@ def in_plane(plate: LayeredPlate, u: np.ndarray) -> np.ndarray:
 
 
 def test_condensed_stiffness_of_a_floating_body(
-    small: tuple[Constrained, np.ndarray, np.ndarray],
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
 ) -> None:
     """K_c = (P Kt^-1 P^T)^-1 - D with Kt = K + P^T D P, for any D that holds the body."""
     body, stiffness, _ = small
@@ -228,7 +228,9 @@ def test_condensed_stiffness_of_a_floating_body(
     np.testing.assert_allclose(P @ shapes, np.eye(len(P)), atol=1e-9)
 
 
-def test_modes_with_held_interfaces(small: tuple[Constrained, np.ndarray, np.ndarray]) -> None:
+def test_modes_with_held_interfaces(
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
+) -> None:
     """Against the dense eigenproblem on all displacements that move no interface."""
     body, stiffness, mass = small
     free = scipy.linalg.null_space(body.P.toarray())
@@ -243,7 +245,7 @@ def test_modes_with_held_interfaces(small: tuple[Constrained, np.ndarray, np.nda
 
 
 def test_response_to_loads_with_held_interfaces(
-    small: tuple[Constrained, np.ndarray, np.ndarray],
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
 ) -> None:
     body, stiffness, _ = small
     loads = np.random.default_rng(3).standard_normal((body.part.size, 2))

@@ -10,8 +10,8 @@ import pytest
 from flexstage.base.errors import StageError
 from flexstage.fem import superelement_model
 from flexstage.fem.condensed_bodies import changed_necks, neck_family
-from flexstage.fem.half_notch import neck_response
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.notch_block import neck_response
 from flexstage.fem.substructure import cut_free, in_space
 from flexstage.fem.superelement import BODIES, SuperelementModel
 from flexstage.hinges import CornerFilleted, Profile, RightCircular

@@ -90,7 +90,10 @@ def test_commands_take_a_drawing_as_a_stage(
         (("import", "part.dxf", "--contours", "layers=OUTLIN"), "did you mean 'OUTLINE'?"),
         (("import", "part.dxf", "--drive", "x: 1,2"), '--drive is "x: 12,4 -> 30,4; piezo'),
         (("import", "part.dxf", "--drive", "x: 0,20 -> 0,40"), "drive 'x' reacts on a body at"),
-        (("import", "part.dxf", "--probe", "x: 90,0 at 0 deg"), "but there is none: the nearest is"),
+        (
+            ("import", "part.dxf", "--probe", "x: 90,0 at 0 deg"),
+            "there is none: the nearest is",
+        ),
         (("import", "part.dxf", "--fixed", "frame"), "--fixed is a point on the fixed body"),
         (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "the drawing contains no neck"),
         (("import", "part.dwg"), "a drawing ends in .dxf, .step, .stp"),

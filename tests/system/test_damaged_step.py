@@ -105,7 +105,12 @@ def test_what_a_function_gives_and_raises_comes_back() -> None:
         ("import os; os.abort()", None, None, r"^crashed \((signal 6, SIGABRT|status \d+)\)$"),
         ("import os; os._exit(3)", None, None, r"^crashed \(status 3\)$"),
         ("while True: pass", 1.0, None, "^did not finish within 1 s of computing time$"),
-        ("import time; time.sleep(600)", 1.0, None, "^did not finish within 1 s of computing time$"),
+        (
+            "import time; time.sleep(600)",
+            1.0,
+            None,
+            "^did not finish within 1 s of computing time$",
+        ),
         ("bytearray(5 * 10**9)", None, 1e9, "^needs more than 1 GB of memory$"),
     ],
 )

@@ -222,7 +222,9 @@ def test_a_mesher_that_breaks_down_says_so_in_one_sentence(
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of computing time")
 def test_a_mesher_without_end_is_given_up() -> None:
     part = Part.from_shape(plate(), source="'plate.step'")
-    with pytest.raises(ModelError, match=r"did not finish within 1 s of computing time on 'plate") as caught:
+    with pytest.raises(
+        ModelError, match=r"did not finish within 1 s of computing time on 'plate"
+    ) as caught:
         part.mesh(PartMesh(order=1, size=0.15e-3, thin=0.0), limit=1.0)
     assert one_sentence(str(caught.value))
 

@@ -246,7 +246,10 @@ FILE_FAULTS = [
 
 STAGE_FAULTS = [
     Broken(
-        "thin neck", "neck_thickness: 0.5,", "neck_thickness: 0.2,", ("minimum neck", "left foot", "0.2 mm")
+        "thin neck",
+        "neck_thickness: 0.5,",
+        "neck_thickness: 0.2,",
+        ("minimum neck", "left foot", "0.2 mm"),
     ),
     Broken(
         "overlapping bodies",

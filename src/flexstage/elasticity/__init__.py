@@ -10,8 +10,13 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.elasticity.continuum import AttachedMass, Continuum
-    from flexstage.elasticity.large_displacement import follow_drive, follow_load
-    from flexstage.elasticity.loaded import buckling, stress_stiffening, von_mises
+    from flexstage.elasticity.loaded import (
+        buckling,
+        follow_drive,
+        follow_load,
+        stress_stiffening,
+        von_mises,
+    )
     from flexstage.elasticity.resources import parallel
     from flexstage.elasticity.shapes import face
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -27,16 +28,34 @@ from flexstage.fem.geometry import (
     notch_region,
     stage_faces,
 )
-from flexstage.fem.half_notch import REACH, NotchBlock, neck_tractions, stress_of_necks
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, sound_mesh
-from flexstage.fem.neck_motions import LOADS, edge_means, motion_rows, neck_mix, neck_motions
+from flexstage.fem.necks import (
+    IN_PLANE,
+    LOADS,
+    CutNeck,
+    constraint_matrix,
+    edge_means,
+    neck_mix,
+    neck_motions,
+)
+from flexstage.fem.notch_block import (
+    ENRICHMENT_RADIUS,
+    NECK_POWERS,
+    NotchBlock,
+    neck_stress,
+    neck_tractions,
+)
 from flexstage.fem.stage_system import drive_vector, rigid_regions
-from flexstage.fem.substructure import BODY, CutNeck, PointReading, Substructure
+from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import MassProperties, mass_properties
+from flexstage.stage.contour import Root, hinge_root
 
 _STEPS = 60
+_NEAR = 1e-9  # two points are one [m]
+# A body is wider than a root by this much of the root's height, or as good as not.
+_WIDER = 0.5
 _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
 
 
@@ -129,7 +148,7 @@ _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
 
 
-class Constrained:
+class PrescribedDisplacement:
     r"""A body whose interface motions q = P u are given.
 
     A floating body is solved for balanced loads alone, up to its rigid motions R, independently of
@@ -266,9 +285,9 @@ class Constrained:
 class Condensed:
     r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
 
-    The coordinates are the motions of its interfaces (those of `Freedom` for each neck, then 1 for
-    each patch), its modes with held interfaces, and its responses to loads inside it with held
-    interfaces.
+    The coordinates are the motions of its interfaces (those of `InterfaceDofs` for each neck, then
+    one for each patch), its modes with fixed interfaces, and its responses to loads inside it with
+    fixed interfaces.
     """
 
     stiffness: Array
@@ -276,9 +295,9 @@ class Condensed:
     mass: Array
     """Mass of the coordinates, shape (r, r)."""
     loads: Array
-    """Forces on the coordinates, shape (l, r), of each of `Freedom.loads` and of a unit force at
-    each reading. So the first three rows are the mean motion of the body at its centre of mass too,
-    in its plane displacement x, y and rotation, and the last ones the readings.
+    """Forces on the coordinates, shape (l, r), of each of `InterfaceDofs.loads` and of a unit force
+    at each reading. So the first three rows are the mean motion of the body at its centre of mass
+    too, in its plane displacement x, y and rotation, and the last ones the readings.
     """
     reactions: Array
     """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
@@ -339,12 +358,12 @@ def condense(part: Substructure) -> Condensed:
     its slope over the neck. Each is the mean that does work with its traction, uniform and linear
     along the hinge and parabolic across; with these tractions go others without resultant, of
     higher powers over the neck and of the other functions, so that the neck stays plane where
-    required (`flexstage.fem.neck_motions.neck_mix`). With the rows P of these means, the body under
+    required (`flexstage.fem.necks.neck_mix`). With the rows P of these means, the body under
     interface forces obeys
 
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
 
-    and `flexstage.fem.condensation.Constrained` solves it, floating bodies as well as held ones.
+    and `PrescribedDisplacement` solves it, for free bodies as well as fixed ones.
 
     The matrices are for the `REFERENCE` material and the thickness of `part.through`.
 
@@ -364,7 +383,7 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         ready = _prepared(part, tractions)
     plate, loads = ready.plate, ready.loads
     mixed = None if tractions else partial(_mixed, part, plate.plane.order)
-    body = Constrained(plate, ready.rows, mixed, floating=not part.held)
+    body = PrescribedDisplacement(plate, ready.rows, mixed, floating=not part.held)
     basis, K, interfaces = body.reduced(loads, part.modes)
     mass = basis.T @ plate.mass_times(basis)
     loads = loads @ basis
@@ -382,6 +401,58 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         held=ready.held,
     )
     return condensed, plate, basis
+
+
+class StressOfNecks(NamedTuple):
+    """Stress of all half notches of a body, as in `flexstage.fem.condensation.Condensed`."""
+
+    stress: Array
+    neck: NDArray[np.int64]
+    point: NDArray[np.int64]
+    seam: NDArray[np.int64]
+
+
+def stress_of_necks(part: Substructure) -> StressOfNecks:
+    """Return the stress of the half notches of a body by unit forces on them.
+
+    Effects of a body on a notch beyond these forces are omitted (Saint-Venant).
+    """
+    stage = part.stage()
+    stresses, owner, points, seams, used = [], [], [], [], 0
+    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
+        half = neck_stress(notch_block_of(part, i, hinge_root(stage, hinge, neck.which)))
+        stress = half.of_half(neck.which, neck.direction)
+        levels, places, components, _ = stress.shape
+        level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
+        # the ends of the neck, where the other half begins
+        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
+        stresses.append(stress.reshape(levels * places, components, -1))
+        owner.append(np.full(levels * places, i))
+        points.append((used + half.point + count * level).ravel())
+        seams.append((ends * (level + 1)).ravel())
+        used += count * levels
+    nothing = np.zeros(0, dtype=np.int64)
+    return StressOfNecks(
+        np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
+        *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
+    )
+
+
+def notch_block_of(part: Substructure, number: int, root: Root) -> NotchBlock:
+    """Return the half notch at a neck of a body, with its root on it."""
+    neck = part.necks[number]
+    return NotchBlock(
+        profile=neck.profile,
+        wide=any(
+            math.dist(end, corner) > _WIDER * neck.profile.root_height
+            for end, corner in zip(root.ends, root.edge, strict=True)
+        ),
+        plane=neck.plane,
+        through=part.through,
+        mesh=part.mesh,
+        poissons_ratio=part.poissons_ratio,
+        powers=max(part.mesh.order, NECK_POWERS),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -427,7 +498,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             (
                 exactly(notch_region(str(i), n.which)),
                 n.at,
-                n.profile.length / 2.0 + REACH * n.profile.root_height,
+                n.profile.length / 2.0 + ENRICHMENT_RADIUS * n.profile.root_height,
             )
             for i, n in enumerate(part.necks)
         ],
@@ -436,7 +507,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
     rows = [np.zeros((0, plate.size))]
     for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
         direction = math.cos(neck.direction), math.sin(neck.direction)
-        rows.append(motion_rows(plate, own, (*passed, *rest), direction, mix))
+        rows.append(constraint_matrix(plate, own, (*passed, *rest), direction, mix))
     # the thickness of the part is one for its mesh; it weighs as much as it is thick
     properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
     motion = plate.motion(rigid_regions(stage, BODY), properties.centre)

@@ -19,17 +19,17 @@ from scipy.linalg import block_diag
 from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import HingeError, StageError
-from flexstage.fem.condensation import Condensed, condense
-from flexstage.fem.half_notch import NotchBlock, half_of, neck_response, notch_of
-from flexstage.fem.neck_motions import freedom
-from flexstage.fem.substructure import REFERENCE, Substructure
+from flexstage.fem.condensation import Condensed, condense, notch_block_of
+from flexstage.fem.layered_plate import REFERENCE
+from flexstage.fem.necks import interface_dofs
+from flexstage.fem.notch_block import NotchBlock, neck_response, notch_of
+from flexstage.fem.substructure import Substructure
 from flexstage.files.cache.cache import Cache, open_cache
 from flexstage.files.cache.memory import pack, unpack
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Hinge
-from flexstage.stage.contour import half_notch
-from flexstage.stage.hinge_attachment import TOLERANCE, Root, hinge_root, root_line
+from flexstage.stage.contour import TOLERANCE, Root, half_notch, hinge_root, root_line
 
 # Largest ratio of the thicknesses of a neck; a body with another is condensed anew.
 _FARTHEST = 1.15
@@ -117,7 +117,7 @@ def _halves(
     part: Substructure, number: int, made: Callable[[Profile, float], Profile]
 ) -> tuple[NotchBlock, ...]:
     # a wide block for narrow bodies too: its far end is farther from the notch than theirs
-    half = half_of(part, number, _root(part, number)[1])
+    half = notch_block_of(part, number, _root(part, number)[1])
     half = replace(half, wide=True, powers=part.mesh.order)
     old = half.profile
     profiles = [made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()]
@@ -230,7 +230,7 @@ def with_other_necks(
     those in which leaves swing between their ends are 2 to 7 % high.
     """
     m, r = condensed.interfaces, len(condensed.stiffness)
-    way = freedom(part.through)
+    way = interface_dofs(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
     changes, scales = [], []

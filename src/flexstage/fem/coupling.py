@@ -12,9 +12,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.fem.condensation import Condensed, independent, softest_modes
-from flexstage.fem.neck_motions import Freedom, freedom
+from flexstage.fem.layered_plate import REFERENCE
+from flexstage.fem.necks import InterfaceDofs, interface_dofs
 from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side
-from flexstage.fem.substructure import REFERENCE, Placed
+from flexstage.fem.substructure import Placed
 from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY
 from flexstage.system.stress_map import StressByForces, StressMap, StressOfForces
@@ -76,7 +77,7 @@ def stage_loads(
     placed: Sequence[Placed],
     condensed: Sequence[Condensed],
     wholes: Sequence[WholeBody],
-    way: Freedom,
+    way: InterfaceDofs,
 ) -> dict[str, BodyLoads]:
     """Return the loads of the stage by name, on each body in terms of its own loads."""
     stiff, heavy, expand = reference_scales(stage, placed[0])
@@ -206,7 +207,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     statics under loads are exact inside the bodies too.
     """
     stiff, heavy, _ = reference_scales(stage, placed[0])
-    way = freedom(placed[0].part.through)
+    way = interface_dofs(placed[0].part.through)
     names, index = _coordinates(stage, placed, condensed, way)
     wholes = [whole_body(p, c, heavy) for p, c in zip(placed, condensed, strict=True)]
     loads = stage_loads(stage, placed, condensed, wholes, way)
@@ -268,7 +269,7 @@ def _responding(matrix: Array, inside: Array) -> Array:
 
 
 def _coordinates(
-    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: Freedom
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: InterfaceDofs
 ) -> tuple[list[str], list[NDArray[np.intp]]]:
     """Return the names of the coordinates, and those of each body."""
     names = [f"hinge {h.name} {motion}" for h in stage.hinges for motion in way.necks]
@@ -295,7 +296,7 @@ def _drives(
     n: int,
 ) -> dict[str, Array]:
     found = {d.name: np.zeros(n) for d in stage.drives}
-    each = len(freedom(placed[0].part.through).necks)
+    each = len(interface_dofs(placed[0].part.through).necks)
     for p, own in zip(placed, index, strict=True):
         first = each * len(p.hinges)
         for k, uses in enumerate(p.patches):

@@ -21,6 +21,16 @@ from flexstage.quantities.material import Material
 _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
+#: Reference material: stiffness and mass are proportional to modulus, density and expansion, so
+#: that one condensation serves every material of the same Poisson's ratio.
+REFERENCE = Material(
+    name="reference",
+    youngs_modulus=1e11,
+    poissons_ratio=0.0,
+    density=1e4,
+    thermal_expansion=1e-5,
+)
+
 _SINGULAR = (
     "the stiffness of a body is singular, because a part of it is almost detached or can move "
     "freely: run `flexstage check`, and look for thin walls around holes"

@@ -8,8 +8,7 @@ import numpy as np
 from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.elasticity.large_displacement import follow_drive
-from flexstage.elasticity.loaded import buckling, stress_stiffening
+from flexstage.elasticity.loaded import buckling, follow_drive, stress_stiffening
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem

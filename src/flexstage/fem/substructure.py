@@ -12,13 +12,14 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
 
+from flexstage.fem.layered_plate import REFERENCE
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.necks import CutNeck
 from flexstage.fem.stage_system import Supports
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.files.cache.memory import source_hash
-from flexstage.hinges import Profile, plane_state
+from flexstage.hinges import plane_state
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.hinges.profile import Vertex
 from flexstage.quantities.material import Material
 from flexstage.stage import Body, Circle, Drive, Force, Hinge, Loop, Probe, Stage
 from flexstage.stage.outline import Point
@@ -29,34 +30,6 @@ _REST = "rest"
 
 #: Version of the condensation: to be changed whenever the same substructure gives other figures.
 _ALGORITHM = 2
-
-#: Reference material: stiffness and mass are proportional to modulus, density and expansion, so
-#: that one condensation serves every material of the same Poisson's ratio.
-REFERENCE = Material(
-    name="reference",
-    youngs_modulus=1e11,
-    poissons_ratio=0.0,
-    density=1e4,
-    thermal_expansion=1e-5,
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CutNeck:
-    """A neck at which a body is cut from its neighbour."""
-
-    at: Point
-    """Centre of the neck [m]."""
-    direction: float
-    """Direction of the hinge [rad]."""
-    which: int
-    """0 where the body is the first of the hinge's bodies, 1 where it is the second."""
-    profile: Profile
-    """The notch."""
-    contour: tuple[Vertex, ...]
-    """Its contour."""
-    plane: PlaneState
-    """``stress`` or ``strain``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,7 +158,8 @@ def _software() -> str:
     """Return the identity of the software: versions, and a hash of the sources involved."""
     package = Path(str(resources.files("flexstage")))
     sources = [
-        source_hash(package / room) for room in ("cache", "elasticity", "fem", "hinges", "stage")
+        source_hash(package / room)
+        for room in ("files/cache", "elasticity", "fem", "hinges", "stage")
     ]
     return " ".join((str(_ALGORITHM), metadata.version("ngsolve"), *sources))
 

@@ -7,12 +7,12 @@ from flexstage.base.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
     from flexstage.lumped.batch import assemble_batch, lumped_characteristics, system_tangents
+    from flexstage.lumped.derivation import equation_sheet
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
     from flexstage.lumped.reduction import condense, reduce_by_symmetry
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
-    from flexstage.lumped.sheet import equation_sheet
     from flexstage.lumped.stage_arrays import (
         StageArrays,
         StageTangents,

@@ -150,8 +150,7 @@ class PiezoStack(StackActuator, Drive):
         Drive.__post_init__(self)
         if self.voltage_range is not None and not self.voltage_range[0] < self.voltage_range[1]:
             raise StageError(
-                f"drive '{self.name}': voltage_range must rise, got "
-                f"{self.voltage_range!r} V"
+                f"drive '{self.name}': voltage_range must rise, got {self.voltage_range!r} V"
             )
 
 

@@ -15,7 +15,7 @@ from flexstage.hinges.compliance import require_sizes
 from flexstage.lumped import lumped_system
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
-from flexstage.stage.hinge_attachment import root_widths
+from flexstage.stage.contour import root_widths
 from flexstage.stage.mass import mass_properties
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.studies.results import analysis_results

@@ -16,11 +16,10 @@ from flexstage.quantities.material import Material, material
 from flexstage.stage.drawing import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of, certainty, find_necks
 from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
-from flexstage.stage.drawing.entities import Sheet, read_dxf
 from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
 from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.requests import DrawingOptions
-from flexstage.stage.drawing.step_plate import read_step_plate
+from flexstage.stage.drawing.sheet import Sheet, read_dxf, read_step_plate
 from flexstage.stage.file import stage_to_text
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop

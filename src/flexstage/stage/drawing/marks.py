@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from flexstage.base.errors import StageError
 from flexstage.files.decoder import read
-from flexstage.stage.drawing.entities import DRIVES_LAYER, PROBES_LAYER, Sheet
+from flexstage.stage.drawing.sheet import DRIVES_LAYER, PROBES_LAYER, Sheet
 from flexstage.stage.drawing.strokes import Pair
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.file import STAGE_FILE

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from typing import NamedTuple, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 import ngsolve as ng
 import numpy as np
@@ -14,44 +14,41 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.elasticity import face
-from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate, PlaneIntegrals
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
-from flexstage.fem.neck_motions import (
+from flexstage.fem.necks import (
+    CutNeck,
     NeckMotion,
+    constraint_matrix,
     edge_means,
-    motion_rows,
+    layered_stress,
     neck_mix,
     neck_motions,
+    stress_in_direction,
+    stress_of_other_half,
+    surface_points,
 )
-from flexstage.fem.necks import IN_PLANE, layered_stress, surface_points
-from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import CurvedProfile
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
-from flexstage.stage.hinge_attachment import Root, hinge_root
 
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _NEAR = 1e-9  # two points are one [m]
 
 #: Enrichment radius: extent into the body of the functions of a notch, in widths of its mouth.
-REACH = 0.4
+ENRICHMENT_RADIUS = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
 _FINER, _GRADING = 0.75, 0.5
-# Highest power over a neck of the tractions through it, on elements of a lower order too, of which
-# two lie on the neck: where a radius is as small as the neck stress needs it.
-_POWERS = 6
+#: Highest power over a neck of the tractions through it, on elements of a lower order too, of which
+#: two lie on the neck: where a radius is as small as the neck stress needs it.
+NECK_POWERS = 6
 _ALONG = 4  # elements along each piece of the contour at least
-
-
-# A body is wider than a root by this much of the root's height, or as good as not.
-_WIDER = 0.5
 
 
 _P = ParamSpec("_P")
@@ -119,76 +116,8 @@ class NeckStress:
 
         `which` is 0 for the half on the first body, 1 for that on the second.
         """
-        stress, components = self.stress, COMPONENTS
-        if stress.shape[2] == len(IN_PLANE):
-            components = tuple(COMPONENTS[k] for k in IN_PLANE)
-        if which:  # mirrored, and so are forces along the hinge
-            odd = np.array([(i == 0) != (j == 0) for i, j in components])
-            stress = np.where(odd[:, None] != self.lengthwise, -stress, stress)
-        c, s = math.cos(direction), math.sin(direction)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        mix = np.array(
-            [
-                [
-                    turn[i, k] * turn[j, m] + (turn[i, m] * turn[j, k] if k != m else 0.0)
-                    for k, m in components
-                ]
-                for i, j in components
-            ]
-        )
-        return mix @ stress
-
-
-class StressOfNecks(NamedTuple):
-    """Stress of all half notches of a body, as in `flexstage.fem.condensation.Condensed`."""
-
-    stress: Array
-    neck: NDArray[np.int64]
-    point: NDArray[np.int64]
-    seam: NDArray[np.int64]
-
-
-def stress_of_necks(part: Substructure) -> StressOfNecks:
-    """Return the stress of the half notches of a body by unit forces on them.
-
-    Effects of a body on a notch beyond these forces are omitted (Saint-Venant).
-    """
-    stage = part.stage()
-    stresses, owner, points, seams, used = [], [], [], [], 0
-    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
-        half = neck_stress(half_of(part, i, hinge_root(stage, hinge, neck.which)))
-        stress = half.of_half(neck.which, neck.direction)
-        levels, places, components, _ = stress.shape
-        level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
-        # the ends of the neck, where the other half begins
-        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
-        stresses.append(stress.reshape(levels * places, components, -1))
-        owner.append(np.full(levels * places, i))
-        points.append((used + half.point + count * level).ravel())
-        seams.append((ends * (level + 1)).ravel())
-        used += count * levels
-    nothing = np.zeros(0, dtype=np.int64)
-    return StressOfNecks(
-        np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
-        *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
-    )
-
-
-def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
-    """Return the half notch at a neck of a body, with its root on it."""
-    neck = part.necks[number]
-    return NotchBlock(
-        profile=neck.profile,
-        wide=any(
-            math.dist(end, corner) > _WIDER * neck.profile.root_height
-            for end, corner in zip(root.ends, root.edge, strict=True)
-        ),
-        plane=neck.plane,
-        through=part.through,
-        mesh=part.mesh,
-        poissons_ratio=part.poissons_ratio,
-        powers=max(part.mesh.order, _POWERS),
-    )
+        stress = stress_of_other_half(self.stress, self.lengthwise) if which else self.stress
+        return stress_in_direction(stress, direction)
 
 
 def neck_tractions(half: NotchBlock) -> Array:
@@ -202,7 +131,7 @@ def neck_tractions(half: NotchBlock) -> Array:
 @_once(64)
 def _narrow_tractions(half: NotchBlock) -> Array:
     # out of the plane the same half notch gives its stress, by tractions of more powers
-    highest = max(half.powers, _POWERS) if half.through.out_of_plane else half.powers
+    highest = max(half.powers, NECK_POWERS) if half.through.out_of_plane else half.powers
     _, rows, responses = _narrow(replace(half, powers=highest))
     wanted, every = (
         [_bare(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
@@ -273,10 +202,10 @@ def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     with MESHER:
         plane, means = _integrals(replace(half, through=in_plane, poissons_ratio=0.0))
     material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
-    reach = half.profile.length / 2.0 + REACH * half.profile.root_height
+    reach = half.profile.length / 2.0 + ENRICHMENT_RADIUS * half.profile.root_height
     plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
     passed, rest, _, _ = neck_motions(half.through, half.powers)
-    return plate, motion_rows(plate, means, (*passed, *rest))
+    return plate, constraint_matrix(plate, means, (*passed, *rest))
 
 
 @lru_cache(maxsize=4)
