@@ -32,7 +32,7 @@ def plate(*, out_of_plane: bool, size: float = 2.0) -> LayeredPlate:
     mesh = face_mesh(shape, THICKNESS, MeshSettings(order=3, size=size))
     # one end is a notch, so that fields of notches alone take part
     notch = ("none", (x, y), 8e-3)
-    return LayeredPlate(PlaneIntegrals(mesh, order=3, held=""), MATERIAL, through, [notch])
+    return LayeredPlate(PlaneIntegrals(mesh, order=3, fixed=""), MATERIAL, through, [notch])
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["in plane", "out of plane"])

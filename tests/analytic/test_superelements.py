@@ -251,7 +251,7 @@ def test_response_to_loads_with_held_interfaces(
     loads = np.random.default_rng(3).standard_normal((body.part.size, 2))
     free = scipy.linalg.null_space(body.P.toarray())
     expected = free @ np.linalg.solve(free.T @ stiffness @ free, free.T @ loads)
-    found = body.held(loads)
+    found = body.fixed_response(loads)
     np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
@@ -513,8 +513,8 @@ def test_bodies_in_space_are_found_in_the_cache(tmp_path: Path) -> None:
     stage = hinged_bars()
     first = superelement_model(stage, settings, space=True, cache=tmp_path)
     again = superelement_model(stage, settings, space=True, cache=tmp_path)
-    assert first.built == tuple(b.name for b in stage.bodies)
-    assert again.built == ()
+    assert first.newly_condensed == tuple(b.name for b in stage.bodies)
+    assert again.newly_condensed == ()
     np.testing.assert_array_equal(first.system.K, again.system.K)
     # motion in the plane and out of it know nothing of each other
     names = np.array(["out of plane" in n for n in first.joint.coordinates])

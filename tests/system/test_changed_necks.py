@@ -187,11 +187,11 @@ def test_leaves_that_become_thinner() -> None:
 
 def test_what_does_not_change_is_taken(parallelogram: SuperelementModel, tmp_path: Path) -> None:
     same = superelement_model(parallelogram.stage, cache=tmp_path, near=parallelogram)
-    assert same.built == ()
+    assert same.newly_condensed == ()
     assert not list(tmp_path.rglob("*.arrays"))
     np.testing.assert_array_equal(same.joint.K, parallelogram.joint.K)
     touched = with_necks(parallelogram.stage, 1.02)
-    assert set(superelement_model(touched, cache=False, near=parallelogram).built) == set(
+    assert set(superelement_model(touched, cache=False, near=parallelogram).newly_condensed) == set(
         parallelogram.stage.hinges[0].bodies
     )
 

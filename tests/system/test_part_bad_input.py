@@ -107,10 +107,10 @@ def test_several_solids(tmp_path: Path) -> None:
     assert sorted(mesh.GetMaterials()) == sorted(both.bodies)
     held = both.boundary(both.select("x", "min"))
     end = both.boundary(both.select("x", "max"))
-    omega, _ = Bodies(mesh, of, order=2, held=held).modes(1)
+    omega, _ = Bodies(mesh, of, order=2, fixed=held).modes(1)
     assert 2e3 < omega[0] / (2.0 * math.pi) < 2e4
     with pytest.raises(ModelError, match="has no material"):
-        Bodies(mesh, {both.bodies[0]: STEEL}, order=1, held=held)
+        Bodies(mesh, {both.bodies[0]: STEEL}, order=1, fixed=held)
     assert end != held
 
 
@@ -177,7 +177,7 @@ def test_faces_by_name_by_point_and_by_axis(clamped: Part) -> None:
 def test_faces_of_a_mesh_are_those_of_the_part(clamped: Part) -> None:
     mesh = clamped.mesh(PartMesh(order=3, curvature=2.0))
     assert set(mesh.GetBoundaries()) == {face.name for face in clamped.faces}
-    body = Continuum(mesh, STEEL, order=1, held="clamp")
+    body = Continuum(mesh, STEEL, order=1, fixed="clamp")
     # all areas, to the mesh's curved sides
     for face in clamped.faces:
         found = body.measure(boundary=clamped.boundary(face.name))
@@ -318,7 +318,7 @@ def test_interfaces_that_are_not_held_as_they_must_be() -> None:
     part = Part.from_shape(plate())
     ends = [part.boundary(part.select("x", end)) for end in ("max", "min")]
     mesh = part.mesh(PartMesh(order=1, thin=0.0))
-    clamped = Continuum(mesh, STEEL, order=2, held=ends[1])
+    clamped = Continuum(mesh, STEEL, order=2, fixed=ends[1])
     with pytest.raises(ModelError, match="must be among the fixed boundaries"):
         interface_stiffness(clamped, *ends)
     with pytest.raises(ModelError, match="the part must be free"):
@@ -344,7 +344,7 @@ def test_interfaces_of_a_bar_are_those_of_a_beam() -> None:
     beam = {0: e * b * h / length, 2: 12.0 * e * inertia / length**3 / (1.0 + shear)}
     free = Continuum(mesh, STEEL, order=3, shift=(2e3 * math.pi) ** 2)
     mean = interface_stiffness(free, *ends, at=at, rigid=False)
-    held = Continuum(mesh, STEEL, order=3, held="|".join(ends))
+    held = Continuum(mesh, STEEL, order=3, fixed="|".join(ends))
     rigid = interface_stiffness(held, *ends, at=at)
     for k, expected in beam.items():
         assert mean[k, k] == pytest.approx(expected, rel=2e-3)

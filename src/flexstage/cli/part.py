@@ -108,11 +108,11 @@ def _found(screen: "Console", found: "PartAnalysis") -> None:
 
     from flexstage.quantities.quantity import number
 
-    how = f"held at {', '.join(found.held)}" if found.held else "free"
+    how = f"held at {', '.join(found.fixed)}" if found.fixed else "free"
     kinds = list(found.results)
     count = max(len(r.frequency_hz) for r in found.results.values())
     if count:
-        columns = kinds if found.held else ["frequency"]
+        columns = kinds if found.fixed else ["frequency"]
         rows = (
             (k + 1, *(number(float(r.frequency_hz[k])) for r in found.results.values()))
             for k in range(count)

@@ -34,9 +34,9 @@ class AttachedMass:
     """Mass or moment of inertia for each motion [kg or kg m^2], shape (k,)."""
 
 
-def inverse_of(form: ng.BilinearForm, kept: Any) -> ng.BaseMatrix:
+def inverse_of(form: ng.BilinearForm, retained: Any) -> ng.BaseMatrix:
     """Factorise a condensed form in its retained unknowns, with recovery of element interiors."""
-    inverse = form.mat.Inverse(kept, "sparsecholesky")
+    inverse = form.mat.Inverse(retained, "sparsecholesky")
     one = ng.IdentityMatrix(form.space.ndof)
     outwards, inwards = one + form.harmonic_extension, one + form.harmonic_extension_trans
     return outwards @ inverse @ inwards + form.inner_solve
@@ -62,9 +62,9 @@ class Continuum:
         Thickness of a plane part [m]; None in three dimensions.
     strain : str
         Regular expression of the regions in plane strain; the others are in plane stress.
-    held : str
+    fixed : str
         Regular expression of the fixed boundaries.
-    held_components : Mapping
+    fixed_components : Mapping
         Regular expression of the boundaries that are fixed in one direction, by ``x``, ``y``,
         ``z``.
     copies : int
@@ -94,8 +94,8 @@ class Continuum:
         order: int,
         thickness: float | None = None,
         strain: str = "",
-        held: str = "",
-        held_components: Mapping[str, str] | None = None,
+        fixed: str = "",
+        fixed_components: Mapping[str, str] | None = None,
         copies: int = 1,
         shift: float = 0.0,
     ) -> None:
@@ -110,7 +110,7 @@ class Continuum:
         self.thickness = thickness
         self.shift = shift
         self._matrices: dict[str, Any] = {}  # stiffness and mass, whatever holds the part
-        self._hold(held, held_components or {})
+        self._hold(fixed, fixed_components or {})
         modulus, poisson = material.youngs_modulus, material.poissons_ratio
         self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
         first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
@@ -132,22 +132,22 @@ class Continuum:
         self._volume = self._measure / METRE**2
         self._density: Any = self._volume * material.density
 
-    def _hold(self, held: str, held_components: Mapping[str, str]) -> None:
-        parts = {f"dirichlet{c}": names for c, names in held_components.items()}
-        self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=held, **parts)
+    def _hold(self, fixed: str, fixed_components: Mapping[str, str]) -> None:
+        parts = {f"dirichlet{c}": names for c, names in fixed_components.items()}
+        self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=fixed, **parts)
         self.size: int = self.space.ndof
         self.free = np.array(self.space.FreeDofs(), dtype=bool)
         self._solver: ng.BaseMatrix | None = None
 
-    def held_otherwise(
-        self, held: str = "", held_components: Mapping[str, str] | None = None
+    def with_supports(
+        self, fixed: str = "", fixed_components: Mapping[str, str] | None = None
     ) -> "Continuum":
         """Return the same part with other supports, as in the initialiser.
 
         Matrices that do not depend on them are assembled once for both, while either is in use.
         """
         other = copy(self)
-        other._hold(held, held_components or {})
+        other._hold(fixed, fixed_components or {})
         return other
 
     # ------------------------------------------------------------------ matrices
@@ -191,9 +191,9 @@ class Continuum:
                 self._matrices["stiffness"] = form
             # kept, as the operators refer to it
             form = self._matrices["stiffness"]
-            kept = self.space.FreeDofs(True)
+            retained = self.space.FreeDofs(True)
             progress.update("factorisation", 0.5)
-            self._solver = inverse_of(form, kept)
+            self._solver = inverse_of(form, retained)
             self._right = form.mat.CreateColVector()
             self._left = form.mat.CreateColVector()
 
@@ -263,10 +263,10 @@ class Continuum:
         with parallel():
             self._right.FV().NumPy()[:] = np.where(self.free, load, 0.0)
             self._left.data = self._solver * self._right
-        found = self._left.FV().NumPy().copy()
-        if not np.isfinite(found).all():
+        solution = self._left.FV().NumPy().copy()
+        if not np.isfinite(solution).all():
             raise ModelError("the stiffness is singular: a part of the mesh is unconstrained")
-        return found
+        return solution
 
     def modes(
         self,
@@ -350,8 +350,8 @@ class Continuum:
     def _vector(self, direction: Sequence[float] | ng.CoefficientFunction) -> object:
         if isinstance(direction, ng.CoefficientFunction):
             return direction
-        given = tuple(float(c) for c in direction)[: self.dimension]
-        return ng.CoefficientFunction(given + (0.0,) * (self.dimension - len(given)))
+        components = tuple(float(c) for c in direction)[: self.dimension]
+        return ng.CoefficientFunction(components + (0.0,) * (self.dimension - len(components)))
 
     def measure(self, *, boundary: str = "", region: str = "") -> float:
         """Return the length or area of boundaries, or the area or volume of regions.
@@ -511,8 +511,8 @@ class Continuum:
 
         def over(fields: Sequence[ng.CoefficientFunction | float]) -> Array:
             # together, as going over the elements takes longer than the fields
-            given = ng.CoefficientFunction(tuple(fields))
-            return np.array(ng.Integrate(given, self.mesh, definedon=where, order=exact))
+            function = ng.CoefficientFunction(tuple(fields))
+            return np.array(ng.Integrate(function, self.mesh, definedon=where, order=exact))
 
         volume, *firsts = over([1.0, *x])
         if volume <= 0.0:

@@ -36,13 +36,13 @@ def holding(solve: Callable[[Array], Array], rows: Array) -> Callable[[Array], A
     pushed = np.column_stack([solve(row) for row in rows])
     reaction = np.linalg.inv(rows @ pushed)
 
-    def held(load: Array) -> Array:
+    def constrained(load: Array) -> Array:
         u = solve(load)
         for _ in range(2):  # the second time for what the first one's rounding left
             u = u - pushed @ (reaction @ (rows @ u))
         return u
 
-    return held
+    return constrained
 
 
 class Loaded(Continuum):
@@ -231,7 +231,7 @@ def buckling(
     ...     edge.name = {0.0: "foot", 60.0: "top"}.get(round(edge.center.x, 6), "side")
     >>> mesh = ng.Mesh(OCCGeometry(column, dim=2).GenerateMesh(maxh=5))
     >>> part = Continuum(
-    ...     mesh, material("Al 7075-T6"), order=4, thickness=10e-3, held="foot"
+    ...     mesh, material("Al 7075-T6"), order=4, thickness=10e-3, fixed="foot"
     ... )
     >>> u = part.solve(part.mean("top", (-1, 0)))
     >>> round(float(buckling(part, u).positive[0]), 1)
@@ -279,26 +279,26 @@ def _extremes(
     """Eigenvalues of a matrix against the stiffness at both ends.
 
     Lanczos' method with two starting vectors, so that a double factor is found as such, orthogonal
-    in the energy. A vector is kept with the load that makes it, v = K^-1 g: the stiffness itself is
+    in the energy. A vector is size with the load that makes it, v = K^-1 g: the stiffness itself is
     then never needed. At either end it stops where no eigenvalue differs from zero, where a
     restarted method would not converge.
     """
     n = matrix.indptr.size - 1
     vectors, loads = np.empty((_MOST, n)), np.empty((_MOST, n))
     projected = np.zeros((_MOST, _MOST))
-    kept = 0
+    size = 0
 
     def keep(load: Array) -> None:
-        nonlocal kept
+        nonlocal size
         v = solve(load)
         before = np.sqrt(abs(load @ v))
         for _ in range(2):  # the second time for what the first one's rounding left
-            parts = loads[:kept] @ v
-            v, load = v - parts @ vectors[:kept], load - parts @ loads[:kept]
+            parts = loads[:size] @ v
+            v, load = v - parts @ vectors[:size], load - parts @ loads[:size]
         norm = np.sqrt(max(load @ v, 0.0))
-        if norm > 1e-7 * before and kept < _MOST:
-            vectors[kept], loads[kept] = v / norm, load / norm
-            kept += 1
+        if norm > 1e-7 * before and size < _MOST:
+            vectors[size], loads[size] = v / norm, load / norm
+            size += 1
 
     for start in np.random.default_rng(0).standard_normal((2, n)):
         keep(start)
@@ -306,7 +306,7 @@ def _extremes(
         load = matrix @ vectors[i]
         keep(load)
         projected[: i + 1, i] = projected[i, : i + 1] = vectors[: i + 1] @ load
-        done = i + 1 == kept
+        done = i + 1 == size
         if not done and i < 2 * count + 8:
             continue
         values, turns = np.linalg.eigh(projected[: i + 1, : i + 1])
@@ -315,31 +315,31 @@ def _extremes(
             # what is left of K^-1 A v - value v lies in the vectors that were not multiplied yet;
             # of the others than the outermost nothing is asked
             outer = np.unique(np.r_[:count, -count:0] % values.size)
-            rest = vectors[i + 1 : kept] @ (matrix @ (turns[:, outer].T @ vectors[: i + 1]).T)
+            rest = vectors[i + 1 : size] @ (matrix @ (turns[:, outer].T @ vectors[: i + 1]).T)
             wrong[outer] = np.linalg.norm(rest, axis=0)
-        chosen = _chosen(values, wrong, count)
-        if chosen is not None:
-            return values[chosen]
+        selected = _select_extremes(values, wrong, count)
+        if selected is not None:
+            return values[selected]
     raise ConvergenceError(
         f"the buckling factors were not found in {_MOST} iterations: request fewer"
     )
 
 
-def _chosen(values: Array, wrong: Array, count: int) -> list[int] | None:
+def _select_extremes(values: Array, wrong: Array, count: int) -> list[int] | None:
     """Select the required eigenvalues of both signs, largest first; None if not converged yet."""
     least = np.abs(values).max() / _REACH
-    found: list[int] = []
+    selected: list[int] = []
     for sign in (1.0, -1.0):
         for k in np.argsort(-sign * values)[:count]:
             if sign * values[k] > least:
                 if wrong[k] > _TOLERANCE * abs(values[k]):
                     return None
-                found.append(int(k))
+                selected.append(int(k))
             elif wrong[k] > least:
                 return None
             else:
                 break
-    return found
+    return selected
 
 
 # Last correction over the displacement, in the norm of the energy, whose square is about the error
@@ -434,11 +434,11 @@ class _Path:
             force = value
         # where the last step ended its last correction was tiny, so that its tangent is still good;
         # a form that is assembled again takes it away
-        tangent, self.last, made = self.last, None, 0
+        tangent, self.last, factorisations = self.last, None, 0
         for count in range(1, _FACTORISATIONS + 1):
             self.state.FV().NumPy()[:] = u
             if count > 1 or tangent is None:
-                tangent, made = self._tangent(), made + 1
+                tangent, factorisations = self._tangent(), factorisations + 1
             self.form.Apply(self.state, self.right)
             inner = self.right.FV().NumPy()
             rest = np.where(self.free, share * self.load + force * d - inner, 0.0)
@@ -450,22 +450,22 @@ class _Path:
             u = u + du
             work = abs(float(du @ rest))
             if not np.isfinite(work):
-                return u, force, compliance, made, False
+                return u, force, compliance, factorisations, False
             # Slender parts first stretch as they turn, by much more than they end up stretched;
             # beyond that the iterates have left for good.
             first = max(first, work) if count <= 2 else first
             if work > 1e6 * first:
-                return u, force, compliance, made, False
+                return u, force, compliance, factorisations, False
             self.state.FV().NumPy()[:] = u
             if work <= _CONVERGED**2 * abs(float(self.form.Energy(self.state))):
                 self.last = tangent
-                return u, force, compliance, made, True
-        return u, force, compliance, made, False
+                return u, force, compliance, factorisations, True
+        return u, force, compliance, factorisations, False
 
     def follow(self, values: Sequence[float] | Array, most_halvings: int = 6) -> Equilibria:
         """Continue from rest to each value in turn, in smaller steps where a full one fails."""
         u, force, at, share = np.zeros(self.free.size), 0.0, 0.0, 0.0
-        found: list[tuple[Array, float, float, int]] = []
+        equilibria: list[tuple[Array, float, float, int]] = []
         with parallel():
             for value in (float(v) for v in values):
                 begin, base, part, width, total = at, share, 0.0, 1.0, 0
@@ -473,22 +473,22 @@ class _Path:
                 while part < 1.0:
                     end = min(part + width, 1.0)
                     goal = begin + end * (value - begin)
-                    tried = self.settle(u, force, goal, base + end * (1.0 - base))
-                    total += tried[3]
-                    if tried[4]:
-                        u, force, compliance, part = tried[0], tried[1], tried[2], end
+                    trial = self.settle(u, force, goal, base + end * (1.0 - base))
+                    total += trial[3]
+                    if trial[4]:
+                        u, force, compliance, part = trial[0], trial[1], trial[2], end
                         continue
                     width *= 0.5
                     if width < 0.5**most_halvings:
                         raise ConvergenceError(_no_equilibrium(self.driven, begin, value, part))
                 at, share = value, 1.0
-                found.append((u, force, compliance, total))
+                equilibria.append((u, force, compliance, total))
         return Equilibria(
             values=np.array([float(v) for v in values]),
-            displacement=np.array([f[0] for f in found]).reshape(-1, self.free.size),
-            force=np.array([f[1] for f in found]),
-            compliance=np.array([f[2] for f in found]),
-            iterations=np.array([f[3] for f in found], dtype=np.int64),
+            displacement=np.array([f[0] for f in equilibria]).reshape(-1, self.free.size),
+            force=np.array([f[1] for f in equilibria]),
+            compliance=np.array([f[2] for f in equilibria]),
+            iterations=np.array([f[3] for f in equilibria], dtype=np.int64),
         )
 
 
@@ -570,7 +570,7 @@ def follow_drive(
     ...     edge.name = {0.0: "clamp", 40.0: "tip"}.get(round(edge.center.x, 6), "side")
     >>> mesh = ng.Mesh(OCCGeometry(leaf, dim=2).GenerateMesh(maxh=4))
     >>> part = Continuum(
-    ...     mesh, material("Al 7075-T6"), order=4, thickness=10e-3, held="clamp"
+    ...     mesh, material("Al 7075-T6"), order=4, thickness=10e-3, fixed="clamp"
     ... )
     >>> path = follow_drive(part, part.mean("tip", (0, 1)), (10e-6, 10e-3))
     >>> round(float(path.force[1] / path.force[0] / 1000), 4)  # stiffens as it bends

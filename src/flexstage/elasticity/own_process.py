@@ -25,7 +25,7 @@ class BrokenDownError(Exception):
 
 def in_own_process(
     work: Callable[..., Any],
-    *given: Any,
+    *arguments: Any,
     seconds: float | None = None,
     memory: float | None = None,
 ) -> Any:
@@ -36,7 +36,7 @@ def in_own_process(
     """
     with tempfile.TemporaryDirectory() as folder:
         task, answer = Path(folder) / "given", Path(folder) / "answer"
-        task.write_bytes(pickle.dumps((seconds, memory, pickle.dumps((work, given)))))
+        task.write_bytes(pickle.dumps((seconds, memory, pickle.dumps((work, arguments)))))
         one = {f"{name}_NUM_THREADS": "1" for name in ("NGS", "OMP", "OPENBLAS", "MKL")}
         try:
             ended = subprocess.run(
@@ -75,8 +75,8 @@ def _signal(name: str) -> int:
     return int(getattr(signal, name, 1 << 30))  # one that no process ends by, where there is none
 
 
-def _main(given: str, answer: str) -> None:
-    seconds, memory, task = pickle.loads(Path(given).read_bytes())
+def _main(arguments_path: str, answer: str) -> None:
+    seconds, memory, task = pickle.loads(Path(arguments_path).read_bytes())
     if sys.platform != "win32":
         import resource
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from flexstage.base.errors import ModelError
 
 _WATCHED = 0.1  # shortest time over which the use of the cores is counted [s]
-_KEPT = 1.0  # counts are renewed after this time [s]
+_VALID = 1.0  # counts are renewed after this time [s]
 _OLD = 5.0  # what the cores did over a longer time than this does not tell what they do now [s]
 _ROOM = 0.3  # part of a core that others may use while it still counts as free
 _TICK = 1.0 / float(os.sysconf("SC_CLK_TCK")) if hasattr(os, "sysconf") else 0.01
@@ -31,8 +31,8 @@ def _idle() -> float:
     """Return the idle time of the cores of this process since the start [s]; nan if unknown."""
     mine = {f"cpu{k}" for k in _cores()}
     rows = [line.split() for line in _read("/proc/stat").splitlines()]
-    found = [float(row[4]) + float(row[5]) for row in rows if row and row[0] in mine]
-    return _TICK * sum(found) if found else math.nan
+    idle = [float(row[4]) + float(row[5]) for row in rows if row and row[0] in mine]
+    return _TICK * sum(idle) if idle else math.nan
 
 
 def _quota() -> float:
@@ -76,16 +76,16 @@ def free_cores() -> int:
     a program that starts later is not seen before the next call.
     """
     passed = time.monotonic() - _watch.before[0]
-    if _watch.free and passed < _KEPT:
+    if _watch.free and passed < _VALID:
         return _watch.free
     if not _WATCHED < passed < _OLD:
         _watch.before = _now()
         time.sleep(_WATCHED)
     now = _now()
-    wall, own, idle = (b - a for a, b in zip(_watch.before, now, strict=True))
+    wall, used, idle = (b - a for a, b in zip(_watch.before, now, strict=True))
     most = min(float(len(_cores())), _quota())
-    found = most if math.isnan(idle) else min(most, (own + idle) / wall)
-    _watch.before, _watch.free = now, max(1, int(found + _ROOM))
+    cores_free = most if math.isnan(idle) else min(most, (used + idle) / wall)
+    _watch.before, _watch.free = now, max(1, int(cores_free + _ROOM))
     return _watch.free
 
 
@@ -111,8 +111,8 @@ def parallel(most: int | None = None) -> Iterator[None]:
         return
     import ngsolve as ng
 
-    given = os.environ.get("NGS_NUM_THREADS", "")
-    limit = most if most is not None else int(given) if given.isdigit() else None
+    setting = os.environ.get("NGS_NUM_THREADS", "")
+    limit = most if most is not None else int(setting) if setting.isdigit() else None
     _watch.active = True
     try:
         ng.SetNumThreads(limit if limit == 1 else min(free_cores(), limit or len(_cores())))
@@ -186,8 +186,8 @@ def memory_available() -> float:
     It is the lesser of the free memory of the computer and the remainder of the limits of its
     control group.
     """
-    found = [_free_memory(), *_group_limits()]
-    return min(found)
+    limits = [_free_memory(), *_group_limits()]
+    return min(limits)
 
 
 def _free_memory() -> float:
@@ -211,9 +211,9 @@ def _group_limits() -> list[float]:
             "/sys/fs/cgroup/memory/memory.usage_in_bytes",
         ),
     ):
-        most, taken = _read(limit).strip(), _read(used).strip()
-        if most.isdigit() and taken.isdigit():
-            left.append(float(most) - float(taken))
+        most, used_memory = _read(limit).strip(), _read(used).strip()
+        if most.isdigit() and used_memory.isdigit():
+            left.append(float(most) - float(used_memory))
     return left
 
 

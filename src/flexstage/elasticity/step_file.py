@@ -35,7 +35,7 @@ def of_step(path: Path, work: Callable[..., Any], *more: Any) -> Any:
         )
     seconds, memory = (base + each * len(data) / 1e6 for base, each in (_SECONDS, _MEMORY))
     try:
-        return in_own_process(_found, path, work, *more, seconds=seconds, memory=memory)
+        return in_own_process(_result_of, path, work, *more, seconds=seconds, memory=memory)
     except BrokenDownError as error:
         raise StageError(
             f"the geometry kernel {error} on the STEP file '{path}': the file is damaged, or has "
@@ -43,7 +43,7 @@ def of_step(path: Path, work: Callable[..., Any], *more: Any) -> Any:
         ) from None
 
 
-def _found(path: Path, work: Callable[..., Any], *more: Any) -> Any:
+def _result_of(path: Path, work: Callable[..., Any], *more: Any) -> Any:
     from netgen.meshing import NgException
     from netgen.occ import OCCGeometry
 

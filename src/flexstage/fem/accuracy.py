@@ -192,12 +192,14 @@ def _with_changes(
     rows = []
     for row in analysis.characteristics:
         key = (row.quantity, row.axis)
-        known = [] if row.uncertainty is None else [row.uncertainty]
+        estimates = [] if row.uncertainty is None else [row.uncertainty]
         if all(key in step.values for step in steps):
             # several meshes tell how the largest stress moves between their points
-            known = [scatter_at_points(row) if row.quantity == "max_stress" else k for k in known]
-            known.append(_left(steps, key))
-        rows.append(replace(row, uncertainty=max(known) if known else None))
+            estimates = [
+                scatter_at_points(row) if row.quantity == "max_stress" else k for k in estimates
+            ]
+            estimates.append(_left(steps, key))
+        rows.append(replace(row, uncertainty=max(estimates) if estimates else None))
     words = (
         f"Mesh refined until {quantity} converged to {100.0 * estimate(steps, quantity):.2g} % "
         f"(requested: {100.0 * accuracy:.2g} %). Uncertainties are estimated from the changes "
@@ -295,16 +297,16 @@ def with_estimates(
             rows.append(replace(row, uncertainty=left or None))
         else:
             rows.append(row)
-    found = {}
-    for condition, own in analysis.modes.items():
+    estimated_modes = {}
+    for condition, modes_here in analysis.modes.items():
         f = [a.modes[condition].frequency_hz for a in (analysis, coarse, rich)]
         count = min(map(len, f))
-        known = _left_out(*(values[:count] for values in f)) + least * f[0][:count]
-        found[condition] = replace(own.lowest(count), uncertainty_hz=known)
+        errors = _left_out(*(values[:count] for values in f)) + least * f[0][:count]
+        estimated_modes[condition] = replace(modes_here.lowest(count), uncertainty_hz=errors)
     return replace(
         analysis,
         characteristics=Characteristics(rows),
-        modes=found,
+        modes=estimated_modes,
         validity=(*analysis.validity, _WORDS),
     )
 
@@ -325,15 +327,16 @@ def _coarser(
             "elements of order 1 have no lower order for an estimate: take order 2 or more"
         )
     mesh = replace(fine, order=fine.order - 1)
-    own = [p.part for p in model.placed]
+    parts_of_model = [p.part for p in model.placed]
     parts = [
-        replace(p, mesh=mesh, modes=max(_MARGINS.by_neck * len(p.necks), 2 * p.modes)) for p in own
+        replace(p, mesh=mesh, modes=max(_MARGINS.by_neck * len(p.necks), 2 * p.modes))
+        for p in parts_of_model
     ]
     # body by body, as both motions of one in space share its mesh
     each = len(model.stage.bodies)
     order = [i for k in range(each) for i in range(k, len(parts), each)]
-    found, _ = condense_all([parts[i] for i in order], cache)
-    rich = [c for _, c in sorted(zip(order, found, strict=True), key=lambda pair: pair[0])]
+    condensed, _ = condense_all([parts[i] for i in order], cache)
+    rich = [c for _, c in sorted(zip(order, condensed, strict=True), key=lambda pair: pair[0])]
     return [fewer_modes(c, p.part.modes) for c, p in zip(rich, model.placed, strict=True)], rich
 
 
@@ -361,8 +364,8 @@ def fewer_modes(body: Condensed, count: int) -> Condensed:
 def _unseen(stress: StressMap, q: Array) -> float:
     """Return the relative excess of the stress between points on an edge over that at points."""
     values = stress.equivalent(q).reshape(-1, len(ALONG))
-    if not values.size or not (seen := values.max()):
+    if not values.size or not (largest := values.max()):
         return 0.0
     powers = np.vander(np.array(ALONG))
     between = np.vander(np.linspace(0.0, 1.0, _BETWEEN), len(ALONG)) @ np.linalg.inv(powers)
-    return max(float((values @ between.T).max() / seen) - 1.0, 0.0)
+    return max(float((values @ between.T).max() / largest) - 1.0, 0.0)

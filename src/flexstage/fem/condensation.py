@@ -123,13 +123,13 @@ def softest_modes(
         flexible = np.block([[flexible, new[:at]], [new[:at].T, new[at:]]])
         flexible = 0.5 * (flexible + flexible.T)
         if len(flexible) >= count:
-            found = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
-            if np.all(np.abs(found - last) <= settled * found):
+            squares_found = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
+            if np.all(np.abs(squares_found - last) <= settled * squares_found):
                 values, turn = np.linalg.eigh(flexible)
                 values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
                 # by one more iteration than the basis, these are orthogonal in K
                 return 1.0 / values, np.hstack(answers) @ (turn / values)
-            last = found
+            last = squares_found
         block, heavy = answer, mass_times(answer)
     raise ConvergenceError(f"the {count} lowest modes were not found in {_STEPS} steps")
 
@@ -138,11 +138,13 @@ def independent(mass: Array) -> Array:
     """Return combinations of displacements with unit mass, without dependent ones."""
     size = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
-    kept = values > _DEPENDENT * values.max(initial=0.0)
-    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    retained = values > _DEPENDENT * values.max(initial=0.0)
+    return size[:, None] * vectors[:, retained] / np.sqrt(values[retained])
 
 
-_ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+_COINCIDENT = (
+    1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+)
 _SPRING = 1e3  # as many times as stiff as the mesh is there
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
@@ -206,7 +208,7 @@ class PrescribedDisplacement:
         none = np.zeros((A.shape[1], A.shape[1]))
         saddle = np.block([[G * np.outer(self._row, self._row), A], [A.T, none]])
         self._saddle = np.linalg.inv(saddle) if len(A) else np.zeros((0, 0))
-        if np.abs(self._saddle).max(initial=0.0) > _ALIKE:
+        if np.abs(self._saddle).max(initial=0.0) > _COINCIDENT:
             raise ModelError(
                 "two drives touch a body at the same place in the same direction, so that their "
                 "patches have the same motion: move one of them"
@@ -225,8 +227,8 @@ class PrescribedDisplacement:
         """Interface forces and rigid motion that close a gap and balance the loads."""
         m = len(self._row)
         right = np.concatenate((self._row[:, None] * gap, self._column[:, None] * moment))
-        found = self._saddle @ right if m else np.zeros_like(right)
-        return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
+        solution = self._saddle @ right if m else np.zeros_like(right)
+        return self._row[:, None] * solution[:m], self._column[:, None] * solution[m:]
 
     def interface_shapes(self) -> tuple[Array, Array]:
         """Return displacements for unit motions of the interfaces, and the stiffness.
@@ -237,7 +239,7 @@ class PrescribedDisplacement:
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
 
-    def held(self, load: Array) -> Array:
+    def fixed_response(self, load: Array) -> Array:
         """Return the response to loads with fixed interfaces."""
         u = self.loose(load)
         force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
@@ -253,7 +255,7 @@ class PrescribedDisplacement:
             return np.zeros(0), np.zeros((self.part.size, 0))
         mass_times = self.part.mass_times
         start = mass_times(np.random.default_rng(0).standard_normal((self.part.size, _BLOCK)))
-        return softest_modes(self.held, mass_times, start, count, _SETTLED)
+        return softest_modes(self.fixed_response, mass_times, start, count, _SETTLED)
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -274,11 +276,11 @@ class PrescribedDisplacement:
         Loads are one a row here, shape (k, n). Returns displacements, shape (n, k), and their
         stiffness, shape (k, k).
         """
-        whole = self.held(loads.T)
+        full_response = self.fixed_response(loads.T)
         share = modes.T @ loads.T
         rest = share / squares[:, None]
-        stiff = whole.T @ loads.T - share.T @ rest
-        return whole - modes @ rest, 0.5 * (stiff + stiff.T)
+        stiff = full_response.T @ loads.T - share.T @ rest
+        return full_response - modes @ rest, 0.5 * (stiff + stiff.T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -321,7 +323,7 @@ class Condensed:
     """Elements of the mesh."""
     unknowns: int
     """Unknowns of the mesh."""
-    held: str
+    supports: str
     """Supports of the body, as text."""
 
     @property
@@ -383,7 +385,7 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         ready = _prepared(part, tractions)
     plate, loads = ready.plate, ready.loads
     mixed = None if tractions else partial(_mixed, part, plate.plane.order)
-    body = PrescribedDisplacement(plate, ready.rows, mixed, floating=not part.held)
+    body = PrescribedDisplacement(plate, ready.rows, mixed, floating=not part.fixed)
     basis, K, interfaces = body.reduced(loads, part.modes)
     mass = basis.T @ plate.mass_times(basis)
     loads = loads @ basis
@@ -398,7 +400,7 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         elements=int(plate.plane.mesh.ne),
         # of a plane model with those that are held
         unknowns=plate.size if part.through.in_space else 2 * plate.plane.width,
-        held=ready.held,
+        supports=ready.supports,
     )
     return condensed, plate, basis
 
@@ -434,7 +436,10 @@ def stress_of_necks(part: Substructure) -> StressOfNecks:
     nothing = np.zeros(0, dtype=np.int64)
     return StressOfNecks(
         np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
-        *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
+        *(
+            np.concatenate((nothing, *numbers)).astype(np.int64)
+            for numbers in (owner, points, seams)
+        ),
     )
 
 
@@ -466,7 +471,7 @@ class _Ready:
     """Loads inside it, shape (l, n)."""
     properties: MassProperties
     """Its mass."""
-    held: str
+    supports: str
     """Supports of the body, as text."""
 
 
@@ -476,7 +481,7 @@ def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]
     faces = stage_faces(part.stage(), [BODY])
     mesh = sound_mesh(part.stage(), faces, part.mesh)
     plane = PlaneIntegrals(
-        mesh, order=part.mesh.order, held=MOUNTING if part.held else "", strain=_strained(part)
+        mesh, order=part.mesh.order, fixed=MOUNTING if part.fixed else "", strain=_strained(part)
     )
     return faces, plane, edge_means(mesh, part.mesh.order, part.necks)
 
@@ -505,9 +510,11 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
     )
     passed, rest, _, _ = neck_motions(through, plane.order)
     rows = [np.zeros((0, plate.size))]
-    for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
+    for neck, neck_means, mix in zip(
+        part.necks, means, tractions or [None] * len(means), strict=True
+    ):
         direction = math.cos(neck.direction), math.sin(neck.direction)
-        rows.append(constraint_matrix(plate, own, (*passed, *rest), direction, mix))
+        rows.append(constraint_matrix(plate, neck_means, (*passed, *rest), direction, mix))
     # the thickness of the part is one for its mesh; it weighs as much as it is thick
     properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
     motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
@@ -529,7 +536,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
         rows=np.concatenate(rows),
         loads=np.array(loads),
         properties=properties,
-        held=faces.held,
+        supports=faces.supports,
     )
 
 

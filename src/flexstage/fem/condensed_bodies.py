@@ -67,14 +67,14 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
     if replace(after, necks=same) != before:
         return []
     try:
-        found = [
+        changes = [
             _changed_neck(before, new.profile, i)
             for i, (old, new) in enumerate(zip(before.necks, after.necks, strict=True))
             if old != new
         ]
     except (HingeError, StageError):
         return []
-    return [neck for neck in found if neck is not None] if None not in found else []
+    return [neck for neck in changes if neck is not None] if None not in changes else []
 
 
 def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck | None:
@@ -84,8 +84,8 @@ def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNec
     if not 1.0 / _FARTHEST < thicker < _FARTHEST:
         return None
     # the contour moves outward with the neck, or the cut is less deep from a mouth that stays
-    made = _outward if _outward(old, thick) == new else with_neck_thickness
-    if made(old, thick) != new:
+    change_of_profile = _outward if _outward(old, thick) == new else with_neck_thickness
+    if change_of_profile(old, thick) != new:
         return None
     hinge, root = _root(before, number)
     ends = root_line(replace(hinge, profile=new), before.necks[number].which)
@@ -97,7 +97,7 @@ def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNec
         number=number,
         thicker=thicker,
         gain=REFERENCE.density * before.through.thickness * (_area(new) - _area(old)),
-        halves=_halves(before, number, made),
+        halves=_halves(before, number, change_of_profile),
     )
 
 
@@ -114,13 +114,15 @@ def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
 
 @lru_cache(maxsize=1024)
 def _halves(
-    part: Substructure, number: int, made: Callable[[Profile, float], Profile]
+    part: Substructure, number: int, change_of_profile: Callable[[Profile, float], Profile]
 ) -> tuple[NotchBlock, ...]:
     # a wide block for narrow bodies too: its far end is farther from the notch than theirs
     half = notch_block_of(part, number, _root(part, number)[1])
     half = replace(half, wide=True, powers=part.mesh.order)
     old = half.profile
-    profiles = [made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()]
+    profiles = [
+        change_of_profile(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()
+    ]
     # one block for all of them, as wide as the thickest needs
     grows = profiles[-1].root_height - old.root_height > TOLERANCE
     widest = profiles[-1] if grows else None
@@ -186,9 +188,9 @@ class NeckFamily:
 def neck_family(halves: Sequence[NotchBlock]) -> NeckFamily:
     """Return the family of half notches."""
     like = halves[_MEMBERS // 2].profile
-    found = [neck_response(half, like) for half in halves]
-    members = [(f, np.abs(stress.stress).max(axis=(0, 1, 2))) for f, stress in found]
-    return NeckFamily(members, found[0][1].lengthwise)
+    responses = [neck_response(half, like) for half in halves]
+    members = [(f, np.abs(stress.stress).max(axis=(0, 1, 2))) for f, stress in responses]
+    return NeckFamily(members, responses[0][1].lengthwise)
 
 
 def with_other_necks(
@@ -235,29 +237,29 @@ def with_other_necks(
     size = np.ones(r)  # of the coordinates, in those that they were before
     changes, scales = [], []
     for neck, family in necks:
-        own = np.arange(each * neck.number, each * (neck.number + 1))
-        size[own[way.turning]] = neck.thicker
+        of_necks = np.arange(each * neck.number, each * (neck.number + 1))
+        size[of_necks[way.turning]] = neck.thicker
         after, scale = family.at(neck.thicker)
-        change = after - family.as_it_was * np.outer(size[own], size[own])
+        change = after - family.as_it_was * np.outer(size[of_necks], size[of_necks])
         changes.append(family.of_side(part.necks[neck.number].which, change))
         scales.append(scale)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
-    held = condensed.reactions / size[:m, None]
+    reactions = condensed.reactions / size[:m, None]
     # of the necks that change alone
-    own = np.concatenate([each * neck.number + np.arange(each) for neck, _ in necks])
+    of_necks = np.concatenate([each * neck.number + np.arange(each) for neck, _ in necks])
     more = np.asarray(block_diag(*changes))
-    Y = np.linalg.solve(np.eye(own.size) + more @ K[np.ix_(own, own)], more)
+    Y = np.linalg.solve(np.eye(of_necks.size) + more @ K[np.ix_(of_necks, of_necks)], more)
     Y = 0.5 * (Y + Y.T)
-    moved = Y @ np.hstack((K[own], held[own]))
+    moved = Y @ np.hstack((K[of_necks], reactions[of_necks]))
     basis = np.eye(r)
-    basis[own] -= moved
+    basis[of_necks] -= moved
     basis /= size[:, None]
     stiffness = condensed.stiffness.copy()
-    stiffness[:m, :m] = K - K[own].T @ moved[:, :m]
-    stiffness[m:, m:] += held[own].T @ moved[:, m:]
+    stiffness[:m, :m] = K - K[of_necks].T @ moved[:, :m]
+    stiffness[m:, m:] += reactions[of_necks].T @ moved[:, m:]
     loads = condensed.loads @ basis
     mass = basis.T @ condensed.mass @ basis
-    whole, x, y, turning = condensed.inertia
+    total_mass, x, y, turning = condensed.inertia
     for neck, _ in necks:
         # the added mass of a notch follows the mean motion of the body
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
@@ -270,9 +272,9 @@ def with_other_necks(
         stiffness=0.5 * (stiffness + stiffness.T),
         mass=0.5 * (mass + mass.T),
         loads=loads,
-        reactions=held - K[own].T @ moved[:, m:],
+        reactions=reactions - K[of_necks].T @ moved[:, m:],
         stress=stress,
-        inertia=(whole + sum(n.gain for n, _ in necks), x, y, turning),
+        inertia=(total_mass + sum(n.gain for n, _ in necks), x, y, turning),
     )
 
 
@@ -303,12 +305,14 @@ def condense_all(
         progress.subtask(0.5 if changes else 1.0, 1.0),
         ThreadPoolExecutor(_threads()) as workers,
     ):
-        for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
+        for i, (family_halves, family) in enumerate(
+            zip(halves, workers.map(_family, halves), strict=True)
+        ):
             progress.update("necks", i / len(halves))
-            families[own] = family
+            families[family_halves] = family
     for part, (before, necks) in changes.items():
-        known = [(neck, families[neck.halves]) for neck in necks]
-        ready[part] = with_other_necks(ready[before], before, known)
+        with_families = [(neck, families[neck.halves]) for neck in necks]
+        ready[part] = with_other_necks(ready[before], before, with_families)
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
 
@@ -336,12 +340,12 @@ def _condense_missing(
     # the largest first, so that no thread waits long for another at the end
     largest_first = sorted(missing, key=lambda part: -len(part.necks))
     with ThreadPoolExecutor(_threads()) as workers:
-        made = workers.map(condense, largest_first)
-        for i, (part, found) in enumerate(zip(largest_first, made, strict=True)):
+        results = workers.map(condense, largest_first)
+        for i, (part, condensed) in enumerate(zip(largest_first, results, strict=True)):
             progress.update("bodies", i / len(missing))
-            ready[part] = found
+            ready[part] = condensed
             if store is not None:
-                store.store(missing[part], pack(found)[0])
+                store.store(missing[part], pack(condensed)[0])
     if store is not None and missing:
         store.trim()
     return list(missing)

@@ -65,8 +65,8 @@ def own_centre(placed: Placed, condensed: Condensed) -> tuple[float, float]:
 def whole_body(placed: Placed, condensed: Condensed, heavy: float) -> WholeBody:
     """Return mass and centre of a body with its extra masses."""
     x, y = own_centre(placed, condensed)
-    own = heavy * condensed.inertia[0]
-    parts = [(own, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
+    body_mass = heavy * condensed.inertia[0]
+    parts = [(body_mass, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
     mass = sum(m for m, _, _ in parts)
     centre = sum(m * px for m, px, _ in parts) / mass, sum(m * py for m, _, py in parts) / mass
     return WholeBody(mass=mass, centre=centre)
@@ -81,11 +81,11 @@ def stage_loads(
 ) -> dict[str, BodyLoads]:
     """Return the loads of the stage by name, on each body in terms of its own loads."""
     stiff, heavy, expand = reference_scales(stage, placed[0])
-    found = {}
+    loads = {}
 
     def load(key: str, unit: str = "") -> list[Array]:
         parts = [np.zeros(len(c.loads)) for c in condensed]
-        found[key] = BodyLoads(unit=unit, parts=parts)
+        loads[key] = BodyLoads(unit=unit, parts=parts)
         return parts
 
     for i, axis in enumerate(way.axes):
@@ -110,7 +110,7 @@ def stage_loads(
             for sizes, p, c in zip(load(f"probe {name}"), placed, condensed, strict=True):
                 if p.body.name == body:
                     sizes[:3] += way.read(own_centre(p, c), place)[0] / stiff
-        return found
+        return loads
     for drive in stage.drives:
         offset = reaction_offset(drive.at, drive.direction)
         for b, p in enumerate(placed):
@@ -121,7 +121,7 @@ def stage_loads(
             for k, uses in enumerate(p.readings):
                 size = sum(s for name, s in uses if name == probe.name) / stiff
                 sizes[len(way.loads) + k] += size
-    return found
+    return loads
 
 
 def reaction_offset(at: tuple[tuple[float, float], tuple[float, float]], direction: float) -> float:
@@ -143,10 +143,10 @@ def inner_responses(loads: Mapping[str, BodyLoads], condensed: Sequence[Condense
     shapes, gram, energy, work = [], 0.0, 0.0, 0.0
     for b, c in enumerate(condensed):
         parts = np.array([load.parts[b] for load in loads.values()]).reshape(-1, len(c.loads))
-        own = np.einsum("ij,ij->i", parts @ c.stiffness[c.inner, c.inner], parts)
+        energies = np.einsum("ij,ij->i", parts @ c.stiffness[c.inner, c.inner], parts)
         force = parts @ c.loads[:, c.modes]
-        energy = energy + own
-        work = work + own + np.sum(force**2 / np.diag(c.stiffness)[c.modes], axis=1)
+        energy = energy + energies
+        work = work + energies + np.sum(force**2 / np.diag(c.stiffness)[c.modes], axis=1)
         gram = gram + parts @ c.mass[c.inner, c.inner] @ parts.T
         shapes.append(parts.T)
     acts = np.flatnonzero(np.asarray(energy) > _NOTHING * np.asarray(work))
@@ -156,8 +156,8 @@ def inner_responses(loads: Mapping[str, BodyLoads], condensed: Sequence[Condense
     size = 1.0 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * np.outer(size, size))
     mean = math.sqrt(sum(c.inertia[0] for c in condensed))
-    kept = size[:, None] * vectors[:, values > _SAME] * mean
-    return [w @ kept for w in shapes]
+    independent = size[:, None] * vectors[:, values > _SAME] * mean
+    return [w @ independent for w in shapes]
 
 
 # Stages of fewer coordinates than this for each mode are solved densely; squares of frequencies of
@@ -183,15 +183,15 @@ class Joint:
     @property
     def K(self) -> Array:
         """Stiffness, shape (n, n)."""
-        return _whole([K for K, _ in self.blocks])
+        return _block_diagonal([K for K, _ in self.blocks])
 
     @property
     def M(self) -> Array:
         """Mass, shape (n, n)."""
-        return _whole([M for _, M in self.blocks])
+        return _block_diagonal([M for _, M in self.blocks])
 
 
-def _whole(blocks: list[Array]) -> Array:
+def _block_diagonal(blocks: list[Array]) -> Array:
     return blocks[0] if len(blocks) == 1 else np.asarray(block_diag(*blocks))
 
 
@@ -216,17 +216,17 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     names += [f"inside {k + 1} [m]" for k in range(inner.size)]
     n = len(names)
     K, M = np.zeros((n, n)), np.zeros((n, n))
-    whole = [key for key, load in loads.items() if load.unit]
-    forces = np.zeros((len(whole), n))
+    stage_load_names = [key for key, load in loads.items() if load.unit]
+    forces = np.zeros((len(stage_load_names), n))
     lifted = lifted_probes(stage) if way.out_of_plane else {}
     probes = {name: np.zeros(n) for name in (lifted or (p.name for p in stage.probes))}
     shares, bodies = [], {}
     for b, (p, c) in enumerate(zip(placed, condensed, strict=True)):
         at = np.concatenate((index[b], inner))
-        own = np.zeros((c.stiffness.shape[0], at.size))
-        own[: index[b].size, : index[b].size] = np.eye(index[b].size)
-        own[c.inner, index[b].size :] = inside[b]
-        shares.append((at, own))
+        local = np.zeros((c.stiffness.shape[0], at.size))
+        local[: index[b].size, : index[b].size] = np.eye(index[b].size)
+        local[c.inner, index[b].size :] = inside[b]
+        shares.append((at, local))
         where = np.ix_(at, at)
         K[where] += stiff * _responding(c.stiffness, inside[b])
         M[where] += heavy * _responding(c.mass, inside[b])
@@ -234,7 +234,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         for extra in () if p.body.fixed else p.body.extra_masses:
             riding = way.carried(acting[:3], own_centre(p, c), extra.at)
             M[where] += riding.T @ (way.inertia(extra)[:, None] * riding)
-        forces[:, at] += stiff * np.array([loads[key].parts[b] for key in whole]) @ acting
+        forces[:, at] += (
+            stiff * np.array([loads[key].parts[b] for key in stage_load_names]) @ acting
+        )
         for reading, uses in zip(acting[len(way.loads) :], p.readings, strict=True):
             for name, sign in uses:
                 probes[name][at] += sign * reading
@@ -251,7 +253,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
             drives=_drives(stage, placed, index, bodies, n),
             probes=probes,
             bodies=bodies,
-            loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
+            loads={
+                key: (f, loads[key].unit) for key, f in zip(stage_load_names, forces, strict=True)
+            },
         ),
         shares=tuple(shares),
     )
@@ -260,12 +264,12 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 def _responding(matrix: Array, inside: Array) -> Array:
     """Return a matrix of a body whose last coordinates, the inner ones, respond to loads."""
     first = len(matrix) - len(inside)
-    found = np.empty((first + inside.shape[1], first + inside.shape[1]))
-    found[:first, :first] = matrix[:first, :first]
-    found[:first, first:] = matrix[:first, first:] @ inside
-    found[first:, :first] = found[:first, first:].T
-    found[first:, first:] = inside.T @ matrix[first:, first:] @ inside
-    return found
+    extended = np.empty((first + inside.shape[1], first + inside.shape[1]))
+    extended[:first, :first] = matrix[:first, :first]
+    extended[:first, first:] = matrix[:first, first:] @ inside
+    extended[first:, :first] = extended[:first, first:].T
+    extended[first:, first:] = inside.T @ matrix[first:, first:] @ inside
+    return extended
 
 
 def _coordinates(
@@ -276,14 +280,16 @@ def _coordinates(
     each = len(way.necks)
     index = []
     for p, c in zip(placed, condensed, strict=True):
-        own = [each * i + k for i in p.hinges for k in range(each)]
+        neck_numbers = [each * i + k for i in p.hinges for k in range(each)]
         new = []
         for patch in p.patches:
             uses = " and ".join(f"{drive} {('push', 'react')[which]}" for drive, which in patch)
             new.append(f"patch {uses} [m]")
         count = c.modes.stop - c.modes.start
         new += [f"body {p.body.name} mode {i + 1} [kg^0.5 m]" for i in range(count)]
-        index.append(np.array([*own, *range(len(names), len(names) + len(new))], dtype=np.intp))
+        index.append(
+            np.array([*neck_numbers, *range(len(names), len(names) + len(new))], dtype=np.intp)
+        )
         names += new
     return names, index
 
@@ -295,18 +301,18 @@ def _drives(
     bodies: Mapping[str, tuple[tuple[float, float], Array]],
     n: int,
 ) -> dict[str, Array]:
-    found = {d.name: np.zeros(n) for d in stage.drives}
+    vectors = {d.name: np.zeros(n) for d in stage.drives}
     each = len(interface_dofs(placed[0].part.through).necks)
-    for p, own in zip(placed, index, strict=True):
+    for p, local in zip(placed, index, strict=True):
         first = each * len(p.hinges)
         for k, uses in enumerate(p.patches):
             for name, which in uses:
-                found[name][own[first + k]] += 1.0 if which == 0 else -1.0
+                vectors[name][local[first + k]] += 1.0 if which == 0 else -1.0
                 drive = stage.drive(name)
                 if which == 1 and (offset := reaction_offset(drive.at, drive.direction)):
                     # the point on the line, to the right of the patch, is moved on by a turn
-                    found[name] -= offset * bodies[p.body.name][1][2]
-    return found
+                    vectors[name] -= offset * bodies[p.body.name][1][2]
+    return vectors
 
 
 def stacked(joints: Sequence[Joint]) -> Joint:
@@ -321,7 +327,9 @@ def stacked(joints: Sequence[Joint]) -> Joint:
             for name in j.coordinates
         ),
         ports=side_by_side([j.ports for j in joints], sizes),
-        shares=tuple((at + offsets[k], own) for k, j in enumerate(joints) for at, own in j.shares),
+        shares=tuple(
+            (at + offsets[k], local) for k, j in enumerate(joints) for at, local in j.shares
+        ),
     )
 
 
@@ -341,13 +349,13 @@ def joined_stress(
     shares = []
     owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
     at, used = 0, 2 * levels * len(stage.hinges)
-    for k, (p, c, (index, own)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
+    for k, (p, c, (index, local)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
         at %= count or 1
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
             continue
         each = c.stress.shape[2]
-        forces = scale * c.forces(own @ basis[index])
+        forces = scale * c.forces(local @ basis[index])
         ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
             carried = forces[each * i : each * (i + 1)]
@@ -418,8 +426,10 @@ def _softest(K: Array, M: Array, factor: tuple[Array, bool], count: int) -> tupl
     if n < _FEW * count:
         # the largest eigenvalues of M against K: those asked for alone, and the softest modes,
         # which are the largest here, to all digits
-        wanted = (n - count, n - 1)
-        inverses, shapes = eigh(M, K, subset_by_index=wanted, driver="gvx", check_finite=False)
+        range_of_modes = (n - count, n - 1)
+        inverses, shapes = eigh(
+            M, K, subset_by_index=range_of_modes, driver="gvx", check_finite=False
+        )
         omega = 1.0 / np.sqrt(inverses[::-1])
         return omega, shapes[:, ::-1] * omega
     squares, modes = softest_modes(

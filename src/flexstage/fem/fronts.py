@@ -137,10 +137,12 @@ class FrontalFactor:
         )
         #: Values of the matrix, front by front.
         self.data = np.zeros(int(np.sum(high * (high + wide))))
-        own = np.repeat(fronts.owner, height)
+        front_of_unknown = np.repeat(fronts.owner, height)
         #: Position of the diagonal of each unknown in `data`.
         self.diagonal = np.empty(number.size, dtype=np.intp)
-        self.diagonal[self._unknowns] = begin[own] + (number - low[own]) * (high[own] + 1)
+        self.diagonal[self._unknowns] = begin[front_of_unknown] + (
+            number - low[front_of_unknown]
+        ) * (high[front_of_unknown] + 1)
         self._ends = [
             (ends[f.first : f.end] - a).tolist() + (m + ahead[i : j + 1] - ahead[i]).tolist()
             for f, a, m, i, j in zip(
@@ -188,11 +190,11 @@ class FrontalFactor:
     def solve(self, loads: Array) -> Array:
         """Return the solutions for right sides, shape (n, k)."""
         x = np.ascontiguousarray(loads[self._unknowns])
-        for own, beside, square, right in self._blocks:
-            x[own] = square @ x[own]
-            x[beside] -= right.T @ x[own]
-        for own, beside, square, right in reversed(self._blocks):
-            x[own] = square.T @ (x[own] - right @ x[beside])
-        found = np.empty_like(x)
-        found[self._unknowns] = x
-        return found
+        for pivots, beside, square, right in self._blocks:
+            x[pivots] = square @ x[pivots]
+            x[beside] -= right.T @ x[pivots]
+        for pivots, beside, square, right in reversed(self._blocks):
+            x[pivots] = square.T @ (x[pivots] - right @ x[beside])
+        solution = np.empty_like(x)
+        solution[self._unknowns] = x
+        return solution

@@ -102,7 +102,7 @@ class StageFaces:
     """The faces, glued; regions and edges are named as in `flexstage.fem.geometry`."""
     patches: tuple[DrivePatch, ...]
     """Patches of the drives on them."""
-    held: str
+    supports: str
     """Supports of the fixed bodies, as text; empty where none is fixed."""
 
 
@@ -112,18 +112,20 @@ def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
     These are those of its two patches whose body is among them.
     """
     by_name = {b.name: b for b in bodies}
-    found = []
+    drive_patches = []
     for which, name in enumerate((drive.pushes, drive.reacts)):
         if name in by_name:
             at = drive.at[which]
             ends = _stretch(by_name[name], at, drive.patch_half_width)
-            found.append(DrivePatch(drive=drive.name, which=which, body=name, at=at, ends=ends))
-    return tuple(found)
+            drive_patches.append(
+                DrivePatch(drive=drive.name, which=which, body=name, at=at, ends=ends)
+            )
+    return tuple(drive_patches)
 
 
 def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | None:
     """Find the part of a straight edge about the foot of a point on it or near it."""
-    found: list[tuple[float, tuple[Point, Point]]] = []
+    candidates: list[tuple[float, tuple[Point, Point]]] = []
     for loop in (body.outline, *(h for h in body.holes if isinstance(h, Loop))):
         for a, b, bulge in loop.segments():
             length = math.dist(a, b)
@@ -135,22 +137,22 @@ def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | 
             if abs(aside) < ON_BODY and w > _NEAR:
                 x, y = (at[0] + aside * uy, at[1] - aside * ux) if abs(aside) > _NEAR else at
                 ends = (x - w * ux, y - w * uy), (x + w * ux, y + w * uy)
-                found.append((abs(aside), ends))
-    return min(found)[1] if found else None
+                candidates.append((abs(aside), ends))
+    return min(candidates)[1] if candidates else None
 
 
 def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
     """Add points that lie on straight segments of a loop as corners."""
     points: list[Point] = []
     bulges: list[float] = []
-    wanted = list(extra)
+    added = list(extra)
     for a, b, bulge in loop.segments():
         points.append(a)
         bulges.append(bulge)
         length = math.dist(a, b)
         if bulge or length < _NEAR:
             continue
-        beside = [(*beside_line(p, a, b)[:2], p) for p in wanted]
+        beside = [(*beside_line(p, a, b)[:2], p) for p in added]
         inside = sorted(
             (s, p) for s, aside, p in beside if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
         )
@@ -186,11 +188,11 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
     """
     if bodies is None:
         _require_held(stage)
-    kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
-    names = {b.name for b in kept}
-    touched = tuple(p for d in stage.drives for p in patches(d, kept))
+    selected = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
+    names = {b.name for b in selected}
+    touched = tuple(p for d in stage.drives for p in patches(d, selected))
     extra = [end for p in touched if p.ends is not None for end in p.ends]
-    shapes = [_body_face(stage, b, extra) for b in kept]
+    shapes = [_body_face(stage, b, extra) for b in selected]
     halves: list[tuple[Hinge, int]] = [
         (h, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] in names
     ]
@@ -205,8 +207,8 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
             f"bodies or notches of stage '{stage.name}' overlap: {len(shapes)} faces became "
             f"{len(glued.faces)} when they were joined; run 'flexstage check' for details"
         )
-    held = _name_edges(stage, glued, kept, touched, halves)
-    return StageFaces(shape=glued, patches=touched, held=held)
+    supports = _name_edges(stage, glued, selected, touched, halves)
+    return StageFaces(shape=glued, patches=touched, supports=supports)
 
 
 def _middle(edge: TopoDS_Shape) -> Point:
@@ -235,12 +237,12 @@ def _name_edges(
         for edge in by_face[body_region(hinge.bodies[which])].edges:
             if not edge.name and _beside(hinge, edge):
                 edge.name = surface_edge(hinge.name)
-    held = []
+    supports = []
     for body in bodies:
-        own = by_face[body_region(body.name)]
+        body_face = by_face[body_region(body.name)]
         for patch in (p for p in touched if p.body == body.name and p.ends is not None):
             a, b = patch.ends  # type: ignore[misc]
-            for edge in own.edges:
+            for edge in body_face.edges:
                 if not _between(_middle(edge), a, b):
                     continue
                 if edge.name:
@@ -250,8 +252,8 @@ def _name_edges(
                     )
                 edge.name = patch_edge(patch.drive, patch.which)
         if body.fixed:
-            held.append(_hold(stage, body, own))
-    return "; ".join(dict.fromkeys(held))
+            supports.append(_hold(stage, body, body_face))
+    return "; ".join(dict.fromkeys(supports))
 
 
 def _require_held(stage: Stage) -> None:
@@ -303,10 +305,10 @@ def _between(p: Point, a: Point, b: Point) -> bool:
     return abs(aside) < _NEAR and 0.0 < along < math.dist(a, b)
 
 
-def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
+def _hold(stage: Stage, body: Body, body_face: TopoDS_Shape) -> str:
     """Name the supported edges of a fixed body: its mounting holes, or else its outer edges."""
     if body.mounting_holes:
-        for edge in own.edges:
+        for edge in body_face.edges:
             x, y = _middle(edge)
             for hole in body.mounting_holes:
                 if abs(math.hypot(x - hole.centre[0], y - hole.centre[1]) - hole.radius) < _NEAR:
@@ -324,7 +326,7 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
                 roots.append(hinge.to_plane(side * hinge.profile.length / 2.0, 0.0))
     clear = max((h.profile.root_height for h in hinges), default=0.0)
     count = 0
-    for edge in own.edges:
+    for edge in body_face.edges:
         if edge.name or any(_in_notch(h, _middle(edge)) for h in hinges):
             continue
         if all(_distance_to(edge, p) > clear for p in roots):

@@ -61,7 +61,7 @@ class PlaneIntegrals:
     `strain` is the regular expression of the regions in plane strain, for a plane model.
     """
 
-    def __init__(self, mesh: ng.Mesh, *, order: int, held: str, strain: str = "") -> None:
+    def __init__(self, mesh: ng.Mesh, *, order: int, fixed: str, strain: str = "") -> None:
         self.mesh, self.order = mesh, order
         #: 1 in regions in plane strain, 0 elsewhere; None where there is no such region.
         self.strained: ng.CoefficientFunction | None = None
@@ -70,7 +70,7 @@ class PlaneIntegrals:
             self.strained = ng.CoefficientFunction(
                 [float(wide[i]) for i in range(len(mesh.GetMaterials()))]
             )
-        self.scalar = ng.H1(mesh, order=order, dirichlet=held)
+        self.scalar = ng.H1(mesh, order=order, dirichlet=fixed)
         self.width = int(self.scalar.ndof)
         # at once, as the mesh is used by one thread at a time
         #: Shape functions in the order in which a plate eliminates them; rows, columns and values
@@ -96,7 +96,7 @@ class PlaneIntegrals:
         trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
         weights = (1.0,) if self.strained is None else (1.0, self.strained)
         pairs = [(m, n) for m in range(3) for n in range(m, 3)]
-        found: dict[tuple[int, int, int], Array] = {}
+        integrals: dict[tuple[int, int, int], Array] = {}
         columns = ends = np.zeros(0, dtype=np.intp)
         for (w, weight), (m, n) in product(enumerate(weights), pairs):
             if w and n == 2:  # plane strain adds nothing to what is no derivative
@@ -105,17 +105,17 @@ class PlaneIntegrals:
             form += weight * tests[m] * trials[n] * ng.dx
             form.Assemble()
             values, *places = (np.asarray(a) for a in form.mat.CSR())
-            found[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
+            integrals[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
             columns, ends = (a.astype(np.intp) for a in places)
         rows = np.repeat(np.arange(self.width), np.diff(ends))
-        mass = sp.csc_matrix((found[0, 2, 2], columns, ends))
+        mass = sp.csc_matrix((integrals[0, 2, 2], columns, ends))
         order = np.argsort(factorised(mass, ordered=False).perm_c)
         rank = np.argsort(order)
         # a matrix that is turned has its entries in order, and the pattern is that of the transpose
         turned = sp.coo_matrix((np.arange(rows.size), (rank[rows], rank[columns]))).tocsc()
         by, across = (np.asarray(a.data, dtype=np.intp) for a in (turned.tocsr(), turned))
         planes = np.zeros((9 * len(weights), by.size))
-        for (w, m, n), integral in found.items():
+        for (w, m, n), integral in integrals.items():
             planes[9 * w + 3 * m + n] = integral[by]
             if n != m:
                 planes[9 * w + 3 * n + m] = integral[across]
@@ -150,10 +150,10 @@ class PlaneIntegrals:
         for region, (x, y), reach in notches:
             near |= np.hypot(middles[:, 0] - x, middles[:, 1] - y) <= reach
             near |= np.array(self.mesh.Materials(region).Mask(), dtype=bool)[index]
-        found = np.ones(self.width, dtype=bool)
+        in_notches = np.ones(self.width, dtype=bool)
         for e in (e for e, within in zip(elements, near, strict=True) if not within):
-            found[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
-        return found
+            in_notches[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
+        return in_notches
 
     def linear(self, integrand: Callable[[Any], Any], region: str = ".*") -> Array:
         """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
@@ -212,9 +212,9 @@ class LayeredPlate:
 
     def expanded(self, u: Array) -> Array:
         """Return the fields of displacements, shape (n, k) to (f, w, k)."""
-        found = np.zeros((self._numbers.size, u.shape[1]))
-        found[self._field_and_place] = u
-        return found.reshape(*self._numbers.shape, u.shape[1])
+        fields = np.zeros((self._numbers.size, u.shape[1]))
+        fields[self._field_and_place] = u
+        return fields.reshape(*self._numbers.shape, u.shape[1])
 
     # ------------------------------------------------------------------ matrices
 
@@ -261,8 +261,8 @@ class LayeredPlate:
         # functions that are orthogonal leave rounding, which would fill the matrix
         size = np.sqrt(np.einsum("aamm->am", through))
         largest = size[:, None, :, None] * size[None, :, None, :]
-        found = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
-        return np.moveaxis(found, 0, 2).reshape(len(parts), len(parts), -1)
+        products = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
+        return np.moveaxis(products, 0, 2).reshape(len(parts), len(parts), -1)
 
     @property
     def stiffness(self) -> sp.csc_matrix:
@@ -298,7 +298,7 @@ class LayeredPlate:
         return np.count_nonzero(self._numbers >= 0, axis=0), self._numbers[self._fields[0]]
 
     def _blocks(
-        self, taken: NDArray[np.intp]
+        self, entries: NDArray[np.intp]
     ) -> Iterator[tuple[NDArray[np.intp], Array, NDArray[np.intp], NDArray[np.intp]]]:
         """Yield blocks of the stiffness, of two places each, for entries of the pattern.
 
@@ -308,12 +308,12 @@ class LayeredPlate:
         through = self._through[np.ix_(self._fields, self._fields)]
         of_row, of_column, planes = self.plane.pattern
         height, _ = self._heights
-        high, wide = height[of_row[taken]], height[of_column[taken]]
+        high, wide = height[of_row[entries]], height[of_column[entries]]
         for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
             every = np.flatnonzero((high == a) & (wide == b))
             factors = through[:a, :b].reshape(a * b, -1).T
             for some in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
-                blocks = (planes[:, taken[some]].T @ factors).reshape(-1, a, b)
+                blocks = (planes[:, entries[some]].T @ factors).reshape(-1, a, b)
                 yield some, blocks, np.arange(a)[:, None], np.arange(b)
 
     def factorised(
@@ -345,10 +345,10 @@ class LayeredPlate:
         """Mass matrix [kg]; functions are orthonormal, so that fields are not coupled."""
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
-        kept = (row >= 0) & (column >= 0)
-        values = np.broadcast_to(self.material.density * planes[8], kept.shape)
+        free = (row >= 0) & (column >= 0)
+        values = np.broadcast_to(self.material.density * planes[8], free.shape)
         shape = (self.size, self.size)
-        return sp.csr_matrix((values[kept], (row[kept], column[kept])), shape=shape)
+        return sp.csr_matrix((values[free], (row[free], column[free])), shape=shape)
 
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
@@ -363,12 +363,12 @@ class LayeredPlate:
         the middle plane [m], even or odd as the displacement is.
         """
         z, weights = self.through.rule
-        found = np.zeros((len(self.through.components), self.plane.width))
+        fields = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == direction:
-                own = self.through.functions[kind].values[k]
-                found[i] = np.sum(own * through(z) * weights) * row
-        return self.gathered(found)
+                function = self.through.functions[kind].values[k]
+                fields[i] = np.sum(function * through(z) * weights) * row
+        return self.gathered(fields)
 
     def mean(self, row: Array) -> Array:
         """Return the mean through the thickness of a row of a plane continuum, shape (n,)."""
@@ -380,12 +380,12 @@ class LayeredPlate:
 
     def middle(self, row: Array) -> Array:
         """Return a row of a plane continuum for the middle plane, shape (n,)."""
-        found = np.zeros((len(self.through.components), self.plane.width))
+        fields = np.zeros((len(self.through.components), self.plane.width))
         values = self.through.values_at(np.zeros(1))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d < 2:
-                found[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
-        return self.gathered(found)
+                fields[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
+        return self.gathered(fields)
 
     @property
     def _motions(self) -> tuple[tuple[tuple[int, tuple[float, float, float], int], ...], ...]:
@@ -484,10 +484,10 @@ class LayeredPlate:
         along = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
         if not self.through.in_space:
             return np.asarray(pressure * along)
-        whole = self.plane.linear(lambda v: plane * v) / METRE**2
+        uniform = self.plane.linear(lambda v: plane * v) / METRE**2
         across = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == 2:
                 slope = self.through.functions[kind].slopes[k]
-                across[i] = np.sum(slope * z**power * weights) * whole
+                across[i] = np.sum(slope * z**power * weights) * uniform
         return pressure * (along + self.gathered(across))

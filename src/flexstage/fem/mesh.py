@@ -100,13 +100,13 @@ def _generate(
     try:
         # a plane is meshed by one thread: waiting threads would keep the cores busy
         with parallel(1 if dimension == 2 else None):
-            made = geometry.GenerateMesh(rules)
+            netgen_mesh = geometry.GenerateMesh(rules)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(
             f"the mesher could not mesh the part ({str(error).strip() or 'no reason given'}): "
             "look for slivers and overlaps with 'flexstage check'"
         ) from error
-    mesh = ng.Mesh(made)
+    mesh = ng.Mesh(netgen_mesh)
     if mesh.ne == 0:
         raise ModelError("the mesher made no element: the part has no area")
     return mesh
@@ -134,30 +134,30 @@ def corner_sizes(stage: Stage, faces: StageFaces) -> Sizes:
     """Return the sizes of elements at the corners that point into bodies."""
     there = {f.name for f in faces.shape.faces}
     size = _AT_CORNER * stage.thickness * METRE
-    found = []
+    sizes = []
     for body in stage.bodies:
         if body_region(body.name) in there:
             loops = [(body.outline, 1.0), *((h, -1.0) for h in body.holes if isinstance(h, Loop))]
             for loop, side in loops:
-                found += [
+                sizes += [
                     ((METRE * x, METRE * y), size)
                     for (x, y), turn in _turns(loop)
                     if side * turn < -_TURN
                 ]
-    return found
+    return sizes
 
 
 def _turns(loop: Loop) -> list[tuple[tuple[float, float], float]]:
     """Return the turn of a loop at its corners, positive where they point outwards [rad]."""
     segments = loop.segments()
     area = sum(a[0] * b[1] - a[1] * b[0] for a, b, _ in segments)
-    found = []
+    turns = []
     for (a, b, bent), (_, c, bends) in zip(segments, segments[1:] + segments[:1], strict=True):
         before = math.atan2(b[1] - a[1], b[0] - a[0]) + 2.0 * math.atan(bent)
         after = math.atan2(c[1] - b[1], c[0] - b[0]) - 2.0 * math.atan(bends)
         turn = math.remainder(after - before, 2.0 * math.pi)
-        found.append((b, math.copysign(turn, turn * area)))
-    return found
+        turns.append((b, math.copysign(turn, turn * area)))
+    return turns
 
 
 def plane_mesh(
@@ -198,11 +198,11 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         faces.shape.Move(Vec(0.0, 0.0, k * height)).Extrude(Vec(0.0, 0.0, height))
         for k in range(settings.layers)
     ]
-    whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
+    solid_stack = slabs[0] if len(slabs) == 1 else Glue(slabs)
     # The two level faces of each solid have the same mesh, with prisms between, however many bodies
     # share a centre. Layers are slabs of their own: splitting prisms afterwards would lose the
     # curvature of their sides.
-    for solid in whole.solids:
+    for solid in solid_stack.solids:
         below, above = sorted(_level_faces(solid, height), key=lambda f: f.center.z)
         layer = round(below.center.z / height)
         if layer == 0:
@@ -210,7 +210,7 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         below.Identify(above, f"layer {layer}", IdentificationType.CLOSESURFACES)
     for share in _SIZES:
         largest = share * settings.size * stage.thickness
-        mesh = _generate(whole, 3, largest, settings.grading, corner_sizes(stage, faces))
+        mesh = _generate(solid_stack, 3, largest, settings.grading, corner_sizes(stage, faces))
         if all(e.type == ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
             break
     else:
@@ -250,10 +250,10 @@ def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     best, least = None, -math.inf
     for _ in range(_TRIES):
         mesh = plane_mesh(stage, faces, settings, sizes)
-        found = shapes(mesh)
-        if best is None or found.min() > least:
-            best, least = mesh, float(found.min())
-        bad = np.flatnonzero(found < SLIVER)
+        qualities = shapes(mesh)
+        if best is None or qualities.min() > least:
+            best, least = mesh, float(qualities.min())
+        bad = np.flatnonzero(qualities < SLIVER)
         if not bad.size:
             break
         sizes += _graded(mesh, bad)
@@ -272,10 +272,10 @@ def _graded(mesh: ng.Mesh, slivers: NDArray[np.intp]) -> Sizes:
         short = float(lengths[far])
         start = np.delete(corners, far, axis=0).mean(axis=0)
         along = corners[far] - start
-        whole = math.hypot(*along)
+        length = math.hypot(*along)
         reach = short
-        while reach < whole:
-            x, y = (start + along * (reach / whole)).tolist()
+        while reach < length:
+            x, y = (start + along * (reach / length)).tolist()
             sizes.append(((x, y), short + _GROWTH * reach))
             reach *= 1.5
     return sizes

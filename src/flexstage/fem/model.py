@@ -118,7 +118,7 @@ def _loads(
     out_of_plane: bool,
 ) -> dict[str, tuple[Array, str]]:
     """Loads on the whole stage of this problem, by name, with the unit that they are for."""
-    found: dict[str, tuple[Array, str]] = {}
+    loads: dict[str, tuple[Array, str]] = {}
     for axis, direction in (
         (("z", (0.0, 0.0, 1.0)),)
         if out_of_plane
@@ -131,13 +131,13 @@ def _loads(
         for rider in attached:
             i = "xyz".index(axis)
             weight = weight + STANDARD_GRAVITY * rider.inertia[i] * rider.motion[i]
-        found[f"gravity {axis}"] = (weight, "g")
+        loads[f"gravity {axis}"] = (weight, "g")
     if stage.material.thermal_expansion is not None:
         for name, change in _temperature(stage, masses).items():
             if name.endswith("z") == out_of_plane:
                 unit = "K/m" if "gradient" in name else "K"
-                found[name] = (continuum.thermal(change), unit)
-    return found
+                loads[name] = (continuum.thermal(change), unit)
+    return loads
 
 
 def assemble(
@@ -298,13 +298,15 @@ def project(
     rest = response - shapes @ within
     stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
     mass_rest = _mass(continuum, attached, rest)
-    own = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
+    modal_mass_of = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
     left = np.einsum("ij,ij->j", rest, mass_rest)
-    kept = np.flatnonzero(left > _DEPENDENT * own)
-    if not kept.size:
+    independent_ones = np.flatnonzero(left > _DEPENDENT * modal_mass_of)
+    if not independent_ones.size:
         return omega, shapes, np.ones(count, dtype=bool)
-    size = np.sqrt(left[kept])
-    rest, mass_rest, stiff_rest = (a[:, kept] / size for a in (rest, mass_rest, stiff_rest))
+    size = np.sqrt(left[independent_ones])
+    rest, mass_rest, stiff_rest = (
+        a[:, independent_ones] / size for a in (rest, mass_rest, stiff_rest)
+    )
     gram = rest.T @ mass_rest
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     good = values > _DEPENDENT * values.max()

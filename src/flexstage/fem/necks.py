@@ -154,8 +154,8 @@ def edge_means(
     of_all = np.array(rows)
     means = []
     for name, neck in zip(names, necks, strict=True):
-        own = np.array(scalar.GetDofs(mesh.Boundaries(name)), dtype=bool)
-        means.append(np.where(own, of_all, 0.0) / (METRE * neck.profile.neck_thickness))
+        on_neck = np.array(scalar.GetDofs(mesh.Boundaries(name)), dtype=bool)
+        means.append(np.where(on_neck, of_all, 0.0) / (METRE * neck.profile.neck_thickness))
     return means
 
 
@@ -218,9 +218,9 @@ def neck_motions(
         ]
 
     both, more = range(plane.passed), range(plane.passed, len(plane.values))
-    own, others = range(across.passed), range(across.passed, len(across.values))
+    transmitted, others = range(across.passed), range(across.passed, len(across.values))
     pulled = motions(0, both, [mean, turn])
-    sheared = motions(1, both, [parabola]) + motions(2, own, [mean, slope])
+    sheared = motions(1, both, [parabola]) + motions(2, transmitted, [mean, slope])
     pulled_more = motions(0, range(len(plane.values)), normal) + motions(0, more, [mean, turn])
     sheared_more = (
         motions(1, range(len(plane.values)), shear)
@@ -281,9 +281,9 @@ def constraint_matrix(
         local = np.tensordot(mix, local, axes=1)
     number = plate.numbers(near)
     free = number >= 0
-    found = np.zeros((len(local), plate.size))
-    found[:, number[free]] = local[:, free]
-    return found
+    rows = np.zeros((len(local), plate.size))
+    rows[:, number[free]] = local[:, free]
+    return rows
 
 
 #: Indices of the components of stress in a plane model: xx, yy, zz and xy.
@@ -314,9 +314,12 @@ class NeckPoints:
 
     def of(self, hinge: int) -> "NeckPoints":
         """Return those of one hinge."""
-        own = self.owner == hinge
+        of_hinge = self.owner == hinge
         return replace(
-            self, places=self.places[own], position=self.position[own], owner=self.owner[own]
+            self,
+            places=self.places[of_hinge],
+            position=self.position[of_hinge],
+            owner=self.owner[of_hinge],
         )
 
 
@@ -330,18 +333,18 @@ def surface_points(mesh: ng.Mesh, hinges: tuple[str, ...]) -> NeckPoints:
     rules = {ng.ET.SEGM: _rule([(s, 0.0, 0.0) for s in ALONG])}
     if mesh.dim == 3:
         rules = {ng.ET.QUAD: _rule([(s, t, 0.0) for s in ALONG for t in ALONG])}
-    found, owner = [], []
+    places_by_hinge, owner = [], []
     for i, name in enumerate(hinges):
         surface = mesh.Boundaries(exactly(surface_edge(name)))
         places = mesh.MapToAllElements(rules, surface)
-        found.append(places)
+        places_by_hinge.append(places)
         owner.append(np.full(len(places), i, dtype=np.intp))
-    if not found:
+    if not places_by_hinge:
         nothing = np.zeros(0, dtype=np.intp)
         return NeckPoints(
             hinges=(), places=np.zeros(0, dtype="V1"), position=np.zeros((0, 3)), owner=nothing
         )
-    places = np.concatenate(found)
+    places = np.concatenate(places_by_hinge)
     position = np.asarray(ng.CoefficientFunction((ng.x, ng.y, ng.z))(places)) / METRE
     return NeckPoints(
         hinges=hinges,
@@ -383,9 +386,9 @@ def layered_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Arr
     r = basis.shape[1]
     through, strained = plate.through, plate.plane.strained
     parts, z = through.components, through.levels
-    kept = range(len(COMPONENTS)) if through.in_space else IN_PLANE
+    selected = range(len(COMPONENTS)) if through.in_space else IN_PLANE
     if not len(points.places):
-        return np.zeros((z.size, 0, len(kept), r))
+        return np.zeros((z.size, 0, len(selected), r))
     fields = plate.expanded(basis)
     values, slopes = _slopes_at(points, plate.plane.mesh, plate.plane.order, fields)
     functions = through.values_at(z)
@@ -403,15 +406,15 @@ def layered_stress(plate: LayeredPlate, points: NeckPoints, basis: Array) -> Arr
     volume = (lame + more * where) * np.einsum("miir->mr", gradient)
     # a plane model strains nothing across the plate, and is stressed there in plane strain alone
     across = volume if through.in_space else where * volume
-    found = np.stack(
+    gradients = np.stack(
         [
             ((across if i == 2 else volume) if i == j else 0.0)
             + shear * (gradient[:, i, j] + gradient[:, j, i])
-            for i, j in (COMPONENTS[k] for k in kept)
+            for i, j in (COMPONENTS[k] for k in selected)
         ],
         axis=1,
     )
-    return found.reshape(z.size, -1, len(kept), r)
+    return gradients.reshape(z.size, -1, len(selected), r)
 
 
 def _slopes_at(points: NeckPoints, mesh: ng.Mesh, order: int, u: Array) -> tuple[Array, Array]:
@@ -423,10 +426,10 @@ def _slopes_at(points: NeckPoints, mesh: ng.Mesh, order: int, u: Array) -> tuple
     # all fields as the components of one function: they are evaluated at once
     function = ng.GridFunction(ng.H1(mesh, order=order, dim=c * r))
     function.vec.FV().NumPy()[:] = u.transpose(1, 0, 2).reshape(-1)
-    found = []
+    columns = []
     for field in (function, ng.Grad(function)):
-        found.append(np.asarray(ng.BoundaryFromVolumeCF(field)(points.places)))
-    return found[0].reshape(-1, c, r), METRE * found[1].reshape(-1, c, r, 2)
+        columns.append(np.asarray(ng.BoundaryFromVolumeCF(field)(points.places)))
+    return columns[0].reshape(-1, c, r), METRE * columns[1].reshape(-1, c, r, 2)
 
 
 def stress_of_other_half(stress: Array, lengthwise: NDArray[np.bool_]) -> Array:

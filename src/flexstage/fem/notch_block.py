@@ -55,19 +55,19 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-def _once(kept: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def _once(size: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """Keep the last results; of two threads with the same argument, the second waits for it."""
 
     def of(function: Callable[_P, _T]) -> Callable[_P, _T]:
-        known = lru_cache(maxsize=kept)(function)
+        cached = lru_cache(maxsize=size)(function)
         locks: dict[object, threading.Lock] = {}
 
         @wraps(function)
-        def found(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        def locked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
             with locks.setdefault(args, threading.Lock()):
-                return known(*args, **kwargs)
+                return cached(*args, **kwargs)
 
-        return found
+        return locked
 
     return of
 
@@ -133,12 +133,12 @@ def _narrow_tractions(half: NotchBlock) -> Array:
     # out of the plane the same half notch gives its stress, by tractions of more powers
     highest = max(half.powers, NECK_POWERS) if half.through.out_of_plane else half.powers
     _, rows, responses = _narrow(replace(half, powers=highest))
-    wanted, every = (
+    required, every = (
         [_bare(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
         for powers in (half.powers, highest)
     )
-    kept = [every.index(motion) for motion in wanted]
-    return neck_mix(rows[kept] @ responses[:, kept], half.through, half.powers)
+    selected = [every.index(motion) for motion in required]
+    return neck_mix(rows[selected] @ responses[:, selected], half.through, half.powers)
 
 
 def _bare(motion: NeckMotion) -> NeckMotion:
@@ -213,7 +213,7 @@ def _integrals(half: NotchBlock) -> tuple[PlaneIntegrals, Array]:
     meshed, neck = _meshed(half)
     order = half.mesh.order
     strain = _NOTCH if half.plane == "strain" else ""
-    plane = PlaneIntegrals(meshed, order=order, held=_ROOT, strain=strain)
+    plane = PlaneIntegrals(meshed, order=order, fixed=_ROOT, strain=strain)
     return plane, edge_means(meshed, order, [neck], half.powers)[0]
 
 

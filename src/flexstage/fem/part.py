@@ -94,8 +94,8 @@ def _kind(shape: TopoDS_Shape) -> tuple[str, bool]:
         shape.WriteBrep(str(file))
         text = file.read_text("latin-1")
     # a trimmed surface (10) is followed by its basis on the next line
-    found = re.search(r"^Surfaces \d+\s+(?:10 [^\n]*\n)?(\d+) ", text, re.MULTILINE)
-    number = int(found[1]) if found else 0
+    match = re.search(r"^Surfaces \d+\s+(?:10 [^\n]*\n)?(\d+) ", text, re.MULTILINE)
+    number = int(match[1]) if match else 0
     kind = _KINDS[number] if 0 < number < len(_KINDS) else "surface"
     return kind, text.split()[-2].startswith("+")
 
@@ -191,19 +191,19 @@ class Part:
         The point is in metres; on the edge of two faces with different names it is refused.
         """
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
-        found = sorted(
+        by_distance = sorted(
             (f.Distance(vertex), face.name)
             for f, face in zip(dict.fromkeys(self.shape.faces), self.faces, strict=True)
         )
         low, high = self.bounding_box
         margin = _NEAR * math.dist(low, high) * METRE
-        for distance, name in found[1:]:
-            if distance - found[0][0] < margin and name != found[0][1]:
+        for distance, name in by_distance[1:]:
+            if distance - by_distance[0][0] < margin and name != by_distance[0][1]:
                 raise StageError(
-                    f"the point {tuple(point)} m is as near to face '{found[0][1]}' as to "
+                    f"the point {tuple(point)} m is as near to face '{by_distance[0][1]}' as to "
                     f"'{name}': give a point inside the intended face"
                 )
-        return found[0][1]
+        return by_distance[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
         """Return the names of the plane faces at one end of the part.
@@ -232,25 +232,25 @@ class Part:
 
     def boundary(self, names: str | Sequence[str]) -> str:
         """Return the regular expression of faces in a mesh."""
-        given = (names,) if isinstance(names, str) else tuple(names)
-        known = {f.name for f in self.faces}
-        for name in given:
-            if name not in known:
+        words = (names,) if isinstance(names, str) else tuple(names)
+        every = {f.name for f in self.faces}
+        for name in words:
+            if name not in every:
                 raise StageError(
-                    f"{self.source} has no face '{name}': it has {', '.join(sorted(known)[:12])}"
-                    f"{', ...' if len(known) > 12 else ''}"
+                    f"{self.source} has no face '{name}': it has {', '.join(sorted(every)[:12])}"
+                    f"{', ...' if len(every) > 12 else ''}"
                 )
-        return "|".join(re.escape(name) for name in given)
+        return "|".join(re.escape(name) for name in words)
 
     def touching(self, names: Sequence[str]) -> list[tuple[str, ...]]:
         """Return faces, given by name, in groups that touch; those of one name are one."""
         groups: list[tuple[tuple[str, ...], set[TopoDS_Shape]]] = []
         for name in dict.fromkeys(names):
-            own = {v for f in self.shape.faces if f.name == name for v in f.vertices}
-            met = [g for g in groups if g[1] & own]
+            face_vertices = {v for f in self.shape.faces if f.name == name for v in f.vertices}
+            met = [g for g in groups if g[1] & face_vertices]
             groups = [g for g in groups if g not in met]
             joined = (*(n for g in met for n in g[0]), name)
-            groups.append((joined, own.union(*(g[1] for g in met))))
+            groups.append((joined, face_vertices.union(*(g[1] for g in met))))
         return [group for group, _ in groups]
 
     # ------------------------------------------------------------------ mesh
@@ -269,11 +269,11 @@ class Part:
         >>> sorted(part.mesh().GetBoundaries()) == sorted(f.name for f in part.faces)
         True
         """
-        chosen = settings if settings is not None else PartMesh()
-        for name in chosen.sizes:
+        mesh_settings = settings if settings is not None else PartMesh()
+        for name in mesh_settings.sizes:
             if name not in {f.name for f in self.faces}:
                 raise ModelError(f"{self.source} has no face '{name}' to give a mesh size to")
-        return mesh_shape(self.shape, chosen, self.source, limit=limit)
+        return mesh_shape(self.shape, mesh_settings, self.source, limit=limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -302,11 +302,11 @@ def part_surface(part: Part) -> PartSurface:
     They are coarse where it is flat, and within about 1 % of the area of curved faces.
     """
     # what the library's own viewer draws; it has no other way to the kernel's triangles
-    shown = OCCGeometry(part.shape)._visualizationData()
-    triangles = np.array(shown["vertices"], dtype=float).reshape(-1, 3, 3) / METRE
-    lines = np.array(shown["edges"], dtype=float).reshape(-1, 2, 3) / METRE
-    face = np.array(shown["indices"], dtype=np.intp).reshape(len(triangles), -1)[:, 0]
-    edge = np.array(shown["edge_indices"], dtype=np.intp).reshape(len(lines), -1)[:, 0]
+    visualisation = OCCGeometry(part.shape)._visualizationData()
+    triangles = np.array(visualisation["vertices"], dtype=float).reshape(-1, 3, 3) / METRE
+    lines = np.array(visualisation["edges"], dtype=float).reshape(-1, 2, 3) / METRE
+    face = np.array(visualisation["indices"], dtype=np.intp).reshape(len(triangles), -1)[:, 0]
+    edge = np.array(visualisation["edge_indices"], dtype=np.intp).reshape(len(lines), -1)[:, 0]
     forward = np.array([f.forward for f in part.faces])[face]
     triangles[~forward] = triangles[~forward][:, ::-1]
     twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -379,20 +379,20 @@ def _number(word: int | str, names: Sequence[str], path: Path) -> int:
         return names.index(word)
     if word.isdigit() and 0 < int(word) <= len(names):
         return int(word) - 1
-    known = ", ".join(f"{k} {name}" for k, name in enumerate(names, 1))
+    available = ", ".join(f"{k} {name}" for k, name in enumerate(names, 1))
     raise StageError(
-        f"'{path}' has the solids {known}; got '{word}': give a name, a number or 'all'"
+        f"'{path}' has the solids {available}; got '{word}': give a name, a number or 'all'"
     )
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:
     """Give a name to every shape that has none."""
-    taken = {s.name for s in shapes if s.name not in _NO_NAME}
+    used = {s.name for s in shapes if s.name not in _NO_NAME}
     names = []
     for k, shape in enumerate(shapes, 1):
         if shape.name is None or shape.name in _NO_NAME:
             name = f"{kind}{k}"
-            while name in taken:
+            while name in used:
                 name += "_"
             shape.name = name
         names.append(str(shape.name))

@@ -35,7 +35,7 @@ from flexstage.quantities.units import parse
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 
 
-def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
+def materials_of(part: Part, texts: Sequence[str]) -> Mapping[str, Material]:
     """Return the material of each solid of a part, by its name.
 
     Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
@@ -43,7 +43,7 @@ def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
     """
     every: Material | None = None
     of: dict[str, Material] = {}
-    for text in given:
+    for text in texts:
         head, sign, rest = text.partition("=")
         if sign and head.strip().casefold() not in _FIGURES:
             name = _solid(part, head.strip())
@@ -52,14 +52,14 @@ def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
             of[name] = _material(rest)
         elif every is not None:
             raise StageError(
-                f"'{given[0]}' and '{text}' are both for all solids: write SOLID=MATERIAL for one "
+                f"'{texts[0]}' and '{text}' are both for all solids: write SOLID=MATERIAL for one "
                 f"of {', '.join(part.bodies)}"
             )
         else:
             every = _material(text)
     lacking = [name for name in part.bodies if name not in of]
     if lacking and every is None:
-        if given:
+        if texts:
             raise StageError(
                 f"solid '{lacking[0]}' has no material: give it one as --material "
                 f'"{lacking[0]}=...", or one for all others without a name'
@@ -73,8 +73,8 @@ def _solid(part: Part, word: str) -> str:
         return word
     if word.isdigit() and 0 < int(word) <= len(part.bodies):
         return part.bodies[int(word) - 1]
-    known = ", ".join(f"{k} {name}" for k, name in enumerate(part.bodies, 1))
-    raise StageError(f"{part.source} has no solid '{word}' for the material: it has {known}")
+    available = ", ".join(f"{k} {name}" for k, name in enumerate(part.bodies, 1))
+    raise StageError(f"{part.source} has no solid '{word}' for the material: it has {available}")
 
 
 def _material(text: str) -> Material:
@@ -112,8 +112,8 @@ def _material(text: str) -> Material:
 class Bodies(Continuum):
     """A part in three dimensions whose regions are of different materials.
 
-    `materials` gives each region's by its name. `held` is the regular expression of the fixed
-    boundaries, `held_components` those of boundaries fixed in one direction, by ``x``, ``y``,
+    `materials` gives each region's by its name. `fixed` is the regular expression of the fixed
+    boundaries, `fixed_components` those of boundaries fixed in one direction, by ``x``, ``y``,
     ``z``; the mesh is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
 
     Notes
@@ -127,8 +127,8 @@ class Bodies(Continuum):
         materials: Mapping[str, Material],
         *,
         order: int,
-        held: str = "",
-        held_components: Mapping[str, str] | None = None,
+        fixed: str = "",
+        fixed_components: Mapping[str, str] | None = None,
         shift: float = 0.0,
     ) -> None:
         regions = list(mesh.GetMaterials())
@@ -140,7 +140,7 @@ class Bodies(Continuum):
             )
         of = [materials[name] for name in regions]
         super().__init__(
-            mesh, of[0], order=order, held=held, held_components=held_components, shift=shift
+            mesh, of[0], order=order, fixed=fixed, fixed_components=fixed_components, shift=shift
         )
         shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
         first = [
@@ -194,7 +194,7 @@ class PartAnalysis:
     """Unknowns of the mesh."""
     expected: PartEstimate
     """Their estimate before the analysis, with its cost."""
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     """Fixed faces; empty for a free part."""
     moved: tuple[str, ...]
     """Faces with a requested stiffness."""
@@ -217,25 +217,25 @@ def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
     >>> named_faces(part, ("x-min",)) == part.select("x", "min")
     True
     """
-    found: list[str] = []
+    names: list[str] = []
     for word in words:
         axis, _, end = word.partition("-")
         if axis in ("x", "y", "z") and end in ("min", "max"):
-            found += part.select(axis, end)
+            names += part.select(axis, end)
         else:
             part.boundary(word)
-            found.append(word)
-    return tuple(dict.fromkeys(found))
+            names.append(word)
+    return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Wanted:
+class _Interfaces:
     """The requested interfaces as regular expressions; empty where there are none.
 
     Fixed and moved faces have one for each group of faces that touch.
     """
 
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     moved: tuple[str, ...]
     ratio: tuple[str, str, str] | None
     at: tuple[float, ...]
@@ -262,60 +262,64 @@ def analyse_part(
     """
     request = request or PartRequest()
     hold, move = named_faces(part, request.hold), named_faces(part, request.move)
-    wanted = _wanted(part, request, hold, move)
+    interfaces = _requested_interfaces(part, request, hold, move)
     part.require_joined()
     of = dict.fromkeys(part.bodies, material) if isinstance(material, Material) else dict(material)
-    chosen = PartMesh(order=request.order, size=request.size, thin=request.thin)
-    asked = ("rigid", "mean") if request.interfaces == "both" else (request.interfaces,)
-    kinds = asked if hold else ("free",)
-    expected = estimate_part(part, chosen, factorisations=_factorisations(kinds, wanted))
+    mesh_settings = PartMesh(order=request.order, size=request.size, thin=request.thin)
+    interface_kinds = ("rigid", "mean") if request.interfaces == "both" else (request.interfaces,)
+    kinds = interface_kinds if hold else ("free",)
+    expected = estimate_part(part, mesh_settings, factorisations=_factorisations(kinds, interfaces))
     if expect is not None:
         expect(expected)
     if not request.force:
-        require_room(part, chosen, expected)
+        require_room(part, mesh_settings, expected)
     progress.update("mesh")
-    made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
+    mesh = part.mesh(mesh_settings, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
     results: dict[str, InterfaceResult] = {}
 
-    def held(*more: str) -> Bodies:
-        names = "|".join((*wanted.held, *more))
-        return _ready(Bodies(made, of, order=chosen.order, held=names), request.force)
+    def fixed_part(*more: str) -> Bodies:
+        names = "|".join((*interfaces.fixed, *more))
+        return _ready(Bodies(mesh, of, order=mesh_settings.order, fixed=names), request.force)
 
     for k, kind in enumerate(kinds):
         with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
             if kind == "rigid":
-                results[kind] = _with_interfaces(wanted, held, rigid=True)
+                results[kind] = _with_interfaces(interfaces, fixed_part, rigid=True)
                 continue
-            floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), request.force)
+            floating = _ready(
+                Bodies(mesh, of, order=mesh_settings.order, shift=shift), request.force
+            )
             results[kind] = (
                 InterfaceResult(frequency_hz=_free(floating, request.modes))
                 if kind == "free"
-                else _with_interfaces(wanted, lambda *_, own=floating: own, rigid=False)
+                else _with_interfaces(interfaces, lambda *_, body=floating: body, rigid=False)
             )
     return PartAnalysis(
         part=part,
         materials=of,
-        order=chosen.order,
-        elements=made.ne,
-        unknowns=ng.VectorH1(made, order=chosen.order).ndof,
+        order=mesh_settings.order,
+        elements=mesh.ne,
+        unknowns=ng.VectorH1(mesh, order=mesh_settings.order).ndof,
         expected=expected,
-        held=hold,
+        fixed=hold,
         moved=move,
-        at=wanted.at,
+        at=interfaces.at,
         results=results,
     )
 
 
-def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
+def _factorisations(kinds: Sequence[str], interfaces: _Interfaces) -> int:
     """Return their number: one for a free part, one for each set of fixed rigid faces."""
-    of_rigid = sum(map(bool, (wanted.modes, wanted.moved, wanted.ratio)))
+    of_rigid = sum(map(bool, (interfaces.modes, interfaces.moved, interfaces.ratio)))
     return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
 
 
-def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]) -> _Wanted:
+def _requested_interfaces(
+    part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]
+) -> _Interfaces:
     ratio = tuple(named_faces(part, words) for words in request.ratio or ())
     if (move or ratio) and not hold:
         raise StageError("stiffness and ratio refer to fixed faces: name faces to hold")
@@ -335,8 +339,8 @@ def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequenc
         area = sum(f.area for f in faces)
         centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
         point = tuple(request.at if request.at is not None else centroid)
-    return _Wanted(
-        held=_interfaces(part, hold),
+    return _Interfaces(
+        fixed=_interfaces(part, hold),
         moved=_interfaces(part, move),
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
         at=point,
@@ -368,7 +372,7 @@ def _free(body: Bodies, modes: int) -> Array:
 
 
 def _with_interfaces(
-    wanted: _Wanted, part: Callable[..., Bodies], *, rigid: bool
+    interfaces: _Interfaces, part: Callable[..., Bodies], *, rigid: bool
 ) -> InterfaceResult:
     """Solve with rigid interfaces, one factorisation for each set of fixed faces, or mean ones.
 
@@ -380,30 +384,30 @@ def _with_interfaces(
             body.release()
 
     frequency, stiffness, ratio = np.zeros(0), None, None
-    if wanted.modes:
+    if interfaces.modes:
         with progress.subtask(0.0, 0.5):
             body = part()
             omega, _ = (
-                body.modes(wanted.modes)
+                body.modes(interfaces.modes)
                 if rigid
-                else interface_modes(body, wanted.held, wanted.modes)
+                else interface_modes(body, interfaces.fixed, interfaces.modes)
             )
             frequency = _hertz(omega)
             done(body)
-    if wanted.moved:
+    if interfaces.moved:
         with progress.subtask(0.5, 0.75):
             progress.update("stiffness")
-            body = part(*wanted.moved)
+            body = part(*interfaces.moved)
             stiffness = interface_stiffness(
-                body, wanted.moved, wanted.held, at=wanted.at, rigid=rigid
+                body, interfaces.moved, interfaces.fixed, at=interfaces.at, rigid=rigid
             )
             done(body)
-    if wanted.ratio:
+    if interfaces.ratio:
         with progress.subtask(0.75, 1.0):
             progress.update("ratio")
-            body = part(*wanted.ratio)
+            body = part(*interfaces.ratio)
             ratio = interface_ratio(
-                body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=rigid
+                body, interfaces.ratio[:2], interfaces.ratio[2], interfaces.fixed, rigid=rigid
             )
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
 
@@ -418,7 +422,7 @@ class PartResult(Result):
     """The part."""
     materials: Mapping[str, Material]
     """Material of each of its bodies."""
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     """Names of the faces to fix."""
     moved: tuple[str, ...]
     """Names of the faces to move."""
@@ -446,11 +450,11 @@ class PartResult(Result):
         }
         if self.analysis is None:
             return out
-        found = self.analysis
+        analysis = self.analysis
         return out | {
-            **picked(found, "order", "elements", "unknowns"),
-            "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
-            **picked(found, "held", "moved", "at"),
+            **picked(analysis, "order", "elements", "unknowns"),
+            "expected": picked(analysis.expected, "elements", "unknowns", "memory", "seconds"),
+            **picked(analysis, "fixed", "moved", "at"),
             "interfaces": {
                 kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
                 | {
@@ -458,7 +462,7 @@ class PartResult(Result):
                     if r.ratio is None
                     else picked(r.ratio, "direction", "motion", "ratio", "stiffness")
                 }
-                for kind, r in found.results.items()
+                for kind, r in analysis.results.items()
             },
         }
 
@@ -469,12 +473,12 @@ def part_result(
     """Read a STEP file, and analyse it where the order of its mesh is not 0."""
     part = read_step(path, solid="all" if "all" in request.solids else request.solids)
     materials = materials_of(part, request.material)
-    held, moved = named_faces(part, request.hold), named_faces(part, request.move)
+    fixed, moved = named_faces(part, request.hold), named_faces(part, request.move)
     return PartResult(
         request=request,
         part=part,
         materials=materials,
-        held=held,
+        fixed=fixed,
         moved=moved,
         analysis=analyse_part(part, materials, request, expect=expect) if request.order else None,
     )

@@ -19,7 +19,7 @@ _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face
 _ON_EDGES = 1500  # places on edges, about, at most
 _LARGER = 1.25  # from one size that is tried to the next
-_ALIKE = 1e-6  # corners at one place, relative to the size
+_SAME_CORNER = 1e-6  # corners at one place, relative to the size
 _BENT = 1e-3  # angle between triangles of a plane, at most [rad]
 _GIGA = 1e9
 
@@ -57,7 +57,7 @@ class _Experience:
     """Memory of an element, assumed [byte]."""
 
 
-_FOUND = _Experience()
+_EXPERIENCE = _Experience()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,16 +114,16 @@ def _places(part: Part, surface: PartSurface) -> _Places:
     areas = np.linalg.norm(vectors, axis=1)
     normal = vectors / areas[:, None]
     radius = _radii(surface, normal)
-    chosen, weight = [], []
+    sampled, weight = [], []
     for k in range(len(part.faces)):
-        own = np.flatnonzero(surface.face == k)
-        if not len(own):
+        triangles = np.flatnonzero(surface.face == k)
+        if not len(triangles):
             continue
-        whole = areas[own].sum()
-        count = max(_LEAST, round(_PLACES * whole / areas.sum()))
-        chosen.append(rng.choice(own, count, p=areas[own] / whole))
-        weight.append(np.full(count, whole / count))
-    which = np.concatenate(chosen)
+        total_area = areas[triangles].sum()
+        count = max(_LEAST, round(_PLACES * total_area / areas.sum()))
+        sampled.append(rng.choice(triangles, count, p=areas[triangles] / total_area))
+        weight.append(np.full(count, total_area / count))
+    which = np.concatenate(sampled)
     # evenly over a triangle (Osada and others 2002)
     r, s = np.sqrt(rng.random(len(which))), rng.random(len(which))
     shares = np.column_stack([1.0 - r, r * (1.0 - s), r * s])
@@ -136,15 +136,17 @@ def _places(part: Part, surface: PartSurface) -> _Places:
     pieces = np.linalg.norm(surface.lines[:, 1] - surface.lines[:, 0], axis=1)
     # of an edge some places, and its length
     length = np.bincount(surface.edge, weights=pieces)[surface.edge]
-    drawn = np.flatnonzero((length > 0.0) & (rng.random(len(pieces)) < _ON_EDGES / len(pieces)))
+    sampled_edges = np.flatnonzero(
+        (length > 0.0) & (rng.random(len(pieces)) < _ON_EDGES / len(pieces))
+    )
     return _Places(
         area=np.concatenate(weight),
         wall=wall,
         radius=radius[which],
         face=surface.face[which],
-        length=np.asarray(length[drawn], dtype=float),
+        length=np.asarray(length[sampled_edges], dtype=float),
         apart=np.asarray(
-            cdist(at, np.concatenate([at, surface.lines[drawn].mean(axis=1)])), dtype=float
+            cdist(at, np.concatenate([at, surface.lines[sampled_edges].mean(axis=1)])), dtype=float
         ),
     )
 
@@ -152,7 +154,7 @@ def _places(part: Part, surface: PartSurface) -> _Places:
 def _radii(surface: PartSurface, normal: Array) -> Array:
     """Return the least radius of curvature at each triangle, by the angles to its neighbours."""
     scale = np.ptp(surface.triangles.reshape(-1, 3), axis=0).max()
-    corners = np.round(surface.triangles / (_ALIKE * scale)).astype(np.int64)
+    corners = np.round(surface.triangles / (_SAME_CORNER * scale)).astype(np.int64)
     neighbours: dict[object, list[tuple[int, float]]] = defaultdict(list)
     twice = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
     for t, (three, face) in enumerate(zip(corners.tolist(), surface.face.tolist(), strict=True)):
@@ -167,8 +169,8 @@ def _radii(surface: PartSurface, normal: Array) -> Array:
             (i, height), (j, other) = pair
             angle = math.acos(min(1.0, max(-1.0, float(normal[i] @ normal[j]))))
             if angle > _BENT:
-                found = 0.5 * (height + other) / angle
-                radius[i], radius[j] = min(radius[i], found), min(radius[j], found)
+                radii = 0.5 * (height + other) / angle
+                radius[i], radius[j] = min(radius[i], radii), min(radius[j], radii)
     return radius
 
 
@@ -176,14 +178,14 @@ def _sizes(places: _Places, part: Part, settings: PartMesh) -> Array:
     """Return the size of elements at each place, by the mesher's rules [m]."""
     diagonal = math.dist(*part.bounding_box)
     largest = settings.largest(diagonal)
-    wanted = np.minimum(largest, places.radius / settings.curvature)
+    size = np.minimum(largest, places.radius / settings.curvature)
     if settings.thin:
         walls = np.maximum(settings.thin * places.wall, SMALLEST * diagonal)
-        wanted = np.minimum(wanted, np.where(walls < largest, walls, largest))
+        size = np.minimum(size, np.where(walls < largest, walls, largest))
     names = [part.faces[k].name for k in places.face]
-    wanted = np.minimum(wanted, [settings.sizes.get(name, largest) for name in names])
+    size = np.minimum(size, [settings.sizes.get(name, largest) for name in names])
     # sizes grow with the distance from where they are small; of an edge they are at most its length
-    from_there = np.concatenate([wanted, np.minimum(places.length, largest)])
+    from_there = np.concatenate([size, np.minimum(places.length, largest)])
     out = (from_there + settings.grading * places.apart).min(axis=1)
     return np.minimum(out, largest)
 
@@ -244,8 +246,8 @@ def estimate_part(part: Part, settings: PartMesh, *, factorisations: int = 1) ->
 
 def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: int) -> PartEstimate:
     by_volume, by_surface, across = _counts(places, part, settings)
-    triangles = _FOUND.triangles * by_surface
-    elements = max(_FOUND.by_volume * by_volume, _FOUND.by_surface * triangles)
+    triangles = _EXPERIENCE.triangles * by_surface
+    elements = max(_EXPERIENCE.by_volume * by_volume, _EXPERIENCE.by_surface * triangles)
     unknowns = _unknowns(elements, triangles, settings.order)
     low, high = part.bounding_box
     solving = memory_needed(
@@ -253,17 +255,21 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
         3,
         settings.order,
         box=[h - b for b, h in zip(low, high, strict=True)],
-        layered=across < _FOUND.few,
+        layered=across < _EXPERIENCE.few,
     )
     giga = solving / _GIGA
-    search = triangles * (_FOUND.search[0] + _FOUND.search[1] * triangles) if settings.thin else 0.0
-    meshing = _FOUND.meshing * elements + search
-    once = _FOUND.factorising * giga**1.5 + _FOUND.solutions * _FOUND.solving * giga
+    search = (
+        triangles * (_EXPERIENCE.search[0] + _EXPERIENCE.search[1] * triangles)
+        if settings.thin
+        else 0.0
+    )
+    meshing = _EXPERIENCE.meshing * elements + search
+    once = _EXPERIENCE.factorising * giga**1.5 + _EXPERIENCE.solutions * _EXPERIENCE.solving * giga
     return PartEstimate(
         elements=elements,
         unknowns=unknowns,
-        memory=solving + _FOUND.mesh * elements,
-        seconds=_FOUND.starting + meshing + factorisations * once,
+        memory=solving + _EXPERIENCE.mesh * elements,
+        seconds=_EXPERIENCE.starting + meshing + factorisations * once,
         meshing=meshing,
         largest=settings.largest(math.dist(low, high)),
     )

@@ -44,7 +44,7 @@ class _Meshing:
     """Part of the volume that a mesh may lack."""
 
 
-_CHOSEN = _Meshing()
+_LIMITS = _Meshing()
 # where rays start in a triangle: in its middle and towards its corners
 _SPREAD = np.array([[1 / 3, 1 / 3, 1 / 3], [0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])
 
@@ -85,23 +85,25 @@ def generate(task: MeshTask) -> object | None:
     """
     at, sizes = np.zeros((0, 3)), np.zeros(0)
     thinnest = np.inf
-    for _ in range(_CHOSEN.passes if task.thin else 0):
+    for _ in range(_LIMITS.passes if task.thin else 0):
         surface = _run(task, task.curvature, (at, sizes), MeshingStep.MESHSURFACE)
         more, wall = thickness_below(surface, task.largest / task.thin)
         at = np.concatenate([at, more])
         sizes = np.concatenate([sizes, np.maximum(task.thin * wall, SMALLEST * task.diagonal)])
         now = float(wall.min(initial=np.inf))
-        if not now < _CHOSEN.thinner * thinnest:
+        if not now < _LIMITS.thinner * thinnest:
             break
         thinnest = now
-    for k in range(_CHOSEN.repairs):
-        made = _run(task, task.curvature * _CHOSEN.finer**k, (at, sizes), MeshingStep.MESHVOLUME)
-        mesh = ng.Mesh(made)
+    for k in range(_LIMITS.repairs):
+        netgen_mesh = _run(
+            task, task.curvature * _LIMITS.finer**k, (at, sizes), MeshingStep.MESHVOLUME
+        )
+        mesh = ng.Mesh(netgen_mesh)
         if mesh.ne == 0:
             raise MesherError("it made no element")
         mesh.Curve(task.order)
         if unfold(mesh, task.order):
-            return made
+            return netgen_mesh
     return None
 
 
@@ -130,7 +132,7 @@ def _folded(mesh: ng.Mesh, rule: ng.IntegrationRule) -> NDArray[np.intp]:
     """Return the elements that curving folds, or nearly folds."""
     determinant = ng.Det(ng.specialcf.JacobianMatrix(3))
     values = determinant(mesh.MapToAllElements(rule, ng.VOL)).reshape(mesh.ne, -1)
-    return np.flatnonzero(values.min(axis=1) < _CHOSEN.flattened * np.abs(values).mean(axis=1))
+    return np.flatnonzero(values.min(axis=1) < _LIMITS.flattened * np.abs(values).mean(axis=1))
 
 
 def unfold(mesh: ng.Mesh, order: int) -> bool:
@@ -146,7 +148,7 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     bad = _folded(mesh, rule)
     if order < 2 or not len(bad):
         return True
-    if len(bad) > _CHOSEN.straightened * mesh.ne:
+    if len(bad) > _LIMITS.straightened * mesh.ne:
         return False
     space = ng.VectorH1(mesh, order=order)
     bend = ng.GridFunction(space)
@@ -158,14 +160,14 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     mesh.Curve(1)
     mesh.SetDeformation(bend)
     touched: set[int] = set()
-    for k in range(_CHOSEN.rounds):
+    for k in range(_LIMITS.rounds):
         touched.update(bad.tolist())
         for e in bad:
             dofs = np.array(space.GetDofNrs(ng.ElementId(ng.VOL, int(e))))
-            values[dofs] *= 0.6 if k < _CHOSEN.rounds // 2 else 0.0
+            values[dofs] *= 0.6 if k < _LIMITS.rounds // 2 else 0.0
         bad = _folded(mesh, rule)
         if not len(bad):
-            return len(touched) <= _CHOSEN.straightened * mesh.ne
+            return len(touched) <= _LIMITS.straightened * mesh.ne
     return False
 
 
@@ -183,9 +185,9 @@ def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     starts = _SPREAD @ triangles
-    found = first_hits(triangles, normal, starts, -normal, limit)
-    thin = found < limit
-    return starts[thin], found[thin]
+    walls = first_hits(triangles, normal, starts, -normal, limit)
+    thin = walls < limit
+    return starts[thin], walls[thin]
 
 
 def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limit: float) -> Array:
@@ -202,7 +204,7 @@ def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limi
     )
     middle = triangles.mean(axis=1)
     reach = np.linalg.norm(middle[:, None] - triangles, axis=2).max(axis=1)
-    found = np.full(starts.shape[:2], np.inf)
+    distances = np.full(starts.shape[:2], np.inf)
     for i, (origins, ray) in enumerate(zip(starts, rays, strict=True)):
         centre = origins.mean(axis=0)
         wide = float(np.sqrt(((origins - centre) ** 2).sum(axis=1).max()))
@@ -210,13 +212,13 @@ def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limi
         along = offset @ ray
         span = reach + wide
         # triangles that look back, and that a ray from here can meet within the limit
-        near = (normal @ ray > -_CHOSEN.opposed) & (along > -span) & (along < limit + span)
+        near = (normal @ ray > -_LIMITS.opposed) & (along > -span) & (along < limit + span)
         near &= np.einsum("ij,ij->i", offset, offset) - along**2 < span**2
         which = np.flatnonzero(near)
         if len(which):
             distance = _hits(origins, ray, a[which], ab[which], ac[which])
-            found[i] = np.where(distance < limit, distance, np.inf)
-    return found
+            distances[i] = np.where(distance < limit, distance, np.inf)
+    return distances
 
 
 def _across(p: Array, q: Array) -> Array:
@@ -294,7 +296,7 @@ def mesh_shape(
     The mesher runs in a process of its own, on one thread: on slivers it may abort, which would end
     the program.
     """
-    kept = [(f, f.maxh) for f in shape.faces]
+    former_sizes = [(f, f.maxh) for f in shape.faces]
     try:
         for f in shape.faces:
             if f.name in settings.sizes:
@@ -308,7 +310,7 @@ def mesh_shape(
             grading=settings.grading,
             curvature=settings.curvature,
         )
-        made = in_own_process(generate_alone, task, seconds=limit)
+        netgen_mesh = in_own_process(generate_alone, task, seconds=limit)
     except BrokenDownError as error:
         raise ModelError(f"the mesher {error} on {source}: {_mend(shape)}") from None
     except MesherError as error:
@@ -317,21 +319,21 @@ def mesh_shape(
             f"{_mend(shape)}"
         ) from error
     finally:
-        for f, before in kept:
+        for f, before in former_sizes:
             f.maxh = before
-    if made is None:
+    if netgen_mesh is None:
         raise ModelError(
             f"curving to order {settings.order} folds many elements of {source}: give smaller "
             "sizes, more elements to a radius (curvature), or a lower order"
         )
-    mesh = ng.Mesh(made)
+    mesh = ng.Mesh(netgen_mesh)
     mesh.Curve(settings.order)
     unfold(mesh, settings.order)
-    whole = sum(s.mass for s in shape.solids)
+    volume = sum(s.mass for s in shape.solids)
     meshed = float(ng.Integrate(ng.CoefficientFunction(1.0), mesh))
-    if settings.order > 1 and abs(meshed - whole) > _CHOSEN.lost * whole:
+    if settings.order > 1 and abs(meshed - volume) > _LIMITS.lost * volume:
         raise ModelError(
-            f"the mesh of {source} contains {meshed:.6g} mm^3 of its {whole:.6g} mm^3: the mesher "
+            f"the mesh of {source} contains {meshed:.6g} mm^3 of its {volume:.6g} mm^3: the mesher "
             "lost a face; change the mesh size or repair the part"
         )
     return mesh

@@ -135,11 +135,11 @@ class Sampler:
         """Index of the body that each region is a part of, in the order of the stage."""
         stage = self.model.stage
         index = {b.name: i for i, b in enumerate(stage.bodies)}
-        found = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
+        regions = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
         for hinge in stage.hinges:
             for which, name in enumerate(hinge.bodies):
-                found[notch_region(hinge.name, which)] = index[name]
-        return found
+                regions[notch_region(hinge.name, which)] = index[name]
+        return regions
 
     @cached_property
     def places(self) -> NDArray[np.void]:
@@ -225,34 +225,34 @@ class Sampler:
         stress, points = self.model.system.stress, self.model.problems[0].points
         if stress is None or stress.point is None or hinge not in stress.hinges:
             raise ModelError(f"the model has no hinge '{hinge}'")
-        own = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
+        of_hinge = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
         # the elements that share a point are averaged there
-        _, first, shared = np.unique(stress.point[own], return_index=True, return_inverse=True)
-        parts = stress.components(q)[own]
+        _, first, shared = np.unique(stress.point[of_hinge], return_index=True, return_inverse=True)
+        parts = stress.components(q)[of_hinge]
         count = np.bincount(shared.ravel())
         mean = [np.bincount(shared.ravel(), weights=part) / count for part in parts.T]
         equivalent = von_mises_of(np.column_stack(mean))
         worst = int(np.argmax(equivalent))
-        return points.position[own[first[worst]]], float(equivalent[worst])
+        return points.position[of_hinge[first[worst]]], float(equivalent[worst])
 
     def _displacement(self, problem: UncoupledProblem, u: ng.GridFunction) -> Array:
-        found = self._evaluate(u)
-        if found.shape[1] == 2:
-            found = np.column_stack((found, np.zeros(found.shape[0])))
+        values = self._evaluate(u)
+        if values.shape[1] == 2:
+            values = np.column_stack((values, np.zeros(values.shape[0])))
         if not self.solid:
-            return found
+            return values
         # symmetric about the middle plane, or the opposite
         mirror = (1.0, 1.0, -1.0) if not problem.out_of_plane else (-1.0, -1.0, 1.0)
-        return np.concatenate((found, found * mirror))
+        return np.concatenate((values, values * mirror))
 
     def _stress(self, problem: UncoupledProblem, q: Array) -> Array:
         tensor = problem.continuum.stress(problem.basis @ q)
         six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
-        found = self._evaluate(six, inside=True)
+        values = self._evaluate(six, inside=True)
         if not self.solid:
-            return found
+            return values
         mirror = np.where(problem.out_of_plane == _ODD, 1.0, -1.0)
-        return np.concatenate((found, found * mirror))
+        return np.concatenate((values, values * mirror))
 
     def _evaluate(self, function: ng.CoefficientFunction, *, inside: bool = False) -> Array:
         """Return values at the places; `inside` for functions that only the elements have."""
@@ -260,8 +260,8 @@ class Sampler:
         if inside and on_boundary:
             function = ng.BoundaryFromVolumeCF(function)
         with parallel():
-            found = np.asarray(function(self.places))
-        return found.reshape(self.places.shape[0], -1)
+            values = np.asarray(function(self.places))
+        return values.reshape(self.places.shape[0], -1)
 
     def _mean(self, values: Array) -> Array:
         """Return the mean over the places that are one corner."""
@@ -299,14 +299,14 @@ def lattice_size(n: int) -> int:
 def triangles(n: int) -> Integers:
     """Return the triangles between the points of `lattice`: indices of corners, shape (n^2, 3)."""
     start = [j * (n + 1) - j * (j - 1) // 2 for j in range(n + 2)]
-    found = []
+    corners = []
     for j in range(n):
         for i in range(n - j):
             a, above = start[j] + i, start[j + 1] + i
-            found.append((a, a + 1, above))
+            corners.append((a, a + 1, above))
             if i < n - j - 1:
-                found.append((a + 1, above + 1, above))
-    return np.array(found, dtype=np.intp)
+                corners.append((a + 1, above + 1, above))
+    return np.array(corners, dtype=np.intp)
 
 
 def wedges(base: Integers, count: int, layers: int) -> Integers:
@@ -368,7 +368,7 @@ def loops(cells: Integers) -> tuple[Integers, ...]:
     following: dict[int, list[int]] = {}
     for a, b in alone.tolist():
         following.setdefault(a, []).append(b)
-    found = []
+    lines = []
     while following:
         at, loop = next(iter(following)), []
         while at in following:
@@ -377,5 +377,5 @@ def loops(cells: Integers) -> tuple[Integers, ...]:
             at = ends.pop()
             if not ends:
                 del following[loop[-1]]
-        found.append(np.array(loop, dtype=np.intp))
-    return tuple(found)
+        lines.append(np.array(loop, dtype=np.intp))
+    return tuple(lines)

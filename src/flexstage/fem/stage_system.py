@@ -58,10 +58,10 @@ def _is_leaf(profile: Profile) -> bool:
 
 
 def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
-    own = [body_region(body)]
+    regions = [body_region(body)]
     for hinge in hinges:
-        own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
-    return either(own)
+        regions += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
+    return either(regions)
 
 
 def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
@@ -175,8 +175,8 @@ def _reading(continuum: Continuum, stage: Stage, body: str, probe: Probe) -> Arr
     place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
     if probe.direction is not None and mesh.Contains(*place):
         element = ng.ElementId(ng.VOL, mesh(*place).nr)
-        own = mesh.Materials(body_regions(stage, body)).Mask()
-        if own[mesh[element].index]:
+        in_body = mesh.Materials(body_regions(stage, body)).Mask()
+        if in_body[mesh[element].index]:
             return continuum.point((*at, 0.0)[: continuum.dimension], probe.along)
     return np.array(probe.row) @ body_motion(continuum, stage, body, at)
 
@@ -194,9 +194,11 @@ def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
             motion = body_motion(continuum, stage, body.name, extra.at)
             inertia = np.array([extra.mass, extra.mass, extra.inertia])
             if continuum.dimension == 3:
-                _, whole = continuum.rigid_motion(rigid_regions(stage, body.name), (*extra.at, 0.0))
+                _, body_motion_rows = continuum.rigid_motion(
+                    rigid_regions(stage, body.name), (*extra.at, 0.0)
+                )
                 # how it is spread out of the plane is not described: it counts as a point there
-                motion = whole[[0, 1, 2, 5]]
+                motion = body_motion_rows[[0, 1, 2, 5]]
                 inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])
             riders.append(AttachedMass(motion=motion, inertia=inertia))
     return riders
@@ -252,10 +254,10 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
 
 def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:
     """Return the readings out of the plane by name: of each measured body, at its first probe."""
-    found: dict[str, tuple[str, Point]] = {}
+    readings: dict[str, tuple[str, Point]] = {}
     for probe in stage.probes:
-        found.setdefault(f"{probe.body}{_LIFTED}", (probe.body, probe.at))
-    return found
+        readings.setdefault(f"{probe.body}{_LIFTED}", (probe.body, probe.at))
+    return readings
 
 
 def stage_system(
@@ -263,14 +265,14 @@ def stage_system(
     ports: Ports,
     coordinates: tuple[Array, Array, tuple[str, ...]],
     stress: StressMap,
-    said: tuple[tuple[str, ...], Mapping[str, str]],
+    notes: tuple[tuple[str, ...], Mapping[str, str]],
 ) -> MechanicalSystem:
     """Return the system of a stage in coordinates with their mass, stiffness and names.
 
     `notes` are the limits of validity, and the settings that change its figures.
     """
     mass, stiffness, names = coordinates
-    validity, settings = said
+    validity, settings = notes
     readings = [
         ProbePort(name=p.name, vector=ports.probes[p.name], unit=p.unit, body=p.body)
         for p in stage.probes

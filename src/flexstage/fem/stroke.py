@@ -42,12 +42,12 @@ class FiniteStroke(StrokeMotion):
     @property
     def ratio_change(self) -> float:
         """Mean ratio over the stroke against the ratio at its beginning, less one [1]."""
-        whole = self.along[-1] / self.displacement[-1]
+        full = self.along[-1] / self.displacement[-1]
         first = self.along[1] / self.displacement[1]
         # a parabola through rest, the first step and the last gives the slope at rest
         share_of = self.displacement[1] / self.displacement[-1]
-        slope = (first - share_of * whole) / (1.0 - share_of)
-        return float(whole / slope - 1.0)
+        slope = (first - share_of * full) / (1.0 - share_of)
+        return float(full / slope - 1.0)
 
 
 def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS) -> FiniteStroke:
@@ -97,8 +97,8 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     progress.update("stiffening", 0.7)
     frequency = _frequency_at(model, problem, axis, path.displacement[-1])
     progress.update("buckling", 0.85)
-    found = buckling(continuum, problem.basis @ axis.static.q, locked=row)
-    factor = float(found.positive[0]) if found.positive.size else np.inf
+    factors = buckling(continuum, problem.basis @ axis.static.q, locked=row)
+    factor = float(factors.positive[0]) if factors.positive.size else np.inf
     continuum.release()
     return FiniteStroke(
         axis=axis.axis,
@@ -158,7 +158,7 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
         paths.append(path)
         last = max(i for i, row in enumerate(rows) if row.axis == axis.axis)
         rows[last + 1 : last + 1] = _rows(analysis, path)
-        validity.append(_said(analysis, axis, path))
+        validity.append(_stroke_note(analysis, axis, path))
     return (
         replace(analysis, characteristics=Characteristics(rows), validity=tuple(validity)),
         tuple(paths),
@@ -166,7 +166,7 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
 
 
 def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
-    found: list[tuple[str, float, str]] = [
+    figures: list[tuple[str, float, str]] = [
         (
             "straightness",
             path.straightness,
@@ -175,7 +175,7 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
         )
     ]
     if path.buckling_factor < np.inf:
-        found.append(
+        figures.append(
             (
                 "buckling_factor",
                 path.buckling_factor,
@@ -191,11 +191,11 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
             unit=QUANTITIES[quantity].unit,
             note=note,
         )
-        for quantity, value, note in found
+        for quantity, value, note in figures
     ]
 
 
-def _said(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
+def _stroke_note(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
     bare = analysis.modes["removed"]
     mode = axis_mode(analysis.system, bare, axis.drive, axis.probe)
     rise = path.frequency_hz / bare.frequency_hz[mode] - 1.0
@@ -219,7 +219,7 @@ def two_notch_bars(stage: Stage) -> tuple[str, ...]:
 
     They are guide legs and links.
     """
-    found = []
+    bars = []
     for body in stage.bodies:
         hinges = [h for h in stage.hinges if body.name in h.bodies]
         pushed = any(body.name in (d.pushes, d.reacts) for d in stage.drives)
@@ -234,8 +234,8 @@ def two_notch_bars(stage: Stage) -> tuple[str, ...]:
             abs(line[0] * np.sin(h.direction) - line[1] * np.cos(h.direction)) for h in hinges
         ]
         if max(turned) < 1e-6 * length:
-            found.append(body.name)
-    return tuple(found)
+            bars.append(body.name)
+    return tuple(bars)
 
 
 def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = None) -> float:
@@ -263,10 +263,10 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
     problem = model.problems[0]
     drive = model.system.drive("press")
     u = problem.basis @ np.linalg.solve(model.system.K, drive.vector)
-    found = buckling(problem.continuum, u)
-    if not found.positive.size:
+    factors = buckling(problem.continuum, u)
+    if not factors.positive.size:
         raise ModelError(f"the bar '{body}' does not buckle under an axial load")
-    return 0.5 * float(found.positive[0])
+    return 0.5 * float(factors.positive[0])
 
 
 def _rig(stage: Stage, name: str) -> Stage:

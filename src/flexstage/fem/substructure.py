@@ -67,7 +67,7 @@ class Substructure:
     """Its openings."""
     mounting_holes: tuple[Circle, ...]
     """Its holes for bolts."""
-    held: bool
+    fixed: bool
     """Whether it is a fixed body, which is supported at these holes."""
     necks: tuple[CutNeck, ...]
     """Necks at which it is cut from its neighbours."""
@@ -111,7 +111,7 @@ class Substructure:
             outline=self.outline,
             holes=self.holes,
             mounting_holes=self.mounting_holes,
-            fixed=self.held,
+            fixed=self.fixed,
         )
         return Stage(
             name="substructure",
@@ -241,7 +241,7 @@ def cut_free(
                 for h in body.holes
             ),
             mounting_holes=tuple(_moved_circle(h, near) for h in body.mounting_holes),
-            held=body.fixed,
+            fixed=body.fixed,
             necks=tuple(_neck(stage.hinges[i], body, near, states[i]) for i in hinges),
             patches=tuple(touched),
             readings=tuple(read),
@@ -272,12 +272,12 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
     """
     thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
     layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
-    found = []
+    parts = []
     for out_of_plane, most in ((False, _MOST_IN_PLANE), (True, _MOST)):
         through = ThroughThickness(
             thickness=stage.thickness, layer=layer, out_of_plane=out_of_plane
         )
-        found.append(
+        parts.append(
             tuple(
                 replace(
                     p,
@@ -295,7 +295,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
                 for p in placed
             )
         )
-    return tuple(found)
+    return tuple(parts)
 
 
 _Move = Callable[[Point], Point]
@@ -305,9 +305,9 @@ def _touched(
     stage: Stage, body: Body, near: _Move, supports: Supports
 ) -> dict[LoadPatch, list[tuple[str, int]]]:
     """Find the patches of a body; drives with the same point and direction share one."""
-    found: dict[LoadPatch, list[tuple[str, int]]] = {}
+    uses: dict[LoadPatch, list[tuple[str, int]]] = {}
     if body.fixed and supports == "rigid":
-        return found
+        return uses
     for drive in stage.drives:
         for which in (0, 1):
             if _side(drive, which) == body.name:
@@ -316,8 +316,8 @@ def _touched(
                     direction=drive.direction,
                     half_width=drive.patch_half_width,
                 )
-                found.setdefault(patch, []).append((drive.name, which))
-    return found
+                uses.setdefault(patch, []).append((drive.name, which))
+    return uses
 
 
 def _side(drive: Drive, which: int) -> str:
@@ -326,13 +326,13 @@ def _side(drive: Drive, which: int) -> str:
 
 def _read(stage: Stage, body: Body, near: _Move) -> dict[PointReading, list[tuple[str, float]]]:
     """Find the readings of a body, each with the probes that use it and their sign."""
-    found: dict[PointReading, list[tuple[str, float]]] = {}
+    uses: dict[PointReading, list[tuple[str, float]]] = {}
     for probe in stage.probes:
         reading = PointReading(at=near(probe.at), direction=probe.direction)
         for name, sign in ((probe.body, 1.0), (probe.relative_to, -1.0)):
             if name == body.name:
-                found.setdefault(reading, []).append((probe.name, sign))
-    return found
+                uses.setdefault(reading, []).append((probe.name, sign))
+    return uses
 
 
 def _moved_loop(loop: Loop, near: _Move) -> Loop:

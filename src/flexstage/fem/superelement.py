@@ -27,7 +27,7 @@ from flexstage.system import MechanicalSystem
 #: Mesh settings of bodies: elements may grow fast, as stress is that of half notches alone.
 BODIES = MeshSettings(neck_size=0.7, grading=0.75)
 #: Number of modes of each body with fixed interfaces, and of retained modes of the stage.
-MODES, KEPT = 3, 16
+MODES, STAGE_MODES = 3, 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +48,7 @@ class SuperelementModel:
     """Coordinates of `joint` for each coordinate of `system`, shape (n, r)."""
     mesh_settings: MeshSettings
     """Mesh settings of the bodies."""
-    built: tuple[str, ...]
+    newly_condensed: tuple[str, ...]
     """Bodies that were meshed and condensed for this model; the others were in the cache."""
 
     __repr__ = short_repr
@@ -65,9 +65,9 @@ class SuperelementModel:
 
     def of_other_bodies(self, condensed: Sequence[Condensed]) -> MechanicalSystem:
         """Return the system of the same stage with other condensed bodies."""
-        said = self.system.validity, self.system.settings
+        notes = self.system.validity, self.system.settings
         joined = _joined(self.stage, self.placed, condensed)
-        return _in_lowest_modes(self.stage, self.placed, condensed, joined, said)
+        return _in_lowest_modes(self.stage, self.placed, condensed, joined, notes)
 
 
 def superelement_model(
@@ -160,10 +160,10 @@ def superelement_model(
     condensed, new = condense_all([p.part for p in together], cache, _interleaved(near))
     of_ways = [condensed[k :: len(ways)] for k in range(len(ways))]
     placed = [p for bodies in ways for p in bodies]
-    condensed = [c for found in of_ways for c in found]
+    condensed = [c for bodies_of_motion in of_ways for c in bodies_of_motion]
     joined = _joined(stage, placed, condensed)
     joint = joined[0]
-    held = "; ".join(dict.fromkeys(c.held for c in condensed if c.held))
+    supports_note = "; ".join(dict.fromkeys(c.supports for c in condensed if c.supports))
     planes = " and ".join(sorted({n.plane for p in cut for n in p.part.necks})) or "stress"
     choices = {
         "model": "superelement-3d" if space else "superelement",
@@ -174,7 +174,7 @@ def superelement_model(
         "interface coordinates": str(len(joint.coordinates)),
         "elements": str(sum(c.elements for c in condensed)),
         "unknowns": str(sum(c.unknowns for c in condensed)),
-        "held": held,
+        "held": supports_note,
         "supports": supports,
     }
     validity = (
@@ -190,7 +190,7 @@ def superelement_model(
             f"notches ({PLANE_RULE}), plane stress in the bodies; out-of-plane motion is not "
             "modelled. Frequencies of modes that bend single bodies are up to 3 % too high."
         ),
-        *common_validity(stage, held),
+        *common_validity(stage, supports_note),
     )
     return SuperelementModel(
         stage=stage,
@@ -200,7 +200,7 @@ def superelement_model(
         joint=joint,
         basis=joined[1],
         mesh_settings=settings,
-        built=tuple(dict.fromkeys(together[i].body.name for i in new)),
+        newly_condensed=tuple(dict.fromkeys(together[i].body.name for i in new)),
     )
 
 
@@ -226,7 +226,7 @@ def _joined(
     joints = [join(stage, placed[way], condensed[way]) for way in ways]
     bases, omegas, names = [], [], []
     for k, joint in enumerate(joints):
-        omega, basis, is_mode = lowest(joint, KEPT if k == 0 else KEPT // 2)
+        omega, basis, is_mode = lowest(joint, STAGE_MODES if k == 0 else STAGE_MODES // 2)
         where = "out of plane, " if k else ""
         names += [
             f"{where}{'mode' if m else 'static response'} {i + 1} "
@@ -243,11 +243,11 @@ def _in_lowest_modes(
     placed: Sequence[Placed],
     condensed: Sequence[Condensed],
     joined: tuple[Joint, Array, Array, tuple[str, ...]],
-    said: tuple[tuple[str, ...], Mapping[str, str]],
+    notes: tuple[tuple[str, ...], Mapping[str, str]],
 ) -> MechanicalSystem:
     """Return the system of the bodies of `_joined` in its lowest modes."""
     joint, basis, omega, names = joined
     stress = joined_stress(stage, joint, placed, condensed, basis)
     coordinates = np.eye(omega.size), np.diag(omega**2), names
     ports = joint.ports.changed(lambda rows: rows @ basis)
-    return stage_system(stage, ports, coordinates, stress, said)
+    return stage_system(stage, ports, coordinates, stress, notes)

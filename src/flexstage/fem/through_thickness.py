@@ -161,11 +161,11 @@ class ThroughThickness:
     @cached_property
     def _mixes(self) -> dict[str, Array]:
         z, weights = self.rule
-        found = {}
+        mixes = {}
         for name, (values, _) in self.at(z).items():
             lower = np.linalg.cholesky((values * weights) @ values.T)
-            found[name] = np.linalg.inv(lower)
-        return found
+            mixes[name] = np.linalg.inv(lower)
+        return mixes
 
     def values_at(self, z: Array) -> dict[str, tuple[Array, Array]]:
         """Return the orthonormal functions and their slopes at places z >= 0 [m]."""

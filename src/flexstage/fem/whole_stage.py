@@ -74,7 +74,7 @@ def plane_model(
         order=settings.order,
         thickness=stage.thickness,
         strain=either(notch_region(n, i) for n in wide for i in (0, 1)),
-        held=MOUNTING,
+        fixed=MOUNTING,
     )
     require_memory(continuum.size, 2, settings.order)
     return assemble(
@@ -85,7 +85,7 @@ def plane_model(
         validity=(
             f"Plane finite elements: plane {words} at the notches ({PLANE_RULE}), plane stress in "
             "the bodies; out-of-plane motion is not modelled.",
-            *common_validity(stage, faces.held),
+            *common_validity(stage, faces.supports),
         ),
         choices={
             "model": "plane",
@@ -94,13 +94,13 @@ def plane_model(
             "neck size": f"{settings.neck_size:g}",
             "elements": str(mesh.ne),
             "unknowns": str(continuum.size),
-            "held": faces.held,
+            "held": faces.supports,
         },
         supports=supports,
     )
 
 
-def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
+def common_validity(stage: Stage, supports_note: str) -> tuple[str, ...]:
     """Return the limits of validity of every finite-element model of a stage."""
     ratio = 100.0 * DAMPING_RATIO
     sharp = [h.name for h in stage.hinges if isinstance(h.profile, Leaf)]
@@ -110,7 +110,7 @@ def common_validity(stage: Stage, held: str) -> tuple[str, ...]:
         "depends on the mesh; corner-filleted leaves have a finite one.",
     )
     return (
-        f"Linear elasticity, small displacements; {held or 'nothing is fixed'}.",
+        f"Linear elasticity, small displacements; {supports_note or 'nothing is fixed'}.",
         "Natural frequencies belong to the bare stage, drives removed, unless labelled otherwise.",
         f"Damping of {ratio:g} % in every mode is an assumption: it sets the height of the "
         "resonances.",
@@ -174,11 +174,11 @@ def solid_model(
         mesh,
         stage.material,
         order=settings.order,
-        held=MOUNTING,
-        held_components={"z": MIDDLE},
+        fixed=MOUNTING,
+        fixed_components={"z": MIDDLE},
         copies=2,
     )
-    outside = inside.held_otherwise(MOUNTING, dict.fromkeys("xy", MIDDLE))
+    outside = inside.with_supports(MOUNTING, dict.fromkeys("xy", MIDDLE))
     low, high = mesh.ngmesh.bounding_box
     require_memory(
         inside.size,
@@ -195,7 +195,7 @@ def solid_model(
         validity=(
             "3D finite elements: drives, probes and extra masses act in the middle plane of the "
             "plate; mounting holes are fixed over their full depth.",
-            *common_validity(stage, faces.held),
+            *common_validity(stage, faces.supports),
         ),
         choices={
             "model": "solid",
@@ -204,7 +204,7 @@ def solid_model(
             "layers": f"{settings.layers} through half the thickness",
             "elements": str(mesh.ne),
             "unknowns": str(inside.size),
-            "held": faces.held,
+            "held": faces.supports,
         },
         supports=supports,
     )

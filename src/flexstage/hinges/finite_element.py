@@ -232,13 +232,13 @@ def _contour(profile: Profile, side: float) -> list[_Curve]:
         xy = np.round(np.column_stack([x, side * (0.5 * neck + depth)]) / unit, 12)
         heights = (neck + profile.sides * depth) / unit
         if _on_a_line(xy):
-            kept = [0, _SIZES.points - 1]
-            cuts = kept
+            retained = [0, _SIZES.points - 1]
+            cuts = retained
         else:
-            kept = _apart(xy, _SIZES.apart * neck / unit)
-            cuts = [kept[0], kept[-1]] if _on_a_circle(xy) else _cuts(xy, heights, kept)
+            retained = _apart(xy, _SIZES.apart * neck / unit)
+            cuts = [retained[0], retained[-1]] if _on_a_circle(xy) else _cuts(xy, heights, retained)
         for first, last in pairwise(cuts):
-            part = [i for i in kept if first <= i <= last]
+            part = [i for i in retained if first <= i <= last]
             curves.append(
                 _Curve(
                     [(float(a), float(b)) for a, b in xy[part]],
@@ -251,22 +251,22 @@ def _contour(profile: Profile, side: float) -> list[_Curve]:
 
 def _apart(xy: Array, least: float) -> list[int]:
     """Remove points that are too close to their neighbours."""
-    kept, last = [0], len(xy) - 1
+    retained, last = [0], len(xy) - 1
     for i in range(1, last):
-        if math.dist(xy[i], xy[kept[-1]]) > least and math.dist(xy[i], xy[last]) > least:
-            kept.append(i)
-    return [*kept, last]
+        if math.dist(xy[i], xy[retained[-1]]) > least and math.dist(xy[i], xy[last]) > least:
+            retained.append(i)
+    return [*retained, last]
 
 
-def _cuts(xy: Array, heights: Array, kept: list[int]) -> list[int]:
+def _cuts(xy: Array, heights: Array, points: list[int]) -> list[int]:
     """Divide a long curve every few heights: the mesher divides each part evenly."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
-    cuts = [kept[0]]
-    for i in kept[2:-2]:
+    cuts = [points[0]]
+    for i in points[2:-2]:
         enough = _SIZES.part * heights[cuts[-1]]
         if along[i] - along[cuts[-1]] > enough and along[-1] - along[i] > enough:
             cuts.append(i)
-    return [*cuts, kept[-1]]
+    return [*cuts, points[-1]]
 
 
 def _edge(points: _Points, slopes: tuple[float, float]) -> Edge:
@@ -439,9 +439,9 @@ def _half(profile: Profile, poisson: float, plane: PlaneState, body: float | Non
     """Compliance of the half in body b without its block, times E b, in heights of the root."""
     # more threads are no faster on so few elements
     with parallel(1):
-        found = _Model(profile, poisson, plane, body).compliance()
-    found.flags.writeable = False
-    return found
+        half_compliance = _Model(profile, poisson, plane, body).compliance()
+    half_compliance.flags.writeable = False
+    return half_compliance
 
 
 def _relative(profile: Profile, root_width: float) -> float:
@@ -481,19 +481,19 @@ class _Model:
             name="unit", youngs_modulus=_MODULUS, poissons_ratio=poisson, density=1.0
         )
 
-        def held(components: dict[str, str]) -> Continuum:
+        def constrained(components: dict[str, str]) -> Continuum:
             return Continuum(
                 self.mesh,
                 material,
                 order=order,
                 thickness=1.0,
                 strain="|".join(strained),
-                held_components=components,
+                fixed_components=components,
             )
 
         # "_bbnd": single points, which hold what is left of rigid motion and carry no force
-        even = held({"x": "neck", "y_bbnd": "low"})
-        odd = held({"y": "neck", "x_bbnd": "low|high"})
+        even = constrained({"x": "neck", "y_bbnd": "low"})
+        odd = constrained({"y": "neck", "x_bbnd": "low|high"})
         b = self.block
         self.load = {
             "N": self._end_load(even, 1.0, 0.0, b.middle),

@@ -187,10 +187,10 @@ def _sampled(profile: Profile) -> Samples:
     for piece in profile.pieces():
         x, depth, angle, speed = piece(_PLACES)
         columns.append((x, depth, angle, speed * _SHARES_OF_PIECE))
-    found = Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
-    for values in found:
+    samples = Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+    for values in samples:
         values.setflags(write=False)
-    return found
+    return samples
 
 
 #: Largest distance of the arcs from the profile that they approximate [m]. Wire cutting is off by a

@@ -132,17 +132,17 @@ def _of_length(profile: VFillet, length: float) -> VFillet:
     """Return a V whose flanks are turned to give it a length."""
     from scipy.optimize import brentq
 
-    def made(angle: float) -> VFillet:
+    def notch_with(angle: float) -> VFillet:
         return replace(profile, half_opening_angle=angle)
 
     start = profile.half_opening_angle
     try:
-        found: Any = brentq(
-            lambda a: made(a).length - length, 0.8 * start, min(1.2 * start, 1.57), xtol=1e-14
+        solved_angle: Any = brentq(
+            lambda a: notch_with(a).length - length, 0.8 * start, min(1.2 * start, 1.57), xtol=1e-14
         )
     except ValueError as error:
         raise HingeError(
             f"a v notch with a neck of {profile.neck_thickness!r} m and a fillet of "
             f"{profile.fillet_radius!r} m does not fit between the same roots"
         ) from error
-    return made(float(found))
+    return notch_with(float(solved_angle))

@@ -174,13 +174,15 @@ def _springs(
     springs = []
     for hinge in stage.hinges:
         roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        found = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
+        compliance_of_notch = cached_compliance(
+            hinge.profile, elastic, stage.thickness, method, plane, roots
+        )
         springs.append(
             HingeSpring(
                 hinge=hinge,
-                stiffness=found.stiffness,
+                stiffness=compliance_of_notch.stiffness,
                 method=method,
-                plane=found.plane,
+                plane=compliance_of_notch.plane,
                 root_widths=roots,
             )
         )

@@ -100,11 +100,11 @@ def _reduced_model(
         return reduce_by_symmetry(model, drive=drive, mirror=mirror)
     if mirror is not None and model.drives:
         try:
-            found = reduce_by_symmetry(model, drive=drive, mirror=mirror)
+            by_symmetry = reduce_by_symmetry(model, drive=drive, mirror=mirror)
         except ModelError:
-            found = None
-        if found is not None and found.order <= LARGEST_ORDER:
-            return found
+            by_symmetry = None
+        if by_symmetry is not None and by_symmetry.order <= LARGEST_ORDER:
+            return by_symmetry
     if not (model.drives or model.probes):
         return None
     return condense(model)
@@ -184,7 +184,7 @@ def _bodies(model: SymbolicModel) -> SheetSection:
             Paragraph(
                 text=f"{len(rows)} free bodies, three coordinates each: the displacement x, y of "
                 f"the centre of mass and the rotation theta; {model.order} in all. Fixed: "
-                f"{', '.join(model.held) or 'nothing'}."
+                f"{', '.join(model.fixed) or 'nothing'}."
             ),
             Tabular(header=("no.", "body", "mass", "inertia"), rows=rows),
         ),
@@ -432,15 +432,15 @@ def _transfer(transfer: Sequence[TransferFunction]) -> SheetSection:
             )
         )
         symbolic = (tf.numerator.free_symbols | tf.denominator.free_symbols) - {tf.s}
-        named = {x.name for x in symbolic} - {"alpha", "beta"}
+        symbols = {x.name for x in symbolic} - {"alpha", "beta"}
         operations = sp.count_ops(tf.numerator) + sp.count_ops(tf.denominator)
-        if named and operations <= _LONGEST:
+        if symbols and operations <= _LONGEST:
             items += [
                 Formula(left="H(s)", right=r"N(s)/D(s)"),
                 Formula(left="N(s)", right=tf.numerator),
                 Formula(left="D(s)", right=tf.denominator),
             ]
-        elif named:
+        elif symbols:
             items.append(
                 Paragraph(
                     text=(
@@ -449,9 +449,11 @@ def _transfer(transfer: Sequence[TransferFunction]) -> SheetSection:
                 )
             )
         top, bottom = tf.coefficients()
-        items.append(Formula(left="N(s)" if not named else "N_0(s)", right=_polynomial(top, tf.s)))
         items.append(
-            Formula(left="D(s)" if not named else "D_0(s)", right=_polynomial(bottom, tf.s))
+            Formula(left="N(s)" if not symbols else "N_0(s)", right=_polynomial(top, tf.s))
+        )
+        items.append(
+            Formula(left="D(s)" if not symbols else "D_0(s)", right=_polynomial(bottom, tf.s))
         )
         poles = tf.poles()
         lowest = sorted({float(f"{abs(p) / 6.283185307179586:.6g}") for p in poles})

@@ -69,15 +69,15 @@ class Connections:
         The readings have shape (..., h, 3), the derivatives with respect to the six coordinates of
         a and b (..., h, 3, 6).
         """
-        x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
+        x, _, (cos, sin), (turned_a, turned_b), rotated = self._state(q)
         shares = (self.share_a, 1.0 - self.share_a)
         # R^T S r and the part of the frame's own turning, -w S e
         b = np.zeros((*x.shape, 6))
         rotation_t = np.stack((np.stack((cos, sin), -1), np.stack((-sin, cos), -1)), -2)
         b[..., :2, 0:2] = -rotation_t
         b[..., :2, 3:5] = rotation_t
-        b[..., :2, 2] = -_quarter(turned_a) - shares[0] * _quarter(whole)
-        b[..., :2, 5] = _quarter(turned_b) - shares[1] * _quarter(whole)
+        b[..., :2, 2] = -_quarter(turned_a) - shares[0] * _quarter(rotated)
+        b[..., :2, 5] = _quarter(turned_b) - shares[1] * _quarter(rotated)
         b[..., 2, 2], b[..., 2, 5] = -1.0, 1.0
         return x, b
 
@@ -87,7 +87,7 @@ class Connections:
         Of forces (N, V, M), shape (..., h, 3), the geometric stiffness for the six coordinates of a
         and b, shape (..., h, 6, 6).
         """
-        x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
+        x, _, (cos, sin), (turned_a, turned_b), rotated = self._state(q)
         wa, wb = self.share_a, 1.0 - self.share_a
         f = force[..., :2]
 
@@ -104,9 +104,9 @@ class Connections:
             for column, share in ((2, wa), (5, wb)):
                 out[..., start : start + 2, column] = sign * share * row
                 out[..., column, start : start + 2] = sign * share * row
-        out[..., 2, 2] = dot((1.0 - 2.0 * wa) * turned_a - wa**2 * whole)
-        out[..., 5, 5] = dot((2.0 * wb - 1.0) * turned_b - wb**2 * whole)
-        out[..., 2, 5] = dot(wa * turned_b - wb * turned_a - wa * wb * whole)
+        out[..., 2, 2] = dot((1.0 - 2.0 * wa) * turned_a - wa**2 * rotated)
+        out[..., 5, 5] = dot((2.0 * wb - 1.0) * turned_b - wb**2 * rotated)
+        out[..., 2, 5] = dot(wa * turned_b - wb * turned_a - wa * wb * rotated)
         out[..., 5, 2] = out[..., 2, 5]
         return out
 
@@ -119,16 +119,16 @@ class Connections:
         d = local[..., 3:5] - local[..., 0:2] + moved_b - moved_a + self.gap
         angle = self.direction + self.share_a * theta_a + (1.0 - self.share_a) * theta_b
         cos, sin = np.cos(angle), np.sin(angle)
-        whole = _into(cos, sin, d)
+        rotated = _into(cos, sin, d)
         cos0, sin0 = np.cos(self.direction), np.sin(self.direction)
         x = np.empty((*local.shape[:-1], 3))
-        x[..., :2] = whole - _into(cos0, sin0, self.gap)
+        x[..., :2] = rotated - _into(cos0, sin0, self.gap)
         x[..., 2] = theta_b - theta_a
         turned = (
             _into(cos, sin, self.arm_a + moved_a),
             _into(cos, sin, self.arm_b + moved_b),
         )
-        return x, d, (cos, sin), turned, whole
+        return x, d, (cos, sin), turned, rotated
 
 
 def connections(

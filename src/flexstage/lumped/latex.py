@@ -253,8 +253,8 @@ def _equation_mathml(formula: Formula) -> str:
         if isinstance(side, str):
             sides.append(f"<mtext>{html.escape(plain or _plain(side), quote=False)}</mtext>")
         else:
-            whole = mathml(_shortened(side))
-            sides.append(f"<mrow>{whole[whole.index('>') + 1 : -len('</math>')]}</mrow>")
+            markup = mathml(_shortened(side))
+            sides.append(f"<mrow>{markup[markup.index('>') + 1 : -len('</math>')]}</mrow>")
     return _MATH + "<mo>=</mo>".join(sides) + "</math>"
 
 

@@ -79,17 +79,17 @@ def _image(
     flip = np.array([[c, s], [s, -c]])
     bodies = [mechanism.bodies[i] for i in mechanism.free]
     image = np.zeros((3 * len(bodies), 3 * len(bodies)), dtype=np.int64)
-    taken: set[int] = set()
+    paired: set[int] = set()
     for i, body in enumerate(bodies):
-        wanted = middle + flip @ (np.array(body.centre) - middle)
+        image_centre = middle + flip @ (np.array(body.centre) - middle)
         for j, other in enumerate(bodies):
             if (
-                j not in taken
-                and np.abs(wanted - other.centre).max() <= near
+                j not in paired
+                and np.abs(image_centre - other.centre).max() <= near
                 and abs(other.mass - body.mass) <= _NEAR * body.mass
                 and abs(other.inertia - body.inertia) <= _NEAR * body.inertia
             ):
-                taken.add(j)
+                paired.add(j)
                 image[3 * j : 3 * j + 2, 3 * i : 3 * i + 2] = flip
                 image[3 * j + 2, 3 * i + 2] = -1
                 break
@@ -145,8 +145,8 @@ def reduce_by_symmetry(
     ModelError
         The stage has no mirror, or the drive is neither symmetric nor antisymmetric.
     """
-    found = mirror if mirror is not None else find_mirror(model.source)
-    if found is None:
+    symmetry = mirror if mirror is not None else find_mirror(model.source)
+    if symmetry is None:
         raise ModelError(
             f"stage '{model.name}' has no mirror symmetry about a line along x, along y or at 45 "
             "deg: reduce it by condensation"
@@ -155,7 +155,7 @@ def reduce_by_symmetry(
         if drive is None and not model.drives:
             raise ModelError(f"stage '{model.name}' has no drive: give the parity, 1 or -1")
         vector = model.numbers(model.drive(drive or model.drives[0].name).vector)[:, 0]
-        parity = _parity(found, vector)
+        parity = _parity(symmetry, vector)
         if parity == 0:
             raise ModelError(
                 f"drive '{drive or model.drives[0].name}' is neither symmetric nor antisymmetric "
@@ -166,8 +166,8 @@ def reduce_by_symmetry(
     columns, names = [], []
     n = model.order
     for k in range(n):
-        j = int(np.flatnonzero(found.image[:, k])[0])
-        sign = parity * int(found.image[j, k])
+        j = int(np.flatnonzero(symmetry.image[:, k])[0])
+        sign = parity * int(symmetry.image[j, k])
         if j == k and sign == 1:
             columns.append({k: 1})
         elif j > k:
@@ -180,18 +180,18 @@ def reduce_by_symmetry(
     )
     numbers = np.array(basis.tolist(), dtype=float)
 
-    def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
+    def reduced_ports(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
         return tuple(
             replace(p, vector=sp.ImmutableMatrix((basis.T * p.vector).applyfunc(sp.expand)))
             for p in ports
-            if _parity(found, model.numbers(p.vector)[:, 0]) == parity
+            if _parity(symmetry, model.numbers(p.vector)[:, 0]) == parity
         )
 
     kind = "symmetric" if parity == 1 else "antisymmetric"
     rest = (
-        f" (stiffness and mirror image differ by {100.0 * found.asymmetry:.2g} %; their mean is "
+        f" (stiffness and mirror image differ by {100.0 * symmetry.asymmetry:.2g} %; their mean is "
         "used)"
-        if found.asymmetry > 1e-9
+        if symmetry.asymmetry > 1e-9
         else ""
     )
     return ReducedModel(
@@ -202,8 +202,8 @@ def reduce_by_symmetry(
         C=_congruent(model.C, basis),
         K=_congruent(model.K, basis),
         basis=numbers,
-        drives=kept(model.drives),
-        probes=kept(model.probes),
+        drives=reduced_ports(model.drives),
+        probes=reduced_ports(model.probes),
         values=model.values,
         damping=model.damping,
     )
@@ -233,8 +233,8 @@ def condense(model: SymbolicModel) -> ReducedModel:
         The stage has neither drives nor probes, or can move freely.
     """
     M, K, C = model.numbers(model.M), model.numbers(model.K), model.numbers(model.C)
-    chosen = _masters(model)
-    w = np.stack([v for _, v in chosen], axis=1)
+    masters = _masters(model)
+    w = np.stack([v for _, v in masters], axis=1)
     try:
         flexible = np.linalg.solve(K, w)
         between = w.T @ flexible
@@ -244,7 +244,7 @@ def condense(model: SymbolicModel) -> ReducedModel:
     kinds = {"d": "drive ", "p": "probe "}
     how = "static condensation to " + ", ".join(
         kinds[x.name[0]] + x.name.split("mathrm{")[-1].rstrip("}").replace(r"\_", "_")
-        for x, _ in chosen
+        for x, _ in masters
     )
     reduced_m, reduced_k = basis.T @ M @ basis, basis.T @ K @ basis
     Mr, Kr = (_floats(0.5 * (a + a.T)) for a in (reduced_m, reduced_k))
@@ -253,19 +253,19 @@ def condense(model: SymbolicModel) -> ReducedModel:
     else:
         Cr = _floats(basis.T @ C @ basis)
 
-    def kept(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
+    def reduced_ports(ports: tuple[SymbolicPort, ...]) -> tuple[SymbolicPort, ...]:
         return tuple(replace(p, vector=_floats(basis.T @ model.numbers(p.vector))) for p in ports)
 
     return ReducedModel(
         name=model.name,
         how=how,
-        coordinates=tuple(symbol for symbol, _ in chosen),
+        coordinates=tuple(symbol for symbol, _ in masters),
         M=Mr,
         C=Cr,
         K=Kr,
         basis=basis,
-        drives=kept(model.drives),
-        probes=kept(model.probes),
+        drives=reduced_ports(model.drives),
+        probes=reduced_ports(model.probes),
         values=model.values,
         damping=model.damping,
     )
@@ -284,14 +284,14 @@ def _masters(model: SymbolicModel) -> list[tuple[sp.Symbol, Array]]:
     if not out:
         raise ModelError("condensation needs a drive or a probe to keep")
     # one that repeats the others, such as a probe in line with a drive, is omitted
-    whole = np.stack([v for _, v in out], axis=1)
-    kept: list[int] = []
+    vectors = np.stack([v for _, v in out], axis=1)
+    independent: list[int] = []
     for k in range(len(out)):
-        trial = whole[:, [*kept, k]]
+        trial = vectors[:, [*independent, k]]
         r = qr(trial / np.linalg.norm(trial, axis=0), mode="r")[0]
-        if abs(r[len(kept), len(kept)]) > 1e-9:
-            kept.append(k)
-    return [out[k] for k in kept]
+        if abs(r[len(independent), len(independent)]) > 1e-9:
+            independent.append(k)
+    return [out[k] for k in independent]
 
 
 def _parity(mirror: Mirror, vector: Array) -> int:

@@ -14,7 +14,7 @@ from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
-from flexstage.system.mechanical import named
+from flexstage.system.mechanical import find_named
 
 Pair = tuple[float, float]
 _HAS = ": the mechanism has"
@@ -123,7 +123,7 @@ class Mechanism:
         ModelError
             There is no such drive.
         """
-        return named("drive", name, self.drives, _HAS)
+        return find_named("drive", name, self.drives, _HAS)
 
     def probe(self, name: str) -> Sight:
         """Return a probe by name.
@@ -143,7 +143,7 @@ class Mechanism:
         ModelError
             There is no such probe.
         """
-        return named("probe", name, self.probes, _HAS)
+        return find_named("probe", name, self.probes, _HAS)
 
 
 def mechanism(

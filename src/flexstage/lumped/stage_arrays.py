@@ -133,11 +133,11 @@ def stage_arrays(
     if not stages:
         raise ModelError("a batch needs at least one stage, got none")
     nominal = stages[0] if nominal is None else nominal
-    found = []
+    rows = []
     for stage in stages:
         require_topology(nominal, stage)
-        found.append(described(stage, method, plane))
-    owners = {owner for owner, _ in found}
+        rows.append(described(stage, method, plane))
+    owners = {owner for owner, _ in rows}
     if len(owners) > 1:
         raise ModelError(
             f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
@@ -148,7 +148,7 @@ def stage_arrays(
         method=method,
         plane=plane,
         stress_owner=owners.pop(),
-        **{field: np.stack([values[field] for _, values in found]) for field in found[0][1]},
+        **{field: np.stack([values[field] for _, values in rows]) for field in rows[0][1]},
     )
 
 
@@ -191,8 +191,8 @@ def described(
     owner = tuple(i for i, row in enumerate(rows) for _ in row)
 
     def numbers(values: Sequence[float | None], *shape: int) -> Array:
-        found = [math.nan if v is None else v for v in values]
-        return np.array(found, dtype=np.float64).reshape(-1, *shape)
+        numbers_or_nan = [math.nan if v is None else v for v in values]
+        return np.array(numbers_or_nan, dtype=np.float64).reshape(-1, *shape)
 
     drives = stage.drives
     return owner, {
@@ -333,7 +333,7 @@ def parameter_tangents(
     def values(k: int) -> dict[str, Array]:
         stage = build(value + k * h)
         require_topology(nominal, stage)
-        owner, found = described(stage, arrays.method, arrays.plane, planes)
+        owner, arrays_there = described(stage, arrays.method, arrays.plane, planes)
         if owner != arrays.stress_owner:
             raise ModelError(
                 f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
@@ -341,15 +341,15 @@ def parameter_tangents(
             )
         for field in ("hinge_direction", "drive_direction", "probe_direction"):
             # as near to the nominal angle as whole turns allow
-            turns = (found[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
-            found[field] = found[field] - 2.0 * np.pi * np.round(turns)
-        return found
+            turns = (arrays_there[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
+            arrays_there[field] = arrays_there[field] - 2.0 * np.pi * np.round(turns)
+        return arrays_there
 
-    found, weights = _around(values, order)
+    values_around, weights = _around(values, order)
     slopes = {}
-    for field in found[0]:
+    for field in values_around[0]:
         with np.errstate(invalid="ignore"):
-            parts = zip(weights, (part[field] for part in found), strict=True)
+            parts = zip(weights, (part[field] for part in values_around), strict=True)
             slope = sum(w * x for w, x in parts) / h
         # what is infinite or unknown stays so
         slopes[field] = np.where(np.isfinite(slope), slope, 0.0)[None]

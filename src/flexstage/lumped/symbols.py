@@ -95,9 +95,9 @@ class SymbolTable:
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
         """Return the number of a type of hinge, from 1: one for each stiffness."""
-        for i, known in enumerate(self._types):
-            scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
-            if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
+        for i, stiffness_of_type in enumerate(self._types):
+            scale = np.sqrt(np.outer(np.diag(stiffness_of_type), np.diag(stiffness_of_type)))
+            if np.all(np.abs(stiffness - stiffness_of_type) <= 1e-13 * scale):
                 return i + 1
         self._types.append(stiffness)
         return len(self._types)
@@ -111,10 +111,10 @@ class SymbolTable:
         the kind of hinge; `value` is the number of the symbol, if not `stiffness`. It is 0 where
         the stiffness has no such coupling.
         """
-        known = self._types[group - 1]
+        stiffness_of_type = self._types[group - 1]
         i, j = ("uvt".index(c) for c in key)
         # rounding leaves couplings that a symmetric notch does not have
-        if abs(stiffness) <= 1e-14 * math.sqrt(known[i, i] * known[j, j]):
+        if abs(stiffness) <= 1e-14 * math.sqrt(stiffness_of_type[i, i] * stiffness_of_type[j, j]):
             return sp.S.Zero
         symbol = sp.Symbol(f"{letter}_{{{_TEXT[key]}{group}}}", real=True)
         self.values.setdefault(symbol, float(stiffness if value is None else value))
@@ -133,35 +133,35 @@ class SymbolTable:
         return alpha, beta
 
     def _symbol(self, letter: str, value: float, near: float, *, positive: bool) -> sp.Symbol:
-        known = self._known.setdefault(letter, [])
-        for other, symbol in known:
+        numbers_so_far = self._known.setdefault(letter, [])
+        for other, symbol in numbers_so_far:
             if abs(other - value) <= near:
                 return symbol
-        number = len(known) + 1
+        number = len(numbers_so_far) + 1
         kind = {"positive": True} if positive else {"real": True}
         symbol = sp.Symbol(f"{letter}_{number}", **kind)
-        known.append((value, symbol))
+        numbers_so_far.append((value, symbol))
         self.values[symbol] = value
         return symbol
 
 
-Known = dict[sp.Basic, Fraction]
+Evaluated = dict[sp.Basic, Fraction]
 
 
-def starting_values(values: Mapping[sp.Symbol, float]) -> Known:
+def starting_values(values: Mapping[sp.Symbol, float]) -> Evaluated:
     """Prepare numbers for `exact` and `number`."""
     return {symbol: Fraction(value) for symbol, value in values.items()}
 
 
-def number(expression: sp.Basic, known: Known) -> float:
+def number(expression: sp.Basic, evaluated: Evaluated) -> float:
     """Evaluate an expression.
 
     Correctly rounded but for sines and cosines; see `exact`.
     """
-    return float(exact(expression, known))
+    return float(exact(expression, evaluated))
 
 
-def exact(expression: sp.Basic, known: Known) -> Fraction:
+def exact(expression: sp.Basic, evaluated: Evaluated) -> Fraction:
     """Evaluate an expression in rational arithmetic.
 
     It is made of sums, products, whole powers, sines and cosines of symbols and numbers; sines and
@@ -170,27 +170,27 @@ def exact(expression: sp.Basic, known: Known) -> Fraction:
     compiling them. Expanded determinants cancel to a small part of their terms, so that rounding
     each term would destroy them.
     """
-    value = known.get(expression)
+    value = evaluated.get(expression)
     if value is not None:
         return value
     if isinstance(expression, sp.Symbol):
         raise KeyError(f"the symbol '{expression.name}' has no value")
     if isinstance(expression, sp.Add):
-        value = sum((exact(a, known) for a in expression.args), Fraction(0))
+        value = sum((exact(a, evaluated) for a in expression.args), Fraction(0))
     elif isinstance(expression, sp.Mul):
         value = Fraction(1)
         for a in expression.args:
-            value *= exact(a, known)
+            value *= exact(a, evaluated)
     elif isinstance(expression, sp.Pow):
-        value = exact(expression.base, known) ** int(expression.exp)
+        value = exact(expression.base, evaluated) ** int(expression.exp)
     elif isinstance(expression, (sp.cos, sp.sin)):
-        angle = float(exact(expression.args[0], known))
+        angle = float(exact(expression.args[0], evaluated))
         value = Fraction(math.cos(angle) if isinstance(expression, sp.cos) else math.sin(angle))
     elif isinstance(expression, sp.Rational):
         value = Fraction(int(expression.p), int(expression.q))
     else:
         value = Fraction(float(expression))
-    known[expression] = value
+    evaluated[expression] = value
     return value
 
 
@@ -354,9 +354,9 @@ def hinge_constants(
     out: dict[sp.Symbol, sp.Expr] = {}
     for side, body in enumerate(hinge.bodies):
         for axis in (0, 1):
-            held = source.bodies[body].fixed
+            is_fixed = source.bodies[body].fixed
             arm = hinge.at[axis] - source.bodies[body].centre[axis]
-            out[generic.arms[2 * side + axis]] = sp.S.Zero if held else table.length(arm)
+            out[generic.arms[2 * side + axis]] = sp.S.Zero if is_fixed else table.length(arm)
     out[generic.cosine], out[generic.sine] = table.direction(hinge.direction)
     group = table.hinge_type(hinge.stiffness)
     for key, at in _KEYS.items():

@@ -201,9 +201,9 @@ class _Stepper:
             change = lu_solve(self.factor, right.reshape(-1), check_finite=False)
             guess = guess + change.reshape(guess.shape)
             size = float(np.sum(self.model.mass * change.reshape(guess.shape) ** 2))
-            whole = float(np.sum(self.model.mass * guess**2))
+            kinetic = float(np.sum(self.model.mass * guess**2))
             # down to rounding: until the correction is negligible, or small and no longer shrinks
-            if size <= 1e-30 * whole or (size <= 1e-20 * whole and size >= 0.25 * previous):
+            if size <= 1e-30 * kinetic or (size <= 1e-20 * kinetic and size >= 0.25 * previous):
                 self.acceleration = guess
                 dq = h * (rule.b @ (v + h * (rule.a @ guess)))
                 return self._add(0, q, dq), self._add(1, v, h * (rule.b @ guess))

@@ -168,8 +168,8 @@ def _determinant(matrix: sp.Matrix) -> sp.Expr:
                     key = used | 1 << column
                     wider[key] = wider.get(key, ring.zero) + term
         minors = wider
-    found = ring.to_sympy(minors.get((1 << matrix.rows) - 1, ring.zero))
-    return found.xreplace({dummy: f for f, dummy in angles.items()})
+    expanded = ring.to_sympy(minors.get((1 << matrix.rows) - 1, ring.zero))
+    return expanded.xreplace({dummy: f for f, dummy in angles.items()})
 
 
 def _rational(expression: sp.Expr) -> sp.Expr:

@@ -165,7 +165,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("Optimum", ""): ("optimum.draw_before_after", "found"),
     ("Optimum", "figures"): ("optimum.draw_figures", "found"),
     ("Optimum", "history"): ("optimum.draw_history", "found"),
-    ("PartResult", ""): ("part.draw_part", "part=part held=held moved=moved"),
+    ("PartResult", ""): ("part.draw_part", "part=part held=fixed moved=moved"),
     ("Positioning", ""): ("motion_error.draw_positioning", "found"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "found"),
     ("Predictions", ""): (

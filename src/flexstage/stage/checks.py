@@ -58,9 +58,11 @@ def check(stage: Stage) -> tuple[Issue, ...]:
     sound = {s.name for s in bodies}
     rooted: list[Hinge] = []
     for hinge in stage.hinges:
-        found = list(_hinge(stage, hinge, sound))
-        issues += found
-        if sound.issuperset(hinge.bodies) and not any(f.code == "root-off-body" for f in found):
+        hinge_issues = list(_hinge(stage, hinge, sound))
+        issues += hinge_issues
+        if sound.issuperset(hinge.bodies) and not any(
+            f.code == "root-off-body" for f in hinge_issues
+        ):
             rooted.append(hinge)
     shapes = [*bodies, *notch_shapes(rooted)]
     overlapping = list(overlaps(shapes))
@@ -141,19 +143,19 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
 
 def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
     def faults(trial: Hinge) -> list[Issue]:
-        found = []
+        issues = []
         for which in (0, 1):
             body = trial.bodies[which]
             if body in sound:
                 try:
                     hinge_root(stage, trial, which)
                 except StageError as error:
-                    found.append(_error("root-off-body", (trial.name, body), str(error)))
-        return found
+                    issues.append(_error("root-off-body", (trial.name, body), str(error)))
+        return issues
 
-    found = faults(hinge)
+    root_issues = faults(hinge)
     a, b = hinge.bodies
-    if len(found) == 2 and not faults(replace(hinge, bodies=(b, a))):
+    if len(root_issues) == 2 and not faults(replace(hinge, bodies=(b, a))):
         yield _error(
             "root-off-body",
             (hinge.name, a, b),
@@ -161,14 +163,14 @@ def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
             f"'{a}', '{b}': reverse its direction (180 deg), or name the bodies as '{b}', '{a}'",
         )
     else:
-        yield from found
+        yield from root_issues
 
 
 def _wall(stage: Stage, body: Body, shape: Shape) -> Iterator[Issue]:
     limit = stage.manufacture.minimum_neck
     # a hole that touches the outline may cut the body into two
-    whole = shape.polygon.geom_type == "Polygon"
-    wall = wall_of(body, shape.polygon, limit) if whole else 0.0
+    connected = shape.polygon.geom_type == "Polygon"
+    wall = wall_of(body, shape.polygon, limit) if connected else 0.0
     if wall >= limit * (1.0 - 1e-9):
         return
     breaks = wall < _BREAKS * limit
@@ -196,8 +198,8 @@ def _mechanism(stage: Stage) -> Iterator[Issue]:
             "that is bolted down",
         )
         return
-    held = reachable_bodies(stage)
-    loose = tuple(b.name for b in stage.bodies if b.name not in held)
+    connected = reachable_bodies(stage)
+    loose = tuple(b.name for b in stage.bodies if b.name not in connected)
     if loose:
         yield _error(
             "unconnected-body",
@@ -351,10 +353,10 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
 
 def _list(noun: str, names: tuple[str, ...]) -> str:
     """Return a noun and names: "body 'a'", "bodies 'a', 'b' and 3 more"."""
-    shown = ", ".join(f"'{n}'" for n in names[:4])
+    listed = ", ".join(f"'{n}'" for n in names[:4])
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     plural = noun[:-1] + "ies" if len(names) > 1 and noun.endswith("y") else noun
-    return f"{plural} {shown}{more}"
+    return f"{plural} {listed}{more}"
 
 
 def _published(stage: Stage) -> Iterator[Issue]:
@@ -398,14 +400,14 @@ def reachable_bodies(stage: Stage) -> set[str]:
         a, b = hinge.bodies
         neighbours[a].add(b)
         neighbours[b].add(a)
-    found: set[str] = set()
+    reached: set[str] = set()
     waiting = [b.name for b in stage.bodies if b.fixed]
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += neighbours[name] - found
-    return found
+        if name not in reached:
+            reached.add(name)
+            waiting += neighbours[name] - reached
+    return reached
 
 
 def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
@@ -421,8 +423,8 @@ def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
 
     Validity: plane motion, small displacement.
     """
-    held = reachable_bodies(stage)
-    moving = [b for b in stage.bodies if not b.fixed and b.name in held]
+    connected = reachable_bodies(stage)
+    moving = [b for b in stage.bodies if not b.fixed and b.name in connected]
     if not moving:
         return FreeMotion(freedoms=0, turning=(), shifting=())
     first = {b.name: 3 * k for k, b in enumerate(moving)}
@@ -442,7 +444,7 @@ def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
     rows = [
         motion_at(h.bodies[1], h.at) - motion_at(h.bodies[0], h.at)
         for h in stage.hinges
-        if h.bodies[0] in held
+        if h.bodies[0] in connected
     ]
     if hold_drives:
         for d in stage.drives:

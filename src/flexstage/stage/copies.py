@@ -102,10 +102,10 @@ PROFILES = "profiles"
 def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNode:
     """Return a file in which each hinge has its profile written out."""
     shared = root.items.get(PROFILES)
-    known: dict[str, Node] = {}
+    profiles: dict[str, Node] = {}
     if shared is not None:
-        known = decoder.mapping(shared, PROFILES).items
-        for name, node in known.items():
+        profiles = decoder.mapping(shared, PROFILES).items
+        for name, node in profiles.items():
             check_name(name, lambda text: decoder.refuse(shared, PROFILES, text))
             decoder.decode(Profile, node, f"{PROFILES}.{name}")
     hinges = root.items.get("hinges")
@@ -114,11 +114,11 @@ def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNod
     items = {}
     for key, hinge in hinges.items.items():
         items[key] = hinge
-        named = hinge.items.get("profile") if isinstance(hinge, MappingNode) else None
-        if isinstance(hinge, MappingNode) and isinstance(named, Scalar):
-            if named.text not in known:
-                _refuse_profile(decoder, named, f"hinges.{key}.profile", known)
-            inner = {**hinge.items, "profile": known[named.text]}
+        profile_node = hinge.items.get("profile") if isinstance(hinge, MappingNode) else None
+        if isinstance(hinge, MappingNode) and isinstance(profile_node, Scalar):
+            if profile_node.text not in profiles:
+                _refuse_profile(decoder, profile_node, f"hinges.{key}.profile", profiles)
+            inner = {**hinge.items, "profile": profiles[profile_node.text]}
             items[key] = MappingNode(hinge.line, inner, hinge.key_lines)
     hinges = MappingNode(hinges.line, items, hinges.key_lines)
     return MappingNode(root.line, {**root.items, "hinges": hinges}, root.key_lines)
@@ -135,16 +135,12 @@ def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     shared: dict[str, Any] = {}
     for k, profile in enumerate(profiles, start=1):
         end = f"_{k}" if len(profiles) > 1 else ""
-        written = encoder.fields(profile)
+        fields = encoder.fields(profile)
         for name, (_, kind) in field_types(type(profile)).items():
-            if (
-                name in written
-                and dimension_of(kind) is not None
-                and isinstance(written[name], str)
-            ):
-                parameters[f"{name}{end}"] = written[name]
-                written[name] = f"= {name}{end}"
-        shared[f"notch{end}"] = written
+            if name in fields and dimension_of(kind) is not None and isinstance(fields[name], str):
+                parameters[f"{name}{end}"] = fields[name]
+                fields[name] = f"= {name}{end}"
+        shared[f"notch{end}"] = fields
         for hinge in stage.hinges:
             if hinge.profile == profile:
                 data["hinges"][hinge.name]["profile"] = f"notch{end}"
@@ -153,9 +149,11 @@ def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     return {**head, **{key: value for key, value in added.items() if value}, **data}
 
 
-def _refuse_profile(decoder: Decoder, node: Scalar, path: str, known: Mapping[str, Node]) -> None:
-    if known:
-        decoder.refuse(node, path, unknown("profile", node.text, known, 0.4))
+def _refuse_profile(
+    decoder: Decoder, node: Scalar, path: str, profiles: Mapping[str, Node]
+) -> None:
+    if profiles:
+        decoder.refuse(node, path, unknown("profile", node.text, profiles, 0.4))
     decoder.refuse(
         node,
         path,
@@ -183,9 +181,9 @@ def read_with_copies(
     for key in (key for key in root.items if key in COPIES):
         for k, entry in enumerate(decoder.items(root.items[key], key, None, "mappings")):
             path = f"{key}[{k}]"
-            told = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
-            _require_names(decoder, entry, path, told, parts)
-            for group, name, copy in _copies(told, parts):
+            request = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
+            _require_names(decoder, entry, path, request, parts)
+            for group, name, copy in _copies(request, parts):
                 _require_new(decoder, entry, path, (group, name, copy.name), parts)
                 parts[group][copy.name] = copy
                 origins[group, copy.name] = (entry.line, path)
@@ -195,46 +193,51 @@ def read_with_copies(
                         f"a file may have at most {_MOST} copies with {MAX_NODES} points in total"
                     )
                     decoder.refuse(entry, path, most)
-    return {group: tuple(named.values()) for group, named in parts.items()}, origins
+    return {group: tuple(group_parts.values()) for group, group_parts in parts.items()}, origins
 
 
 def _require_names(
     decoder: Decoder,
     entry: Node,
     path: str,
-    told: MirrorImages | Pattern,
+    request: MirrorImages | Pattern,
     parts: dict[str, dict[str, _Part]],
 ) -> None:
     """Refuse names of parts, and words of names, that there are not."""
-    if not 0 < len(told.of) <= _MOST_NAMES or len(told.rename) > _MOST_NAMES:
-        message = f"expected 1 to {_MOST_NAMES} names, got {len(told.of)}"
+    if not 0 < len(request.of) <= _MOST_NAMES or len(request.rename) > _MOST_NAMES:
+        message = f"expected 1 to {_MOST_NAMES} names, got {len(request.of)}"
         decoder.refuse(_place(entry, "of", ""), f"{path}.of", message)
-    every = {name for named in parts.values() for name in named}
-    for name in told.of:
+    every = {name for group_parts in parts.values() for name in group_parts}
+    for name in request.of:
         if name not in every:
             hint = did_you_mean(name, every, 0.5)
             message = f"there is no body, hinge, drive or probe '{name[:60]}'{hint}"
             decoder.refuse(_place(entry, "of", name), f"{path}.of", message)
-    for word in told.rename:
-        if not any(_renamed(name, {word: ""}) != name for name in told.of):
+    for word in request.rename:
+        if not any(_renamed(name, {word: ""}) != name for name in request.of):
             message = f"no name in 'of' has the word '{word[:60]}'"
             decoder.refuse(_place(entry, "rename", word), f"{path}.rename", message)
 
 
 def _copies(
-    told: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
+    request: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
 ) -> Iterator[tuple[str, str, _Part]]:
     """Yield the copies that an entry asks for, each with its group and the name that it is of."""
-    of = dict.fromkeys(told.of)
-    first = [(group, named[name]) for group, named in parts.items() for name in of if name in named]
+    of = dict.fromkeys(request.of)
+    first = [
+        (group, group_parts[name])
+        for group, group_parts in parts.items()
+        for name in of
+        if name in group_parts
+    ]
     beside = {body for _, part in first for body in _stands_on(part)} - of.keys()
-    for motion, rename in told.copies():
+    for motion, rename in request.copies():
         names = {name: rename(name) for name in of}
-        made = {names[part.name] for group, part in first if group == "bodies"}
+        copied_bodies = {names[part.name] for group, part in first if group == "bodies"}
         # a body that is not copied: that of the new name where there is one, or else itself
         for body in beside:
             new = rename(body)
-            names[body] = new if new in parts["bodies"] or new in made else body
+            names[body] = new if new in parts["bodies"] or new in copied_bodies else body
         for group, part in first:
             yield group, part.name, moved(part, motion, names)
 
@@ -290,7 +293,7 @@ def _renamed(name: str, words: Mapping[str, str]) -> str:
     for word in sorted(words, key=len, reverse=True):
         before, after = _boundary(word[0]), _boundary(word[-1])
         patterns.append(f"{before and f'(?<!{before})'}{re.escape(word)}{after and f'(?!{after})'}")
-    return re.sub("|".join(patterns), lambda found: words[found[0]], name) if words else name
+    return re.sub("|".join(patterns), lambda match: words[match[0]], name) if words else name
 
 
 def _boundary(character: str) -> str:

@@ -129,12 +129,12 @@ def crossings(a: Curve, b: Curve) -> list[tuple[float, float]]:
         points = _line_arc(b, a) if a.bulge else _line_arc(a, b)
     else:
         points = _line_line(a, b)
-    found = []
+    shares = []
     for p in points:
         s, t = a.share(p), b.share(p)
         if s is not None and t is not None:
-            found.append((s, t))
-    return found
+            shares.append((s, t))
+    return shares
 
 
 def _line_line(a: Curve, b: Curve) -> list[Pair]:

@@ -165,5 +165,5 @@ DRIVES: dict[str, type[Drive]] = {kind.kind: kind for kind in (Screw, PiezoStack
 
 def placed(actuator: AnyActuator, **place: Any) -> Drive:
     """Put an actuator into a stage; `place` holds the fields that every `Drive` has."""
-    own = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
-    return DRIVES[actuator.kind](**place, **own)
+    actuator_fields = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
+    return DRIVES[actuator.kind](**place, **actuator_fields)

@@ -254,7 +254,7 @@ DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 _HEAD = ("flexstage", "length_unit", "parameters", "design")
 # what a file may call the stage of a design
 _CALLED = ("name", "title")
-_NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
+_GROUP_OF_NOUN = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
 def read_stage(
@@ -338,11 +338,11 @@ def stage_from_text(
     decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         decoder.check_keys(root, "", (*_HEAD, *_CALLED))
-        found = _from_design(decoder, root.items["design"], designs)
+        designed_stage = _from_design(decoder, root.items["design"], designs)
         words = {key: decoder.text(root.items[key], key) for key in _CALLED if key in root.items}
         if "name" in words:
             check_name(words["name"], lambda text: decoder.refuse(root.items["name"], "name", text))
-        return replace(found, **words) if words else found
+        return replace(designed_stage, **words) if words else designed_stage
     for name in decoder.settings.items:
         require_known(source, name, decoder.parameters, StageError)
     also = (*_HEAD, SHARED, *COPIES)
@@ -437,9 +437,9 @@ def _from_design(
             )
     rest = {key: value for key, value in node.items.items() if key != "name"}
     entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
-    given = Given(entry, decoder)
+    settings = Given(entry, decoder)
     try:
-        return designs(name.text if isinstance(name, Scalar) else "", given)
+        return designs(name.text if isinstance(name, Scalar) else "", settings)
     except FlexstageError as error:
         # the parameter that is at fault is named in the message: point at its line
         culprit = next(
@@ -461,15 +461,15 @@ def _placed(
     if not text.startswith(start):
         return error
     text = text.removeprefix(start)
-    if found := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
-        group = root.items.get(_NAMED[found[1]])
-        if (copied := (_NAMED[found[1]], found[2])) in origins:
+    if match := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
+        group = root.items.get(_GROUP_OF_NOUN[match[1]])
+        if (copied := (_GROUP_OF_NOUN[match[1]], match[2])) in origins:
             line, path = origins[copied]
             return type(error)(f"{decoder.source}, line {line}, {path}: {text}")
-        if isinstance(group, MappingNode) and found[2] in group.key_lines:
-            path = f"{_NAMED[found[1]]}.{found[2]}"
+        if isinstance(group, MappingNode) and match[2] in group.key_lines:
+            path = f"{_GROUP_OF_NOUN[match[1]]}.{match[2]}"
             return type(error)(
-                f"{decoder.source}, line {group.key_lines[found[2]]}, {path}: {text}"
+                f"{decoder.source}, line {group.key_lines[match[2]]}, {path}: {text}"
             )
     return error
 

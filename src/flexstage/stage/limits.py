@@ -85,5 +85,5 @@ def _common(a: Range | None, b: Range | None, what: str) -> Range | None:
 
 
 def _smaller(a: float | None, b: float | None) -> float | None:
-    given = [v for v in (a, b) if v is not None]
-    return min(given) if given else None
+    limits = [v for v in (a, b) if v is not None]
+    return min(limits) if limits else None

@@ -85,8 +85,8 @@ def outer_size(stage: Stage) -> tuple[float, float, float]:
     >>> [round(1e3 * v, 3) for v in outer_size(design("parallelogram"))]
     [68.5, 61.0, 8.0]
     """
-    found = [body.outline.bounds() for body in stage.bodies]
-    x0, y0, x1, y1 = zip(*found, strict=True)
+    bounds = [body.outline.bounds() for body in stage.bodies]
+    x0, y0, x1, y1 = zip(*bounds, strict=True)
     return max(x1) - min(x0), max(y1) - min(y0), stage.thickness
 
 

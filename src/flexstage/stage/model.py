@@ -288,19 +288,19 @@ class Stage:
         _unique("axis", self.axes)
         for h in self.hinges:
             for name in h.bodies:
-                _known(f"hinge '{h.name}'", "body", name, bodies)
+                _require_name(f"hinge '{h.name}'", "body", name, bodies)
             if h.bodies[0] == h.bodies[1]:
                 raise StageError(f"hinge '{h.name}' joins body '{h.bodies[0]}' to itself")
         for d in self.drives:
             for name in (d.pushes, d.reacts):
-                _known(f"drive '{d.name}'", "body", name, bodies)
+                _require_name(f"drive '{d.name}'", "body", name, bodies)
         for p in self.probes:
             for name in (p.body, *(() if p.relative_to is None else (p.relative_to,))):
-                _known(f"probe '{p.name}'", "body", name, bodies)
+                _require_name(f"probe '{p.name}'", "body", name, bodies)
         for a in self.axes:
             for name in a.moved_by:
-                _known(f"axis '{a.name}'", "drive", name, drives)
-            _known(f"axis '{a.name}'", "probe", a.probe, probes)
+                _require_name(f"axis '{a.name}'", "drive", name, drives)
+            _require_name(f"axis '{a.name}'", "probe", a.probe, probes)
 
     @property
     def own_notes(self) -> tuple[str, ...]:
@@ -414,17 +414,17 @@ def only_drive(axis: str, drives: tuple[str, ...], error: type[FlexstageError]) 
 
 
 def _unique(noun: str, things: tuple) -> set[str]:
-    seen: set[str] = set()
+    names: set[str] = set()
     for thing in things:
-        if thing.name in seen:
+        if thing.name in names:
             raise StageError(
                 f"two {noun} entries are called '{thing.name}': give each its own name"
             )
-        seen.add(thing.name)
-    return seen
+        names.add(thing.name)
+    return names
 
 
-def _known(who: str, noun: str, name: str, names: set[str]) -> None:
+def _require_name(who: str, noun: str, name: str, names: set[str]) -> None:
     if name not in names:
         hint = did_you_mean(name, names, 0.3)
         have = ", ".join(sorted(names)[:12]) or "none"
@@ -437,5 +437,5 @@ def _find(noun: str, name: str, things: tuple[_T, ...]) -> _T:
     for thing in things:
         if thing.name == name:
             return thing
-    _known("the request", noun, name, {t.name for t in things})
+    _require_name("the request", noun, name, {t.name for t in things})
     raise AssertionError

@@ -51,7 +51,7 @@ def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
         if common.is_empty or common.buffer(-_DISC).is_empty:
             continue
         where = common.representative_point()
-        own = a.name in b.bodies or b.name in a.bodies
+        related = a.name in b.bodies or b.name in a.bodies
         if a.is_notch and b.is_notch:
             code, cure = "hinges-coincide", "move one of them or remove it"
         elif a.is_notch or b.is_notch:
@@ -59,7 +59,7 @@ def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
             cure = (
                 "exclude the notch from the outline of the body, and let 'direction' point from "
                 "the first body to the second"
-                if own
+                if related
                 else "move the hinge or shorten its notch"
             )
         else:
@@ -194,10 +194,10 @@ def _facing_distance(part: Any, tree: Any, normals: Array, wire_width: float) ->
     faces = shapely.intersection(tree.geometries[near], part.buffer(2.0 * CHORD))
     reached = ~shapely.is_empty(faces)
     faces, normals = faces[reached], normals[near[reached]]
-    found = shapely.STRtree(faces)
+    face_tree = shapely.STRtree(faces)
     best = wire_width
     for face, normal in zip(faces, normals, strict=True):
-        others = found.query(face, predicate="dwithin", distance=best)
+        others = face_tree.query(face, predicate="dwithin", distance=best)
         # the two faces of a thin wall are parallel too, but the slot is not between them
         others = others[normals[others] @ normal <= _FACING]
         if others.size:
@@ -247,16 +247,16 @@ def narrowest_slot(stage: Stage) -> float:
     bodies = _bodies(stage)
     shapes = [*bodies, *notch_shapes(list(stage.hinges))]
     profiles = {hinge.profile for hinge in stage.hinges}
-    found = [profile.length for profile in profiles]
-    found += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
-    found += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
-    found.append(
-        _between(shapes, _REACH * stage.manufacture.wire_width, min(found, default=np.inf))
+    widths = [profile.length for profile in profiles]
+    widths += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
+    widths += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
+    widths.append(
+        _between(shapes, _REACH * stage.manufacture.wire_width, min(widths, default=np.inf))
     )
-    narrowest = min(found)
+    narrowest = min(widths)
     for body in stage.bodies if narrowest > 0.0 else ():
-        if (drawn := drawn_openings(body)) is not None:
-            narrowest = min(narrowest, _within(drawn, narrowest, outside=True))
+        if (openings := drawn_openings(body)) is not None:
+            narrowest = min(narrowest, _within(openings, narrowest, outside=True))
     return float(narrowest)
 
 

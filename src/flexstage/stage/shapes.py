@@ -69,9 +69,9 @@ def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:
     """Return the polygons of bodies with valid outlines, and the issues of the others."""
-    found = [_body_shape(body) for body in stage.bodies]
-    shapes = [shape for shape, _ in found if shape is not None]
-    return shapes, [issue for _, issues in found for issue in issues]
+    results = [_body_shape(body) for body in stage.bodies]
+    shapes = [shape for shape, _ in results if shape is not None]
+    return shapes, [issue for _, issues in results for issue in issues]
 
 
 # checks and figures of one stage ask for the same bodies

@@ -75,24 +75,28 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     every = {c: modes(system, drives=c, count=None) for c in conditions}
-    found: dict[DriveCondition, Modes] = {c: every[c].lowest(MODES_SEARCHED) for c in conditions}
+    lowest_modes: dict[DriveCondition, Modes] = {
+        c: every[c].lowest(MODES_SEARCHED) for c in conditions
+    }
     responses = []
     for axis in system.axes:
         for condition in conditions[:2]:
-            f = default_frequencies_hz(found[condition])
+            f = default_frequencies_hz(lowest_modes[condition])
             responses += [
                 response_of_modes(system, every[condition], f, drive, axis.probe)
                 for drive in axis.drives
             ]
-    rows = every_characteristic(stage, system, states, found["removed"], found.get("in place"))
+    rows = every_characteristic(
+        stage, system, states, lowest_modes["removed"], lowest_modes.get("in place")
+    )
     return Analysis(
         stage=stage,
         system=system,
         axes=states.axes,
-        modes=found,
+        modes=lowest_modes,
         responses=tuple(responses),
         characteristics=Characteristics(rows),
-        validity=(*system.validity, *_missing(system, found["removed"])),
+        validity=(*system.validity, *_missing(system, lowest_modes["removed"])),
         provenance=provenance(stage, system.settings),
         coupling=states.coupling,
     )

@@ -95,8 +95,8 @@ class SystemBatch(StageNumbers):
 
 def arrays_of(batch: Any) -> dict[str, Array]:
     """Return the arrays of a batch by field, in the order of its fields."""
-    found = {f.name: getattr(batch, f.name) for f in fields(batch)}
-    return {name: value for name, value in found.items() if hasattr(value, "ndim")}
+    arrays = {f.name: getattr(batch, f.name) for f in fields(batch)}
+    return {name: value for name, value in arrays.items() if hasattr(value, "ndim")}
 
 
 def namespace_of(batch: Any) -> Any:

@@ -23,7 +23,7 @@ _DESCRIBED = ("mass", "moving_mass", "width", "height", "thickness")
 
 
 def batch_characteristics(
-    batch: SystemBatch, wanted: Collection[Key] | None = None
+    batch: SystemBatch, keys: Collection[Key] | None = None
 ) -> dict[Key, Array]:
     r"""Return the characteristics of many stages of one topology.
 
@@ -71,17 +71,17 @@ def batch_characteristics(
     decided = decisions(batch.stage, batch.nominal)
     source = _Values(batch, decided)
     figures = source.figures = StageFigures(decided, source)
-    known = figures.rows
-    chosen = list(known) if wanted is None else list(wanted)
-    require_known(batch, chosen, known)
-    source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in chosen)
+    rows = figures.rows
+    selected = list(rows) if keys is None else list(keys)
+    require_known(batch, selected, rows)
+    source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in selected)
     xp, out = source.xp, {}
     # a mechanism divides by nothing, and is no number in the end
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        moving = any(name not in _DESCRIBED for name, _ in chosen)
+        moving = any(name not in _DESCRIBED for name, _ in selected)
         sure = _sure(figures, source) if moving else None
-        for key in chosen:
-            value = known[key]()
+        for key in selected:
+            value = rows[key]()
             if key[0] not in _DESCRIBED:
                 value = xp.where(sure, value, xp.nan)
             out[key] = xp.broadcast_to(value, (batch.samples,))
@@ -94,11 +94,11 @@ def quoted(batch: SystemBatch) -> tuple[Key, ...]:
     return tuple(StageFigures(decided, _Values(batch, decided)).rows)
 
 
-def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
+def require_known(batch: SystemBatch, keys: Collection[Key], available: Collection[Key]) -> None:
     """Refuse figures that are not available, and list those that are."""
-    texts = [f"{quantity} of {axis}" for quantity, axis in known]
-    for key in wanted:
-        if key not in known:
+    texts = [f"{quantity} of {axis}" for quantity, axis in available]
+    for key in keys:
+        if key not in available:
             name = f"{key[0]} of {key[1]}"
             raise ModelError(
                 f"a batch of stage '{batch.stage.name}' does not give {name}, only "
@@ -117,11 +117,11 @@ def _sure(figures: StageFigures, source: "_Values") -> Array:
     coupled = xp.zeros_like(fine)
     for i, axis in enumerate(nominal.axes):
         j = nominal.drives.index(axis.drives[0])
-        own = xp.abs(coupling.scaled[i][j])
+        own_motion = xp.abs(coupling.scaled[i][j])
         for k, other in enumerate(nominal.axes):
             if other.drives != axis.drives:
                 size = xp.abs(coupling.scaled[k][j])
-                coupled = xp.logical_or(coupled, size > COUPLED * own)
+                coupled = xp.logical_or(coupled, size > COUPLED * own_motion)
     return xp.logical_and(fine, coupled if nominal.coupled else xp.logical_not(coupled))
 
 
@@ -236,7 +236,7 @@ class _Values(FieldSource):
     def reach(self, probe: int, drive: int) -> Array:
         return applied(self.form("probe", probe), self._drives[:, :, drive : drive + 1, :])[0, ...]
 
-    def own(self, probe: int) -> Array:
+    def self_response(self, probe: int) -> Array:
         shape = self._shape(probe)[:, :, None, :]
         return applied(self.form("probe", probe), shape)[0, ...]
 
@@ -286,7 +286,9 @@ class _Values(FieldSource):
             )
             reading = self.form("probe", axis.probe)
             responses.append(
-                DrivenReading(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
+                DrivenReading(
+                    force=form, reading=reading, pushed=pushed, read=self.self_response(axis.probe)
+                )
             )
         return axis_modes(
             self.factor,
@@ -299,8 +301,8 @@ class _Values(FieldSource):
         )
 
     def mode(self, axis: int) -> tuple[Array, Array]:
-        squared, shown = self._modes
-        return squared[axis], shown[axis]
+        squared, read_squares = self._modes
+        return squared[axis], read_squares[axis]
 
     def fine(self) -> Array:
         return self.factor.regular

@@ -67,10 +67,10 @@ class CouplingFigures:
         """Forces of all drives for a unit elongation of each, the others held."""
         gram, out = self.source.gram, {}
         for j in self.drives:
-            held = [*dict.fromkeys([*self.stiff, j]), *self.rest]
-            unit = [float(i == j) for i in held]
-            found = solved([[gram(a, b) for b in held] for a in held], unit)
-            out[j] = dict(zip(held, found, strict=True))
+            locked = [*dict.fromkeys([*self.stiff, j]), *self.rest]
+            unit = [float(i == j) for i in locked]
+            solution = solved([[gram(a, b) for b in locked] for a in locked], unit)
+            out[j] = dict(zip(locked, solution, strict=True))
         return out
 
     @cached_property
@@ -139,12 +139,12 @@ class CouplingFigures:
         if nominal.independent:
             rows["condition_number", WHOLE_STAGE] = lambda: self.sigma[0] / self.sigma[-1]
             rows["isotropy", WHOLE_STAGE] = self._isotropy
-        known = self.system.stress is not None and len(self.drives) <= MOST_DRIVES
-        if nominal.coupled and known:
-            found = stress_figures(
+        with_stress = self.system.stress is not None and len(self.drives) <= MOST_DRIVES
+        if nominal.coupled and with_stress:
+            stress_rows = stress_figures(
                 self.stage.material, self.source.strength, lambda: self._stress_anywhere
             )
-            rows |= {(name, WHOLE_STAGE): row for name, row in found}
+            rows |= {(name, WHOLE_STAGE): row for name, row in stress_rows}
         reached = nominal.workspace
         if reached is not None and (len(reached.axes) == 2 or len(self.drives) == 3):
             rows["workspace_area", "".join(reached.axes[:2])] = self._area
@@ -157,10 +157,10 @@ class CouplingFigures:
 
     def _isotropy(self) -> Any:
         squares = [s * s for s in self.sigma]
-        whole = squares[0]
+        product = squares[0]
         for square in squares[1:]:
-            whole = whole * square
-        return power(whole, 1.0 / len(squares)) / (added(squares) / len(squares))
+            product = product * square
+        return power(product, 1.0 / len(squares)) / (added(squares) / len(squares))
 
     @cached_property
     def _stress_anywhere(self) -> Any:
@@ -271,15 +271,15 @@ class StageFigures:
         for axis in self.axes:
             self.rows |= {(name, axis.name): row for name, row in axis.rows()}
         if decided.axes:
-            self.rows |= self._whole()
+            self.rows |= self._stage_rows()
 
-    def _whole(self) -> dict[Key, Callable[[], Any]]:
+    def _stage_rows(self) -> dict[Key, Callable[[], Any]]:
         source = self.source
         fixed = [body.fixed for body in self.decided.stage.bodies]
 
         def mass(moving: bool) -> Any:
             masses = zip(source.masses(), fixed, strict=True)
-            return added([m for m, held in masses if not (moving and held)])
+            return added([m for m, is_fixed in masses if not (moving and is_fixed)])
 
         rows: dict[Key, Callable[[], Any]] = {
             ("mass", WHOLE_STAGE): lambda: mass(False),
@@ -330,11 +330,11 @@ class AxisFigures:
         return self.reading(self.probe)
 
     @cached_property
-    def held(self) -> tuple[Any, dict[int, Any]]:
+    def probe_compliance(self) -> tuple[Any, dict[int, Any]]:
         """Reading for a unit force on the probe, drives in place, and the forces of the drives."""
         system, source = self.stage.decided.system, self.source
         drives = [j for j, d in enumerate(system.drives) if d.stiffness != 0.0]
-        soft = source.own(self.probe)
+        soft = source.self_response(self.probe)
         if not drives:
             return soft, {}
         matrix = [
@@ -361,7 +361,7 @@ class AxisFigures:
             strength=source.strength,
             step=self._step,
             frequency_hz=lambda: root(source.mode(self.index)[0]) / math.tau,
-            shown=lambda: source.mode(self.index)[1],
+            reading_squares=lambda: source.mode(self.index)[1],
             worst=lambda probes: largest(
                 [self.reading(self.stage.probe[p]) for p in probes], by_magnitude=True
             ),
@@ -369,10 +369,10 @@ class AxisFigures:
                 [f * source.rotation(self.probe, j) for j, f in self.motion[2].items()]
             ),
             input_stiffness=self._input_stiffness,
-            output_stiffness=lambda: 1.0 / self.held[0],
+            output_stiffness=lambda: 1.0 / self.probe_compliance[0],
             sag=self._sag,
             yields=math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")),
-            seen=bool(np.any(system.probes[self.probe].vector)),
+            visible=bool(np.any(system.probes[self.probe].vector)),
         )
         return axis_figures(system, nominal, decided.stage.material, measures)
 
@@ -391,6 +391,6 @@ class AxisFigures:
 
     def _sag(self) -> Any:
         source = self.source
-        parts = [f * source.sag_drive(self.probe, j) for j, f in self.held[1].items()]
+        parts = [f * source.sag_drive(self.probe, j) for j, f in self.probe_compliance[1].items()]
         sag = source.sag(self.probe)
         return sag - added(parts) if parts else sag

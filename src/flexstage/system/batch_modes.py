@@ -17,7 +17,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
-from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED
+from flexstage.system.characteristics import AS_MUCH, MODES_SEARCHED, SAME_FREQUENCY
 from flexstage.system.forward_mode import array_namespace, root
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import generalized_modes
@@ -35,7 +35,7 @@ _STEPS = 16
 _RESIDUAL_FREQUENCY = 1e-8
 _RESIDUAL_SHAPE = 1e-11
 # Shapes with a larger one are not modes yet: they count as outside of the subspace.
-_KNOWN = 1e-3
+_CONVERGED = 1e-3
 
 
 def start_shapes(
@@ -104,29 +104,29 @@ def axis_modes(
     mass = xp.broadcast_to(mass, (*mass.shape[:2], count))
     left = xp.arange(count)
     work = _Work(factor, mass, responses, shapes)
-    found: list[tuple[Array, Array]] = []
+    results: list[tuple[Array, Array]] = []
     if start is not None:
         x = xp.reshape(xp.asarray(start, dtype=mass.dtype), (mass.shape[0], 3, -1, 1))
         for _ in range(_STEPS):
             values, x, done = work.step(x)
             finished, keep = xp.nonzero(done)[0], xp.nonzero(xp.logical_not(done))[0]
-            found.append((xp.take(left, finished), xp.take(values, finished, axis=-1)))
+            results.append((xp.take(left, finished), xp.take(values, finished, axis=-1)))
             left = xp.take(left, keep)
             if not keep.shape[0]:
                 break
             if finished.shape[0]:
-                work, x = work.taken(keep), xp.take(x, keep, axis=-1)
+                work, x = work.subset(keep), xp.take(x, keep, axis=-1)
     if left.shape[0]:
         some = {at: taken_samples(xp, block, left) for at, block in blocks.items()}
-        whole = _Work(
-            factor.taken(left),
+        remaining = _Work(
+            factor.subset(left),
             taken_samples(xp, mass, left),
             [_taken_response(xp, r, left) for r in responses],
             shapes,
         )
-        found.append((left, whole.in_full(some)))
-    where = xp.argsort(xp.concat([at for at, _ in found]))
-    values = xp.take(xp.concat([value for _, value in found], axis=-1), where, axis=-1)
+        results.append((left, remaining.in_full(some)))
+    where = xp.argsort(xp.concat([at for at, _ in results]))
+    values = xp.take(xp.concat([value for _, value in results], axis=-1), where, axis=-1)
     axes = range(len(responses))
     return [values[0, a, ...] for a in axes], [values[1, a, ...] for a in axes]
 
@@ -139,13 +139,13 @@ class _Work:
     ) -> None:
         self.factor, self.mass, self.responses, self.shapes = factor, mass, responses, shapes
 
-    def taken(self, chosen: Array) -> "_Work":
+    def subset(self, numbers: Array) -> "_Work":
         """Return some of the samples, by their numbers."""
         xp = self.factor.xp
         return _Work(
-            self.factor.taken(chosen),
-            taken_samples(xp, self.mass, chosen),
-            [_taken_response(xp, r, chosen) for r in self.responses],
+            self.factor.subset(numbers),
+            taken_samples(xp, self.mass, numbers),
+            [_taken_response(xp, r, numbers) for r in self.responses],
             self.shapes,
         )
 
@@ -170,8 +170,8 @@ class _Work:
         """Select the mode of each axis; also return for which samples that is certain and exact."""
         xp = self.factor.xp
         limit = _RESIDUAL_SHAPE if self.shapes else _RESIDUAL_FREQUENCY
-        known = off < _KNOWN
-        omega, shown, sure = [], [], xp.ones_like(self.factor.regular)
+        converged = off < _CONVERGED
+        omega, readings, sure = [], [], xp.ones_like(self.factor.regular)
         for response in self.responses:
             p, d = applied(response.reading, shape), applied(response.force, shape)
             share = xp.abs(p * d) / value
@@ -183,18 +183,18 @@ class _Work:
                 as_much = share[k, ...] >= (1.0 - AS_MUCH) * best
                 squared = xp.where(as_much, value[k, ...], squared)
                 error = xp.where(as_much, off[k, ...], error)
-            alike = xp.abs(xp.sqrt(value / squared) - 1.0) < ALIKE
-            seen = xp.where(alike, p * p, xp.zeros_like(p))
+            same_frequency = xp.abs(xp.sqrt(value / squared) - 1.0) < SAME_FREQUENCY
+            squares = xp.where(same_frequency, p * p, xp.zeros_like(p))
             if self.shapes:
-                error = xp.max(xp.where(alike, off, xp.zeros_like(off)), axis=0)
+                error = xp.max(xp.where(same_frequency, off, xp.zeros_like(off)), axis=0)
             nothing = xp.zeros_like(value)
-            read = response.read - total(xp.where(known, p * p / value, nothing), 1)
-            pushed = response.pushed - total(xp.where(known, d * d / value, nothing), 1)
+            read = response.read - total(xp.where(converged, p * p / value, nothing), 1)
+            pushed = response.pushed - total(xp.where(converged, d * d / value, nothing), 1)
             outside = xp.sqrt(xp.clip(read, 0.0, None) * xp.clip(pushed, 0.0, None))
             sure = xp.logical_and(sure, xp.logical_and(error <= limit, outside < best))
             omega.append(squared)
-            shown.append(total(seen, 1))
-        return xp.stack((xp.stack(omega), xp.stack(shown))), sure
+            readings.append(total(squares, 1))
+        return xp.stack((xp.stack(omega), xp.stack(readings))), sure
 
     def in_full(self, blocks: Mapping[tuple[int, int], Array]) -> Array:
         """Find all modes, and return the requested results, shape (2, a, S)."""
@@ -251,11 +251,11 @@ def _small_problem(
     ]
     if m == 1:
         return xp.stack(small[0]), xp.stack((xp.stack(inverse[0]),))
-    whole = xp.stack([small[max(i, j)][min(i, j)] for i in range(m) for j in range(m)], axis=-1)
+    matrix = xp.stack([small[max(i, j)][min(i, j)] for i in range(m) for j in range(m)], axis=-1)
     fine = xp.logical_and(factor.regular, xp.isfinite(_sum([w for row in small for w in row])))
-    usual = xp.eye(m, dtype=whole.dtype)
-    whole = xp.where(fine[:, None, None], xp.reshape(whole, (-1, m, m)), usual)
-    value, vector = xp.linalg.eigh(whole)
+    usual = xp.eye(m, dtype=matrix.dtype)
+    matrix = xp.where(fine[:, None, None], xp.reshape(matrix, (-1, m, m)), usual)
+    value, vector = xp.linalg.eigh(matrix)
     value, vector = samples_last(xp, value), samples_last(xp, vector)
     z = [_sum([inverse[k][i] * vector[k, ...] for k in range(i, m)]) for i in range(m)]
     return value, xp.stack(z)
@@ -310,18 +310,18 @@ def total(x: Array, axes: int) -> Array:
     return x[0, ...]
 
 
-def taken_samples(xp: Any, x: Array, chosen: Array) -> Array:
+def taken_samples(xp: Any, x: Array, numbers: Array) -> Array:
     """Return some samples of an array that has them last; one for all stays."""
-    return x if x.shape[-1] == 1 else xp.take(x, chosen, axis=-1)
+    return x if x.shape[-1] == 1 else xp.take(x, numbers, axis=-1)
 
 
-def _taken_response(xp: Any, response: DrivenReading, chosen: Array) -> DrivenReading:
+def _taken_response(xp: Any, response: DrivenReading, numbers: Array) -> DrivenReading:
     def form(of: Form) -> Form:
-        return [(body, taken_samples(xp, row, chosen)) for body, row in of]
+        return [(body, taken_samples(xp, row, numbers)) for body, row in of]
 
     return DrivenReading(
         force=form(response.force),
         reading=form(response.reading),
-        pushed=taken_samples(xp, response.pushed, chosen),
-        read=taken_samples(xp, response.read, chosen),
+        pushed=taken_samples(xp, response.pushed, numbers),
+        read=taken_samples(xp, response.read, numbers),
     )

@@ -96,13 +96,13 @@ class BlockFactor:
         xp, plan = self.xp, self.plan
         b = list(right)
         for i in plan.order:
-            own = b[i]
-            if own is None:
+            right_side = b[i]
+            if right_side is None:
                 continue
             r0, r1, r2, l10, l20, l21 = self.pivots[i]
-            y0 = own[0, ...] * r0
-            y1 = (own[1, ...] - l10 * y0) * r1
-            y2 = (own[2, ...] - l20 * y0 - l21 * y1) * r2
+            y0 = right_side[0, ...] * r0
+            y1 = (right_side[1, ...] - l10 * y0) * r1
+            y2 = (right_side[2, ...] - l20 * y0 - l21 * y1) * r2
             b[i] = xp.stack((y0, y1, y2))
             w = self.panels[i]
             if w is None:
@@ -130,11 +130,11 @@ class BlockFactor:
             x[i] = xp.stack((x0, x1, x2))
         return xp.stack(xp.broadcast_arrays(*x))
 
-    def taken(self, chosen: Array) -> "BlockFactor":
+    def subset(self, numbers: Array) -> "BlockFactor":
         """Return the factors of some samples, by their numbers."""
 
         def take(x: Array) -> Array:
-            return x if x.shape[-1] == 1 else self.xp.take(x, chosen, axis=-1)
+            return x if x.shape[-1] == 1 else self.xp.take(x, numbers, axis=-1)
 
         return BlockFactor(
             xp=self.xp,
@@ -166,12 +166,12 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
         return 1.0 / xp.sqrt(xp.where(fine, value, xp.where(full > 0.0, full, one)))
 
     for i in plan.order:
-        own, full = k[i, i], diagonal[i]
-        r0 = root(own[0, 0, ...], full[0, 0, ...])
-        l10, l20 = own[1, 0, ...] * r0, own[2, 0, ...] * r0
-        r1 = root(own[1, 1, ...] - l10 * l10, full[1, 1, ...])
-        l21 = (own[2, 1, ...] - l20 * l10) * r1
-        r2 = root(own[2, 2, ...] - l20 * l20 - l21 * l21, full[2, 2, ...])
+        pivot, full = k[i, i], diagonal[i]
+        r0 = root(pivot[0, 0, ...], full[0, 0, ...])
+        l10, l20 = pivot[1, 0, ...] * r0, pivot[2, 0, ...] * r0
+        r1 = root(pivot[1, 1, ...] - l10 * l10, full[1, 1, ...])
+        l21 = (pivot[2, 1, ...] - l20 * l10) * r1
+        r2 = root(pivot[2, 2, ...] - l20 * l20 - l21 * l21, full[2, 2, ...])
         pivots[i] = (r0, r1, r2, l10, l20, l21)
         later = plan.later[i]
         if not later:

@@ -33,13 +33,13 @@ def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
     if len({drive for axis in system.axes for drive in axis.drives}) < 2:
         return None
     try:
-        found = coupled_axes(stage, system)
+        coupling = coupled_axes(stage, system)
     except ModelError:
         # drives that hold the same: then each is looked at by itself
         if any(len(axis.drives) > 1 for axis in system.axes):
             raise
         return None
-    return found
+    return coupling
 
 
 class AxisStates(NamedTuple):
@@ -157,7 +157,7 @@ def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str,
 
 
 #: Natural frequencies that differ by less are one [1].
-ALIKE = 1e-3
+SAME_FREQUENCY = 1e-3
 #: Shares of a response that differ by less, as a part of the larger, are equal [1].
 AS_MUCH = 1e-3
 # relative scatter of a largest stress, read at points of a mesh, from mesh to mesh [1].
@@ -226,8 +226,8 @@ def axis_characteristics(
     mode = axis_mode(system, removed, static.drive_force, axis.probe)
     frequency_hz = removed.frequency_hz
     # modes of one frequency mix arbitrarily; only their sum is well defined
-    alike = np.abs(frequency_hz / frequency_hz[mode] - 1.0) < ALIKE
-    shown = np.sum((port.vector @ removed.shapes[:, alike]) ** 2)
+    same_frequency = np.abs(frequency_hz / frequency_hz[mode] - 1.0) < SAME_FREQUENCY
+    reading_squares = np.sum((port.vector @ removed.shapes[:, same_frequency]) ** 2)
     stiffness = probe_stiffness(system, axis.probe, drives="in place")
     stress = static.hinge_stress
     hinge = max(stress, key=lambda name: stress[name], default="")
@@ -242,19 +242,19 @@ def axis_characteristics(
             np.float64(gains[name]) * (system.drive(name).smallest_displacement or 0.0)
         ),
         frequency_hz=lambda: frequency_hz[mode],
-        shown=lambda: shown,
+        reading_squares=lambda: reading_squares,
         worst=lambda probes: max((static.readings[p] for p in probes), key=abs),
         rotation=lambda: static.body_motion[port.body][2],
         input_stiffness=lambda: axis.input_stiffness,
         output_stiffness=lambda: stiffness,
         sag=lambda: _sag(stage, system, axis.probe),
         yields=stiffness < math.inf,
-        seen=bool(shown),
+        visible=bool(reading_squares),
     )
     published = {(row.quantity, row.axis) for row in stage.published}
     stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
     both = stacks and ("natural_frequency_hz", axis.axis) not in published
-    which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
+    which = "mode" if same_frequency.sum() == 1 else f"the {same_frequency.sum()} modes like"
     notes = {
         **_motion_notes(system, axis, alone=coupled is None),
         **_stress_notes(stage.material, f"hinge '{hinge}', {_over(coupled)}"),
@@ -419,10 +419,10 @@ def pulsating_limit(material: Material) -> float | None:
 
 def _loaded(system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
     """Yield thermal drift, and stiffness and frequency out of the plane, if the model has them."""
-    known = {load.name for load in system.loads}
+    load_names = {load.name for load in system.loads}
     if system.probe(probe).unit == "rad":
         return
-    if "temperature" in known:
+    if "temperature" in load_names:
         drift = static_loads(system, {"temperature": 1.0}).readings[probe]
         yield (
             "thermal_drift",
@@ -454,7 +454,7 @@ def stage_characteristics(
     """Return the characteristics of the stage: size, mass, coupling and workspace."""
     model = system.model
     add = _Rows(model, WHOLE_STAGE)
-    masses = {name: found.mass for name, found in mass_properties(stage).items()}
+    masses = {name: properties.mass for name, properties in mass_properties(stage).items()}
     add("mass", sum(masses.values()), "all bodies and the masses mounted on them")
     moving = sum(masses[body.name] for body in stage.bodies if not body.fixed)
     add("moving_mass", moving, "all bodies that are not fixed")

@@ -45,8 +45,8 @@ def zonotope_volume(generators: Array) -> float:
     11.0
     """
     n, d = generators.shape
-    chosen = (generators[:, list(k)] for k in combinations(range(d), n))
-    return float(sum(abs(np.linalg.det(g)) for g in chosen))
+    combined = (generators[:, list(k)] for k in combinations(range(d), n))
+    return float(sum(abs(np.linalg.det(g)) for g in combined))
 
 
 def zonogon_outline(generators: Array) -> Array:
@@ -124,18 +124,18 @@ def box_section(generators: Array, level: float) -> Array:
         raise ModelError(f"a workspace is computed for at most {MOST_DRIVES} drives, got {d}")
     # a tiny part of the size, so that a section through a corner is not lost to rounding
     slack = 1e-12 * float(np.abs(generators[2]).sum())
-    found = []
+    corners = []
     for free in range(d):
         rest = np.delete(generators, free, axis=1)
-        own = generators[:, free]
+        edge = generators[:, free]
         for signs in product((-0.5, 0.5), repeat=d - 1):
             corner = rest @ np.array(signs)
             gap = level - corner[2]
-            if abs(gap) <= 0.5 * abs(own[2]) + slack:
-                share = 0.0 if own[2] == 0.0 else float(np.clip(gap / own[2], -0.5, 0.5))
-                shares = (share,) if own[2] != 0.0 else (-0.5, 0.5)
-                found += [corner[:2] + s * own[:2] for s in shares]
-    points = np.array(found).reshape(-1, 2)
+            if abs(gap) <= 0.5 * abs(edge[2]) + slack:
+                share = 0.0 if edge[2] == 0.0 else float(np.clip(gap / edge[2], -0.5, 0.5))
+                shares = (share,) if edge[2] != 0.0 else (-0.5, 0.5)
+                corners += [corner[:2] + s * edge[:2] for s in shares]
+    points = np.array(corners).reshape(-1, 2)
     if len(points) < 3:
         return points
     try:
@@ -399,17 +399,17 @@ class CoupledAxes:
 
         # unknowns: the part of its stroke that each drive takes, and the motion, of the order of 1
         rows = self.jacobian * span / (self._sizes * span.max())[:, None]
-        wanted = np.zeros((len(self.axes), 1))
-        wanted[i] = -1.0
+        unit_motion = np.zeros((len(self.axes), 1))
+        unit_motion[i] = -1.0
         d = len(self.drives)
-        found = linprog(
+        solution = linprog(
             np.r_[np.zeros(d), -1.0],
-            A_eq=np.hstack((rows, wanted)),
+            A_eq=np.hstack((rows, unit_motion)),
             b_eq=np.zeros(len(self.axes)),
             bounds=[(-1.0, 1.0)] * d + [(0.0, None)],
             method="highs",
         )
-        return span * found.x[:d]
+        return span * solution.x[:d]
 
     def _plane(self) -> tuple[int, int, tuple[int, ...]]:
         """Rows of the first two displacements, and of the rotations."""

@@ -37,7 +37,7 @@ from flexstage.base.errors import ModelError
 from flexstage.system.batch import SystemBatch, samples_last
 from flexstage.system.batch_analysis import FieldSource, require_known
 from flexstage.system.batch_figures import StageFigures, decisions
-from flexstage.system.characteristics import ALIKE, MODES_SEARCHED, strongest
+from flexstage.system.characteristics import MODES_SEARCHED, SAME_FREQUENCY, strongest
 from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import Dual
 from flexstage.system.statics import solve_stiffness
@@ -48,7 +48,7 @@ _ONE = 1e-8
 
 
 def characteristic_derivatives(
-    batch: SystemBatch, slopes: SystemBatch, wanted: Collection[Key] | None = None
+    batch: SystemBatch, slopes: SystemBatch, keys: Collection[Key] | None = None
 ) -> dict[Key, Array]:
     r"""Return the derivatives of the characteristics of a stage by parameters.
 
@@ -99,10 +99,10 @@ def characteristic_derivatives(
     source = _Slopes(batch, slopes)
     figures = StageFigures(decisions(batch.stage, batch.nominal), source)
     source.figures = figures
-    chosen = list(figures.rows) if wanted is None else list(wanted)
-    require_known(batch, chosen, figures.rows)
+    selected = list(figures.rows) if keys is None else list(keys)
+    require_known(batch, selected, figures.rows)
     count = max(getattr(slopes, name).shape[0] for name in ("stiffness", "mass", "stroke", "size"))
-    return {key: np.broadcast_to(figures.rows[key]().tangent, (count,)).copy() for key in chosen}
+    return {key: np.broadcast_to(figures.rows[key]().tangent, (count,)).copy() for key in selected}
 
 
 class _Slopes(FieldSource):
@@ -134,7 +134,7 @@ class _Slopes(FieldSource):
                 out[:, 3 * body : 3 * body + 3] += rows[:, side]
         return out
 
-    def _whole(self, blocks: Array) -> Array:
+    def _full_matrices(self, blocks: Array) -> Array:
         """Full matrices of blocks."""
         out = np.zeros((blocks.shape[0], self.order, self.order))
         for i, (row, column) in enumerate(self.batch.blocks):
@@ -147,13 +147,13 @@ class _Slopes(FieldSource):
     @cached_property
     def stiffness(self) -> Array:
         """K."""
-        k = self._whole(self.batch.stiffness)[0]
+        k = self._full_matrices(self.batch.stiffness)[0]
         return 0.5 * (k + k.T)
 
     @cached_property
     def stiffness_slope(self) -> Array:
         """Derivatives of K."""
-        return self._whole(self.slopes.stiffness)
+        return self._full_matrices(self.slopes.stiffness)
 
     @cached_property
     def _loads(self) -> tuple[Array, dict[tuple[str, int], int]]:
@@ -166,8 +166,8 @@ class _Slopes(FieldSource):
         for i in range(len(self._probe)):
             where["weight", i] = len(columns)
             columns.append(self._weight(i)[0])
-        held = np.zeros((self.order, 0))
-        return solve_stiffness(self.stiffness, np.array(columns).T, held)[0], where
+        no_constraints = np.zeros((self.order, 0))
+        return solve_stiffness(self.stiffness, np.array(columns).T, no_constraints)[0], where
 
     def _shape(self, kind: str, which: int) -> Array:
         shapes, where = self._loads
@@ -208,7 +208,7 @@ class _Slopes(FieldSource):
     def reach(self, probe: int, drive: int) -> Dual:
         return self._compliance(("probe", probe), ("drive", drive))
 
-    def own(self, probe: int) -> Dual:
+    def self_response(self, probe: int) -> Dual:
         return self._compliance(("probe", probe), ("probe", probe))
 
     def sag(self, probe: int) -> Dual:
@@ -221,8 +221,8 @@ class _Slopes(FieldSource):
         """Shape for a unit force of a drive, and its derivatives."""
         q, (_, slope) = self._shape("drive", drive), self._drive[drive]
         right = slope - self.stiffness_slope @ q
-        held = np.zeros((self.order, 0))
-        return q, solve_stiffness(self.stiffness, right.T, held)[0].T
+        no_constraints = np.zeros((self.order, 0))
+        return q, solve_stiffness(self.stiffness, right.T, no_constraints)[0].T
 
     def stress(self, drive: int) -> Dual:
         q, slope = self._moved(drive)
@@ -256,8 +256,8 @@ class _Slopes(FieldSource):
         d = added([f.value * self._drive[j][0] for j, f in figure.motion[1].items()])
         last = min(MODES_SEARCHED, value.size)
         share = np.abs((p @ shapes) * (d @ shapes))[:last] / value[:last]
-        chosen = strongest(share)
-        squared, mass_slope = value[chosen], self.slopes.mass
+        selected = strongest(share)
+        squared, mass_slope = value[selected], self.slopes.mass
 
         def between(left: Array, right: Array) -> tuple[Array, Array]:
             """Derivatives of K and of M between shapes, (p, a, b)."""
@@ -267,20 +267,26 @@ class _Slopes(FieldSource):
         one = np.flatnonzero(np.abs(value / squared - 1.0) < _ONE)
         k, m = between(shapes[:, one], shapes[:, one])
         slope = self._of_one(k - squared * m, p @ shapes[:, one], d @ shapes[:, one])
-        alike = np.zeros(value.size, dtype=bool)
-        alike[:last] = np.abs(np.sqrt(value[:last] / squared) - 1.0) < ALIKE
+        same_frequency = np.zeros(value.size, dtype=bool)
+        same_frequency[:last] = np.abs(np.sqrt(value[:last] / squared) - 1.0) < SAME_FREQUENCY
         read = p @ shapes
-        shown = float(np.sum(read[alike] ** 2))
-        k, m = between(shapes[:, alike], shapes)
-        change = k - value[alike][:, None] * m
+        reading_squares = float(np.sum(read[same_frequency] ** 2))
+        k, m = between(shapes[:, same_frequency], shapes)
+        change = k - value[same_frequency][:, None] * m
         # among modes of one frequency only M counts, that of the projector on all of them
-        apart = value[alike][:, None] - value
+        apart = value[same_frequency][:, None] - value
         with np.errstate(divide="ignore"):
-            gap = np.where(alike, 0.0, 1.0 / apart)
-        turned = 2.0 * np.einsum("a,pab,ab,b->p", read[alike], change, gap, read, optimize=True)
-        inside = np.einsum("a,pab,b->p", read[alike], m[:, :, alike], read[alike])
-        moved = 2.0 * (p_slope @ shapes[:, alike]) @ read[alike]
-        return Dual(np.array([squared]), slope), Dual(np.array([shown]), turned - inside + moved)
+            gap = np.where(same_frequency, 0.0, 1.0 / apart)
+        turned = 2.0 * np.einsum(
+            "a,pab,ab,b->p", read[same_frequency], change, gap, read, optimize=True
+        )
+        inside = np.einsum(
+            "a,pab,b->p", read[same_frequency], m[:, :, same_frequency], read[same_frequency]
+        )
+        moved = 2.0 * (p_slope @ shapes[:, same_frequency]) @ read[same_frequency]
+        return Dual(np.array([squared]), slope), Dual(
+            np.array([reading_squares]), turned - inside + moved
+        )
 
     @staticmethod
     def _of_one(change: Array, p: Array, d: Array) -> Array:

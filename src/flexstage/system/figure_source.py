@@ -50,7 +50,7 @@ class AxisMeasures:
     """Reading of the probe for the smallest displacement of a drive, signed."""
     frequency_hz: Callable[[], Any]
     """Frequency of the mode by which the axis moves [Hz]."""
-    shown: Callable[[], Any]
+    reading_squares: Callable[[], Any]
     """Sum of squares of the readings in this mode and those of its frequency [1/kg, 1/(kg m^2)]."""
     worst: Callable[[list[str]], Any]
     """Reading of some probes over the stroke that is the largest, with its sign."""
@@ -64,7 +64,7 @@ class AxisMeasures:
     """Reading of the probe for the weight along the axis, drives in place [m]."""
     yields: bool
     """Whether a force on the probe moves it."""
-    seen: bool
+    visible: bool
     """Whether the probe reads the modes by which the axis moves."""
 
 
@@ -93,15 +93,18 @@ def axis_figures(
         )
     yield "natural_frequency_hz", measures.frequency_hz
     for quantity, probes in _cross_figures(system, axis):
-        own = measures.output if quantity == "cross_coupling" else lambda: 1.0
-        yield quantity, lambda probes=probes, own=own: measures.worst(probes) / own()
+        reference = measures.output if quantity == "cross_coupling" else lambda: 1.0
+        yield (
+            quantity,
+            lambda probes=probes, reference=reference: measures.worst(probes) / reference(),
+        )
     if not turns and port.body in axis.static.body_motion:
         yield "parasitic_rotation", measures.rotation
     yield "input_stiffness", measures.input_stiffness
     if measures.yields:
         yield axis_quantity("output_stiffness", unit), measures.output_stiffness
-    if measures.seen:
-        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.shown()
+    if measures.visible:
+        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.reading_squares()
     if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
         yield "gravity_sag", measures.sag
 
@@ -115,13 +118,16 @@ def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tup
     """
     others = [other.probe for other in system.axes if other.name != axis.axis]
     unit = system.probe(axis.probe).unit
-    alike = [p for p in others if system.probe(p).unit == unit]
+    same_kind = [p for p in others if system.probe(p).unit == unit]
     unlike = [p for p in others if system.probe(p).unit != unit]
     ways = ("cross_rotation", "cross_displacement")
-    if alike:
-        worst, own = max(abs(axis.static.readings[p]) for p in alike), abs(axis.output_displacement)
-        moves = own >= _NOTHING * worst and own != 0.0
-        yield "cross_coupling" if moves else ways[unit == "m"], alike
+    if same_kind:
+        worst, own_motion = (
+            max(abs(axis.static.readings[p]) for p in same_kind),
+            abs(axis.output_displacement),
+        )
+        moves = own_motion >= _NOTHING * worst and own_motion != 0.0
+        yield "cross_coupling" if moves else ways[unit == "m"], same_kind
     if unlike:
         yield ways[unit == "rad"], unlike
 
@@ -138,7 +144,7 @@ class Source(Protocol):
     def reach(self, probe: int, drive: int) -> Any:
         """Reading of a probe for a unit force of a drive."""
 
-    def own(self, probe: int) -> Any:
+    def self_response(self, probe: int) -> Any:
         """Reading of a probe for a unit force along itself."""
 
     def sag(self, probe: int) -> Any:

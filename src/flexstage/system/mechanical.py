@@ -269,7 +269,7 @@ class MechanicalSystem:
         DrivePort
             The drive.
         """
-        return named("drive", name, self.drives)
+        return find_named("drive", name, self.drives)
 
     def probe(self, name: str) -> ProbePort:
         """Return a probe by name.
@@ -284,7 +284,7 @@ class MechanicalSystem:
         ProbePort
             The probe.
         """
-        return named("probe", name, self.probes)
+        return find_named("probe", name, self.probes)
 
     def body(self, name: str) -> BodyPort:
         """Return a body by name.
@@ -299,7 +299,7 @@ class MechanicalSystem:
         BodyPort
             The body.
         """
-        return named("body", name, self.bodies)
+        return find_named("body", name, self.bodies)
 
     def load(self, name: str) -> LoadPort:
         """Return a load by name.
@@ -314,7 +314,7 @@ class MechanicalSystem:
         LoadPort
             The load.
         """
-        return named("load", name, self.loads)
+        return find_named("load", name, self.loads)
 
     def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
         """Return stiffness and constraints of the drives.
@@ -340,15 +340,15 @@ class MechanicalSystem:
                 f"unknown drive condition '{condition}': expected removed, in place or locked"
             )
         added = np.zeros_like(self.K)
-        held: list[Array] = []
+        constraints: list[Array] = []
         for d in self.drives:
             if condition == "removed" or d.stiffness == 0.0:
                 continue
             if condition == "locked" or d.stiffness is None:
-                held.append(d.vector)
+                constraints.append(d.vector)
             else:
                 added += d.stiffness * np.outer(d.vector, d.vector)
-        return added, np.array(held).reshape(len(held), self.order).T
+        return added, np.array(constraints).reshape(len(constraints), self.order).T
 
     def with_damping(self, damping: Damping) -> "MechanicalSystem":
         """Return the same system with other damping.
@@ -366,7 +366,7 @@ class MechanicalSystem:
         return replace(self, damping=damping)
 
 
-def named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
+def find_named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
     """Return the item of a name; `where` names in the message the owner of the others."""
     for one in among:
         if one.name == name:

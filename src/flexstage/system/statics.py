@@ -31,13 +31,13 @@ DEPENDENT = 1e12
 _CONDITION = 1e-15
 
 
-def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array, Array]:
+def solve_stiffness(stiffness: Array, right: Array, constraints: Array) -> tuple[Array, Array]:
     """Solve K q = f with some linear combinations of q held at zero.
 
-    K is symmetric, f and q have one column for each load, and each column v of `held` gives v^T q =
-    0. Returns q and the forces that hold, one row for each column of `held`. K is singular where
-    rounding to 16 digits could have made it what it is, by the condition number that N. J. Higham,
-    ACM Trans. Math. Softw. 14 (1988) 381, estimates from its factor.
+    K is symmetric, f and q have one column for each load, and each column v of `constraints` gives
+    v^T q = 0. Returns q and the constraint forces, one row for each column of `constraints`. K is
+    singular where rounding to 16 digits could have made it what it is, by the condition number that
+    N. J. Higham, ACM Trans. Math. Softw. 14 (1988) 381, estimates from its factor.
     """
     # scaling to a unit diagonal makes metres and radians comparable
     diagonal = np.diag(stiffness)
@@ -54,12 +54,12 @@ def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array,
         reciprocal_condition, _ = pocon(factor[0], np.abs(scaled).sum(axis=0).max(), uplo="L")
         if reciprocal_condition < _CONDITION:
             raise ModelError(_SINGULAR)
-    both = np.concatenate((right, held), axis=1) * scale[:, None]
+    both = np.concatenate((right, constraints), axis=1) * scale[:, None]
     solution = cho_solve(factor, both) * scale[:, None]
     free, compliance = solution[:, : right.shape[1]], solution[:, right.shape[1] :]
-    if held.shape[1] == 0:
+    if constraints.shape[1] == 0:
         return free, np.zeros((0, right.shape[1]))
-    holding = -np.linalg.solve(held.T @ compliance, held.T @ free)
+    holding = -np.linalg.solve(constraints.T @ compliance, constraints.T @ free)
     return free + compliance @ holding, holding
 
 
@@ -156,7 +156,7 @@ def static_displacements(
     vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
     rest = replace(system, drives=tuple(d for d in system.drives if d.name not in displacements))
     compliance, loose = _compliance(rest, vectors, others)
-    wanted = np.array([displacements[n] for n in names])
+    targets = np.array([displacements[n] for n in names])
     moved = vectors.T @ compliance
     size = np.sqrt(np.abs(np.diag(moved)))
     # a unit diagonal makes the drives comparable
@@ -170,7 +170,7 @@ def static_displacements(
             f"the displacements of {', '.join(names)} cannot be imposed: a drive moves nothing, "
             "or the others already determine its motion"
         )
-    force = np.linalg.solve(moved, wanted)
+    force = np.linalg.solve(moved, targets)
     return static_state(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
 
 
@@ -203,10 +203,10 @@ def static_loads(
         A load does not exist, or the stage is a mechanism.
     """
     vectors = ((system.load(name).vector, size) for name, size in loads.items())
-    found = static_state(system, _under(system, vectors, drives), {})
+    state = static_state(system, _under(system, vectors, drives), {})
     if any(name.startswith("temperature") for name in loads):
-        return replace(found, stress=None)
-    return found
+        return replace(state, stress=None)
+    return state
 
 
 def load_readings(system: MechanicalSystem) -> dict[str, dict[str, float]]:
@@ -284,19 +284,19 @@ def _under(
     right = np.zeros((system.order, 1))
     for vector, size in vectors:
         right[:, 0] += size * vector
-    added, held = system.drive_springs(drives)
-    return solve_stiffness(system.K + added, right, held)[0][:, 0]
+    added, constraints = system.drive_springs(drives)
+    return solve_stiffness(system.K + added, right, constraints)[0][:, 0]
 
 
 def _compliance(
     system: MechanicalSystem, vectors: Array, drives: DriveCondition
 ) -> tuple[Array, Array]:
     """Return the shapes for unit vectors of force, and their self-compliances, unconstrained."""
-    added, held = system.drive_springs(drives)
-    shapes, _ = solve_stiffness(system.K + added, vectors, held)
+    added, constraints = system.drive_springs(drives)
+    shapes, _ = solve_stiffness(system.K + added, vectors, constraints)
     free = shapes
-    if held.shape[1]:
-        free, _ = solve_stiffness(system.K + added, vectors, held[:, :0])
+    if constraints.shape[1]:
+        free, _ = solve_stiffness(system.K + added, vectors, constraints[:, :0])
     return shapes, np.einsum("ij,ij->j", vectors, free)
 
 

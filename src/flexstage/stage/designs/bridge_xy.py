@@ -134,15 +134,15 @@ def _side(k: int, reach: float) -> PlaneMotion:
 
 def _names(side: str) -> Callable[[str], str]:
     """Prefix names with the side; a block that only guides is named after it."""
-    kept = {"base": "base", "platform": "platform", "y": side, "block": side}
-    return lambda name: kept.get(name, f"{side}-{name}")
+    fixed_names = {"base": "base", "platform": "platform", "y": side, "block": side}
+    return lambda name: fixed_names.get(name, f"{side}-{name}")
 
 
 def _idle(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
     """Return a block in place of the output of a bridge, and its guide."""
     bars, notches = cell.guided("block")
-    own = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))
-    return [own, *bars], notches, None
+    guided_block = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))
+    return [guided_block, *bars], notches, None
 
 
 def _coupling(

@@ -290,15 +290,15 @@ class AxisLayout:
 
 def _corners(points: list[Pair]) -> tuple[Pair, ...]:
     """Return the corners of an axis-parallel line."""
-    kept: list[Pair] = []
+    corners: list[Pair] = []
     for point in points:
-        if kept and math.dist(kept[-1], point) < 1e-12:
+        if corners and math.dist(corners[-1], point) < 1e-12:
             continue
-        kept.append(point)
-    n = len(kept)
+        corners.append(point)
+    n = len(corners)
 
     def turns(i: int) -> bool:
-        before, here, after = kept[i - 1], kept[i], kept[(i + 1) % n]
+        before, here, after = corners[i - 1], corners[i], corners[(i + 1) % n]
         return all(max(abs(here[k] - before[k]), abs(after[k] - here[k])) > 1e-12 for k in (0, 1))
 
-    return tuple(kept[i] for i in range(n) if turns(i))
+    return tuple(corners[i] for i in range(n) if turns(i))

@@ -90,12 +90,12 @@ def entries_of(dimensions: Any, group: str = "") -> Iterator[StageParameter | Gr
     texts = field_texts(type(dimensions))
     for field, (_, annotation) in field_types(type(dimensions)).items():
         value, name = getattr(dimensions, field), group + field
-        told = re.sub(r"\s*\[[^\]]*\](?=[.;,]|$)", "", texts.get(field, ""))
+        description = re.sub(r"\s*\[[^\]]*\](?=[.;,]|$)", "", texts.get(field, ""))
         kind = optional_part(annotation) or annotation
         if not is_dataclass(value) or kind in STAGE_FILE.forms:
-            yield _parameter(name, kind, value, told)
+            yield _parameter(name, kind, value, description)
             continue
-        yield Group(name=name, description=told)
+        yield Group(name=name, description=description)
         if (family := members(kind, STAGE_FILE)) is not None:
             word = next(word for word, cls in family.items() if cls is type(value))
             of = f"One of {', '.join(family)}."

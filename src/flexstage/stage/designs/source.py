@@ -19,9 +19,9 @@ from flexstage.stage.designs.registry import (
     DESIGNS,
     PARAMETER_SETS,
     build,
-    chosen,
     construct,
     design,
+    design_parameters,
     some_of,
 )
 from flexstage.stage.drawing import DRAWINGS
@@ -93,12 +93,12 @@ def find_stage(
 
 def in_si(source: str, settings: Mapping[str, object] | None) -> Mapping[str, object]:
     """Return settings of a design or file in which a number has the SI unit of its quantity."""
-    given = dict(settings or {})
-    numbers = [n for n, v in given.items() if isinstance(v, Real) and not isinstance(v, bool)]
+    values = dict(settings or {})
+    numbers = [n for n, v in values.items() if isinstance(v, Real) and not isinstance(v, bool)]
     if numbers:
         units = {p.name: DIMENSIONS[p.dimension].si for p in parameters_of(source) if p.dimension}
-        given |= {n: f"{given[n]} {units[n]}" for n in numbers if n in units}
-    return given
+        values |= {n: f"{values[n]} {units[n]}" for n in numbers if n in units}
+    return values
 
 
 def parameters_of(source: str | os.PathLike[str]) -> tuple[StageParameter, ...]:
@@ -150,25 +150,25 @@ def parameters_in(
 
     dimensions: list[Any] = []
 
-    def named(name: str, given: Mapping[str, object]) -> None:
-        found = chosen(name, given)
-        dimensions.append(found[2])
+    def on_design(name: str, settings: Mapping[str, object]) -> None:
+        selection = design_parameters(name, settings)
+        dimensions.append(selection[2])
         if designed is not None:
-            designed(found)
+            designed(selection)
 
-    own = file_parameters(file, named, set=set, source=source)
+    file_settings = file_parameters(file, on_design, set=set, source=source)
     return (
         *(
             StageParameter(
                 name=name,
-                value=float(found.amount.value),
-                dimension=dimension_named(found.amount.powers) or "",
-                text=found.text,
-                description=found.description,
+                value=float(entry.amount.value),
+                dimension=dimension_named(entry.amount.powers) or "",
+                text=entry.text,
+                description=entry.description,
             )
-            for name, found in own.items()
+            for name, entry in file_settings.items()
         ),
-        *(parameter for found in dimensions for parameter in _in_design(found)),
+        *(parameter for entry in dimensions for parameter in _in_design(entry)),
     )
 
 
@@ -198,14 +198,14 @@ def chosen_design(
     name: str, settings: Mapping[str, object]
 ) -> tuple[Topology, ParameterSet | None, Any]:
     """Return family, built-in design and dimensions of a design with settings."""
-    known = _names_of(name)
+    design = _names_of(name)
     # another kind of what stands there has parameters of its own, which are checked as in a file
     anew = tuple(setting.removesuffix("kind") for setting in settings if setting.endswith(".kind"))
     for setting in settings:
-        if not setting.startswith(anew or ("kind",)) or setting in known:
-            require_known(f"the design '{name}'", setting, known, StageError)
-    given: Any = plain(settings_of(settings, StageError))
-    return chosen(name, given)
+        if not setting.startswith(anew or ("kind",)) or setting in design:
+            require_known(f"the design '{name}'", setting, design, StageError)
+    values: Any = plain(settings_of(settings, StageError))
+    return design_parameters(name, values)
 
 
 @cache

@@ -63,22 +63,22 @@ class StageTemplate:
             There is neither such a design nor such a file, it is a drawing, or it has no such
             parameter.
         """
-        text, shown = os.fspath(source), os.fspath(source)[:200]
+        text, short = os.fspath(source), os.fspath(source)[:200]
         if Path(text).suffix.lower() in DRAWINGS and text.casefold() not in DESIGNS:
             raise StageError(
-                f"'{shown}' is a drawing, whose dimensions are fixed: make a stage file with "
-                f"parameters of it first (flexstage import '{shown}')"
+                f"'{short}' is a drawing, whose dimensions are fixed: make a stage file with "
+                f"parameters of it first (flexstage import '{short}')"
             )
         find_stage(text, settings or {})
         # as words of a file, in which true and false are small
-        given = tuple(
+        pairs = tuple(
             (name, str(v).lower() if isinstance(v, bool) else str(v))
             for name, v in in_si(text, settings).items()
         )
         if text.casefold() in DESIGNS:
-            return cls(source=text.casefold(), settings=given)
+            return cls(source=text.casefold(), settings=pairs)
         file = read_text(Path(text), STAGE_FILE.noun, StageError)
-        return cls(source=text, file=file, settings=given)
+        return cls(source=text, file=file, settings=pairs)
 
     @property
     def parameters(self) -> tuple[StageParameter, ...]:
@@ -116,34 +116,34 @@ class StageTemplate:
         changed value is in a line of it; otherwise it is written anew.
         """
         words = {k: v for k, v in (("name", name), ("title", title)) if v is not None}
-        wanted = replace(self.stage(values), **words)  # type: ignore[arg-type]
+        target = replace(self.stage(values), **words)  # type: ignore[arg-type]
         if self.file is None:
-            topology, known, _ = _design(self)
-            return _called(text_of_dimensions(topology, known, self._dimensions(values)), words)
+            topology, base, _ = _design(self)
+            return _called(text_of_dimensions(topology, base, self._dimensions(values)), words)
         texts = dict(self.settings) | self._texts(values)
         edited = _edited(self, texts)
         edited = None if edited is None else _called(edited, words)
         if edited is not None:
             try:
-                if stage_from_text(edited, build, source=self.source) == wanted:
+                if stage_from_text(edited, build, source=self.source) == target:
                     return edited
             except FlexstageError:
                 pass  # a line that was not what it seemed: written out below
-        found: list[Any] = []
-        parameters_in(self.source, self.file, texts, found.append)
-        if found:
-            return _called(text_of_dimensions(*found[0]), words)
-        return stage_to_text(wanted, shared=True)
+        places: list[Any] = []
+        parameters_in(self.source, self.file, texts, places.append)
+        if places:
+            return _called(text_of_dimensions(*places[0]), words)
+        return stage_to_text(target, shared=True)
 
     def _dimensions(self, values: Mapping[str, float]) -> Any:
         return _with(_design(self)[2], values, self.source)
 
     def _texts(self, values: Mapping[str, float]) -> dict[str, str]:
-        known = {parameter.name: parameter for parameter in self.parameters}
+        by_name = {parameter.name: parameter for parameter in self.parameters}
         texts = {}
         for name, value in values.items():
-            require_known(self.source, name, known, StageError)
-            dimension = known[name].dimension
+            require_known(self.source, name, by_name, StageError)
+            dimension = by_name[name].dimension
             texts[name] = to_text(value, dimension) if dimension else repr(float(value))
         return texts
 
@@ -184,12 +184,12 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
         if place is None or place.line is None:
             return None
         line = lines[place.line - 1]
-        before, found, behind = line.partition(place.text)
-        if not found or place.text in before + behind:
+        before, match, behind = line.partition(place.text)
+        if not match or place.text in before + behind:
             return None
         # a comment behind it stays where it stood
         spare = len(behind) - len(behind.lstrip(" "))
-        longer = len(text) - len(found)
+        longer = len(text) - len(match)
         behind = " " * -longer * bool(spare) + behind[min(max(longer, 0), max(spare - 1, 0)) :]
         lines[place.line - 1] = before + text + behind
     return "".join(lines)
@@ -199,18 +199,18 @@ def _called(text: str, words: Mapping[str, str]) -> str:
     """Put name and title of a stage into a file, in their lines or below its first key."""
     lines = text.splitlines()
     for key, value in words.items():
-        written = f"{key}: {flow_text(value)}"
+        line_text = f"{key}: {flow_text(value)}"
         at = [i for i, line in enumerate(lines) if line.startswith(f"{key}:")]
         if at:
             comment = _COMMENT.fullmatch(lines[at[0]])
-            lines[at[0]] = written + (comment[1] if comment else "")
+            lines[at[0]] = line_text + (comment[1] if comment else "")
             # what it has said in more lines goes with it
             while at[0] + 1 < len(lines) and lines[at[0] + 1].startswith((" ", "\t")):
                 del lines[at[0] + 1]
         else:
             above = ("name:", f"{STAGE_FILE.key}:") if key == "title" else (f"{STAGE_FILE.key}:",)
             at = [i for a in above for i, line in enumerate(lines) if line.startswith(a)]
-            lines.insert(at[0] + 1 if at else 0, written)
+            lines.insert(at[0] + 1 if at else 0, line_text)
     end = "\r\n" if "\r\n" in text else "\n"
     return end.join(lines) + end
 
@@ -260,11 +260,11 @@ def design_text(name: str) -> str:
     >>> print(design_text("parallelogram").splitlines()[0])
     # Parallelogram guide on two legs of notches or leaves.
     """
-    known = PARAMETER_SETS[name]
-    return text_of_dimensions(known.topology, known, known.parameters)
+    base = PARAMETER_SETS[name]
+    return text_of_dimensions(base.topology, base, base.parameters)
 
 
-def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimensions: Any) -> str:
+def text_of_dimensions(topology: Topology, base: ParameterSet | None, dimensions: Any) -> str:
     """Return a stage file that names a family and gives all dimensions.
 
     `base` is the built-in design that they vary, where there is one.
@@ -278,27 +278,27 @@ def text_of_dimensions(topology: Topology, known: ParameterSet | None, dimension
         "design:",
         f"  name: {topology.name}",
     ]
-    if known is not None and known.name != topology.name:
-        lines.append(f"  based_on: {known.name}")
+    if base is not None and base.name != topology.name:
+        lines.append(f"  based_on: {base.name}")
     return "\n".join([*lines, *_entries(entries_of(dimensions))]) + "\n"
 
 
 def spelled_out_text(name: str) -> str:
     """Return a stage file in which the stage of a built-in design is described part by part."""
-    said = "Full description of the stage, independent of the design it was made from."
+    note = "Full description of the stage, independent of the design it was made from."
     text = _with_comments(stage_to_text(design(name), shared=True), _OF_KEYS)
-    return "\n".join([*_head(PARAMETER_SETS[name].topology, said), text])
+    return "\n".join([*_head(PARAMETER_SETS[name].topology, note), text])
 
 
-def _head(topology: Topology, said: str) -> list[str]:
+def _head(topology: Topology, note: str) -> list[str]:
     title = topology.title
-    told = [
+    lines = [
         f"{title[:1].upper()}{title[1:]}" + ("" if title.endswith(".") else "."),
         f"Source: {topology.source.removesuffix('.')}.",
-        said,
+        note,
         "'flexstage check FILE' reports its faults, 'flexstage show FILE' draws it.",
     ]
-    return [line for text in told for line in _comment(text, "")] + [""]
+    return [line for text in lines for line in _comment(text, "")] + [""]
 
 
 def _comment(text: str, indent: str) -> list[str]:
@@ -332,8 +332,8 @@ def _with_comments(text: str, comments: Mapping[str, str]) -> str:
     """Put comments above the outermost keys of a file."""
     lines = []
     for line in text.splitlines():
-        said = comments.get(line.partition(":")[0])
-        if said is not None:
-            lines += ["", *_comment(said, "")]
+        comment = comments.get(line.partition(":")[0])
+        if comment is not None:
+            lines += ["", *_comment(comment, "")]
         lines.append(line)
     return "\n".join(lines) + "\n"

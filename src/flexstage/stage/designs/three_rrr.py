@@ -142,10 +142,10 @@ def three_rrr(p: ThreeRRRParameters) -> Stage:
     hinges: list[Hinge] = []
     drives: list[Drive] = []
     for k, turn in enumerate(turns, 1):
-        own = {name: f"{name}-{k}" for name in ("lever", "link", "fulcrum", "knee", "tab")}
-        bodies += (moved(body, turn, own) for body in _leg_bodies(p))
-        hinges += (moved(hinge, turn, own) for hinge in _leg_hinges(p))
-        drives.append(moved(_drive(p), turn, own | {"drive": str(k)}))
+        names = {name: f"{name}-{k}" for name in ("lever", "link", "fulcrum", "knee", "tab")}
+        bodies += (moved(body, turn, names) for body in _leg_bodies(p))
+        hinges += (moved(hinge, turn, names) for hinge in _leg_hinges(p))
+        drives.append(moved(_drive(p), turn, names | {"drive": str(k)}))
     middle = (0.0, 0.0)
     return plate(
         p,

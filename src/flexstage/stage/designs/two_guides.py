@@ -52,13 +52,13 @@ class SingleAxisParameters:
 
     def build(self, plate: PlateParameters) -> Stage:
         """Build the guide alone, as a part of a plate: its axis is x, its platform ``platform``."""
-        given: dict[str, Any] = {
+        dimensions: dict[str, Any] = {
             **{f.name: getattr(plate, f.name) for f in fields(PlateParameters)},
             **{f.name: getattr(self, f.name) for f in fields(self) if f.name != "guide"},
         }
         if self.guide == "parallelogram":
-            return parallelogram(ParallelogramParameters(**given))
-        return double_parallelogram(DoubleParallelogramParameters(**given))
+            return parallelogram(ParallelogramParameters(**dimensions))
+        return double_parallelogram(DoubleParallelogramParameters(**dimensions))
 
 
 def names_of_axis(guide: Stage, axis: str, bodies: Mapping[str, str]) -> dict[str, str]:
@@ -163,8 +163,8 @@ def joined(*outlines: Loop) -> Loop:
     """Return the outline of straight-edged pieces that touch along edges."""
     from shapely import Polygon, get_coordinates, union_all
 
-    whole = union_all([Polygon(o.points) for o in outlines], grid_size=1e-9).simplify(0.0)
-    corners = get_coordinates(whole)[:-1]
+    union = union_all([Polygon(o.points) for o in outlines], grid_size=1e-9).simplify(0.0)
+    corners = get_coordinates(union)[:-1]
     return Loop(tuple((float(x), float(y)) for x, y in corners))
 
 

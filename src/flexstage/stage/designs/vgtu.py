@@ -84,7 +84,7 @@ _RECONSTRUCTED = (
 )
 
 
-def _known(
+def _published_stage(
     name: str,
     title: str,
     parameters: NestedXYParameters,
@@ -106,7 +106,7 @@ def _known(
 
 
 #: The screw-driven reduction stage.
-MECHANICAL = _known(
+MECHANICAL = _published_stage(
     "vgtu-mechanical",
     "XY reduction stage with adjustment screws",
     NestedXYParameters(
@@ -215,7 +215,7 @@ MECHANICAL = _known(
 )
 
 #: The piezo-driven amplification stage.
-PIEZO = _known(
+PIEZO = _published_stage(
     "vgtu-piezo",
     "XY amplification stage with piezoelectric stacks",
     NestedXYParameters(

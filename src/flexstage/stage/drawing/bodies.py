@@ -32,10 +32,10 @@ def find_necks(
     in the thicknesses of all thin places, and above it those whose sides are a notch by its own
     lines and arcs.
     """
-    found = relief(part)
-    chosen = _chosen(part, found, limit)
+    thin_places = relief(part)
+    passes = _select_necks(part, thin_places, limit)
     necks = []
-    for each in chosen:
+    for each in passes:
         neck = neck_of(part, each)
         if neck is None:
             x, y = each.sides[0].at
@@ -53,59 +53,61 @@ def find_necks(
             "counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
-    others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
+    others = [p.thickness for p in thin_places.passes if p not in passes and p.thickness > thickest]
     return parted(necks), (thickest, min(others)) if others else None
 
 
-def _chosen(part: DrawnPart, found: Relief, limit: float | None) -> list[Pass]:
+def _select_necks(part: DrawnPart, thin_places: Relief, limit: float | None) -> list[Pass]:
     """Select the passes that are necks."""
-    by_size = sorted(found.passes, key=lambda p: p.thickness)
+    by_size = sorted(thin_places.passes, key=lambda p: p.thickness)
     if limit is not None:
-        return _separating([p for p in by_size if p.thickness <= 1.05 * limit], found)
+        return _separating([p for p in by_size if p.thickness <= 1.05 * limit], thin_places)
     clear = [p for p in by_size if p.ratio >= LEAST_RATIO]
     if not clear:
         return []
     # the widest gap, on a scale of ratios; beyond the last one lies the thinnest body
     sizes = [p.thickness for p in clear]
-    beyond = max(sizes[-1], min(found.heights[h] for p in clear for h in p.hills))
+    beyond = max(sizes[-1], min(thin_places.heights[h] for p in clear for h in p.hills))
     steps = [b / a for a, b in zip(sizes, [*sizes[1:], beyond], strict=True)]
     cut = sizes[max(range(len(steps)), key=lambda k: steps[k])]
     below = [p for p in clear if p.thickness <= cut]
     above = [p for p in clear if p.thickness > cut and p.ratio >= CLEAR_RATIO]
-    return _separating([*below, *(p for p in above if _is_notch(part, p))], found)
+    return _separating([*below, *(p for p in above if _is_notch(part, p))], thin_places)
 
 
-def _is_notch(part: DrawnPart, found: Pass) -> bool:
-    neck = neck_of(part, found)
+def _is_notch(part: DrawnPart, thin_place: Pass) -> bool:
+    neck = neck_of(part, thin_place)
     if neck is None or neck.profile.kind in ("as-drawn", "leaf"):
         return False
     # a wall next to a pocket with round corners has two fillets and a straight side as well
     return not (neck.profile.one_sided and neck.profile.flat_length > 0.0)
 
 
-def _separating(chosen: list[Pass], found: Relief) -> list[Pass]:
+def _separating(passes: list[Pass], thin_places: Relief) -> list[Pass]:
     """Exclude the passes within one body."""
-    hill = {k: k for k in found.heights}
+    hill = {k: k for k in thin_places.heights}
 
     def root(k: int) -> int:
         while hill[k] != k:
             k = hill[k]
         return k
 
-    for other in found.passes:
-        if other not in chosen:
+    for other in thin_places.passes:
+        if other not in passes:
             a, b = (root(h) for h in other.hills)
             hill[a] = b
-    return [p for p in chosen if root(p.hills[0]) != root(p.hills[1])]
+    return [p for p in passes if root(p.hills[0]) != root(p.hills[1])]
 
 
 def certainty(neck: Neck, gap: tuple[float, float] | None) -> str:
     """Return the certainty of a neck: ``sure``, ``likely`` or ``doubtful``."""
     wide = gap is None or gap[1] >= 2.0 * gap[0] or neck.profile.neck_thickness < 0.5 * gap[1]
-    drawn = neck.profile.kind == "as-drawn"
-    if neck.found.ratio >= CLEAR_RATIO and wide and not drawn:
+    as_drawn = neck.profile.kind == "as-drawn"
+    if neck.thin_place.ratio >= CLEAR_RATIO and wide and not as_drawn:
         return "sure"
-    return "likely" if neck.found.ratio >= LEAST_RATIO and (wide or not drawn) else "doubtful"
+    return (
+        "likely" if neck.thin_place.ratio >= LEAST_RATIO and (wide or not as_drawn) else "doubtful"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,12 +141,12 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
     chains: dict[tuple[int, int, bool], tuple[list[Curve], _Cut]] = {}
     loose: list[DrawnContour] = []
     for k, contour in enumerate(part.contours):
-        own = sorted(cuts.get(k, []), key=lambda c: (c.stroke, c.share))
-        if not own:
+        body_cuts = sorted(cuts.get(k, []), key=lambda c: (c.stroke, c.share))
+        if not body_cuts:
             loose.append(contour)
             continue
-        for n, cut in enumerate(own):
-            following = own[(n + 1) % len(own)]
+        for n, cut in enumerate(body_cuts):
+            following = body_cuts[(n + 1) % len(body_cuts)]
             if cut.outward == following.outward:
                 raise StageError(
                     f"two notches overlap about {part.place(following.point)}, so the drawing "
@@ -158,8 +160,8 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
         start = next(iter(chains))
         key, curves, roots = start, [], []
         while key in chains:
-            found, end = chains.pop(key)
-            curves += found
+            chain, end = chains.pop(key)
+            curves += chain
             # straight across the root, to where the contour leaves on its other side
             key = (*end.root, not end.left)
             roots.append(end.root)
@@ -175,7 +177,7 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
 
 def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
     """Find the four ends of the roots of each neck on the contours."""
-    found: dict[int, list[_Cut]] = {}
+    cuts: dict[int, list[_Cut]] = {}
     for n, neck in enumerate(necks):
         profile = neck.profile
         half, top = 0.5 * profile.length, 0.5 * profile.neck_thickness
@@ -191,8 +193,8 @@ def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
                 # the right side runs from body a to b, the left one back
                 outward = ahead != left
                 cut = _Cut(stroke, share, point, (n, which), left, outward)
-                found.setdefault(place.contour, []).append(cut)
-    return found
+                cuts.setdefault(place.contour, []).append(cut)
+    return cuts
 
 
 def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
@@ -302,9 +304,9 @@ def _gathered(
 
 def _loop(curves: list[Curve], slack: float) -> Loop:
     """Return a loop without redundant corners."""
-    kept = [c for c in curves if c.length > SAME]
-    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
-    bulges = [c.bulge for c in kept]
+    pieces = [c for c in curves if c.length > SAME]
+    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in pieces]
+    bulges = [c.bulge for c in pieces]
     k = 0
     while k < len(points) and len(points) > 3:
         before, here, after = points[k - 1], points[k], points[(k + 1) % len(points)]

@@ -117,8 +117,8 @@ def part_of(
     if not curves:
         raise StageError("the drawing contains no lines, arcs or curves of a contour")
     nodes, points = _nodes(curves, gap)
-    kept = _without_doubles(curves, nodes)
-    loops = _chained(curves, nodes, points, kept, gap, at)
+    distinct = _without_doubles(curves, nodes)
+    loops = _chained(curves, nodes, points, distinct, gap, at)
     return _nested(loops, unit, unit_name, rounding, at)
 
 
@@ -177,35 +177,35 @@ def _meeting(
 
 def _without_doubles(curves: Sequence[tuple[Curve, str]], nodes: np.ndarray) -> list[int]:
     """Remove duplicate curves and curves without length."""
-    seen: dict[tuple[int, int], list[Pair]] = {}
-    kept = []
+    drawn_points: dict[tuple[int, int], list[Pair]] = {}
+    distinct = []
     for k, (curve, _) in enumerate(curves):
         a, b = sorted(nodes[k].tolist())
         if a == b:
             continue
         middle = curve.point(0.5)
-        others = seen.setdefault((a, b), [])
+        others = drawn_points.setdefault((a, b), [])
         # the ends may be off by the gap, the middle then by as much
         if all(math.dist(middle, m) > GAP for m in others):
             others.append(middle)
-            kept.append(k)
-    return kept
+            distinct.append(k)
+    return distinct
 
 
 def _chained(
     curves: Sequence[tuple[Curve, str]],
     nodes: np.ndarray,
     points: np.ndarray,
-    kept: list[int],
+    curves_of_contours: list[int],
     gap: float,
     at: Any,
 ) -> list[tuple[list[Curve], str]]:
     """Follow curves from end to end until they close."""
     meeting: dict[int, list[int]] = {}
-    for k in kept:
+    for k in curves_of_contours:
         for node in nodes[k].tolist():
             meeting.setdefault(node, []).append(k)
-    loose = [n for n, found in meeting.items() if len(found) == 1]
+    loose = [n for n, ends in meeting.items() if len(ends) == 1]
     if loose:
         first = min(loose, key=lambda n: (-points[n][1], points[n][0]))
         text = f"the contour is open at {at(points[first])}"
@@ -223,7 +223,7 @@ def _chained(
         raise StageError(
             f"{text}; close it in the drawing, name its layers, or give --contours gap=LENGTH"
         )
-    crowded = [n for n, found in meeting.items() if len(found) > 2]
+    crowded = [n for n, ends in meeting.items() if len(ends) > 2]
     if crowded:
         n = min(crowded, key=lambda n: (-points[n][1], points[n][0]))
         raise StageError(
@@ -231,7 +231,7 @@ def _chained(
             "layer of other lines"
         )
     loops, used = [], set()
-    for first in kept:
+    for first in curves_of_contours:
         if first in used:
             continue
         loop, layers, k, node = [], [], first, int(nodes[first][0])
@@ -287,15 +287,15 @@ def _nested(
             "piece: remove it, or name the layers of the contours; a frame round the drawing "
             "must be removed as well"
         )
-    made = []
+    contours = []
     for i, (loop, layer) in enumerate(loops):
         outward = rings[i].exterior.is_ccw == (depth[i] == 0)
         turned = loop if outward else [Curve(c.end, c.start, -c.bulge) for c in reversed(loop)]
-        made.append(DrawnContour(strokes=tuple(tidy(turned, rounding)), layer=layer))
-    outline = made[outer[0]]
+        contours.append(DrawnContour(strokes=tuple(tidy(turned, rounding)), layer=layer))
+    outline = contours[outer[0]]
     return DrawnPart(
         outline=outline,
-        openings=tuple(c for c in made if c is not outline),
+        openings=tuple(c for c in contours if c is not outline),
         unit=unit,
         unit_name=unit_name,
         rounding=rounding,

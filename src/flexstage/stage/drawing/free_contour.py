@@ -98,8 +98,8 @@ def _first_frame(sides: Sides) -> NeckFrame | None:
         return NeckFrame(at, math.atan2(-(cl[0] - cr[0]), cl[1] - cr[1]))
     elif not right.bulge and left.bulge < 0.0:
         return NeckFrame(sides.right.at, math.atan2(ay, ax))
-    found = nearest_frame(chains_of(sides))
-    return None if found is None else found[0]
+    nearest = nearest_frame(chains_of(sides))
+    return None if nearest is None else nearest[0]
 
 
 def _towards(curve: Curve, point: tuple[float, float]) -> tuple[float, float]:
@@ -166,8 +166,8 @@ def _settled(
         return ((np.array(rows[1:]) - rows[0]) / size).ravel()
 
     start = [0.0] if one_sided else [0.0, 0.0]
-    found = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
-    placed = moved(found.x)
+    fit = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
+    placed = moved(fit.x)
     low, high = heights(placed)
     at = placed.plane(0.0, 0.5 * (low + high))
     return (NeckFrame(at, placed.direction), low - high) if low > high else None
@@ -191,22 +191,22 @@ def _profile(
     reach = min(c[-1][0] for c in corners.values())
     # the shortest one is the reference: the others are longer
     key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
-    chosen = corners[key]
-    (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
+    shortest = corners[key]
+    (x0, d0, _), (x1, d1, bulge) = shortest[-2:]
     if not bulge and x1 - x0 < _RULES.level * (d1 - d0):
         # an edge of the body, or of a leaf between sharp corners
         if d0 > _RULES.least_depth * neck:
-            chosen = chosen[:-1]
+            shortest = shortest[:-1]
         else:
-            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
-    if chosen[-1][1] < _RULES.least_depth * neck:
+            shortest[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
+    if shortest[-1][1] < _RULES.least_depth * neck:
         return None
     return AsDrawn(
         neck_thickness=rounded(neck),
         one_sided=one_sided,
-        distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
-        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
-        bulges=tuple(round(b, 12) + 0.0 for _, _, b in chosen[1:]),
+        distances=tuple(rounded(x) for x, _, _ in shortest[1:]),
+        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in shortest[1:]),
+        bulges=tuple(round(b, 12) + 0.0 for _, _, b in shortest[1:]),
     )
 
 

@@ -22,7 +22,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _POINT = rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*"
 _ARROW = re.compile(rf"^\s*([^:]+?)\s*:{_POINT}->{_POINT}(?:;(.*))?$", re.DOTALL)
 _TURN = re.compile(rf"^\s*([^:]+?)\s*:{_POINT}(?:,\s*)?at\s*({_NUMBER})\s*deg\s*$")
-_ROUND_DEG = 1e-7  # directions that are off whole degrees by less are meant to be whole [deg]
+_ROUND_DEG = 1e-7  # directions that are this close to whole degrees are whole [deg]
 
 
 class Arrow(NamedTuple):
@@ -40,11 +40,11 @@ class Arrow(NamedTuple):
     @property
     def direction(self) -> float:
         """Its direction, from the x axis to the left [rad]."""
-        return whole(math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0]))
+        return whole_degrees(math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0]))
 
 
-def whole(angle: float) -> float:
-    """Return an angle [rad] rounded to whole degrees if it is that close to them."""
+def whole_degrees(angle: float) -> float:
+    """Return an angle [rad], rounded to whole degrees if it is close to them."""
     degrees = math.degrees(angle)
     near = round(degrees)
     turned = math.radians(near) if abs(degrees - near) < _ROUND_DEG else angle
@@ -59,10 +59,10 @@ def arrow_of(text: str, option: str, unit: float) -> Arrow:
     >>> arrow_of("x: 12,4 -> 30,4", "--drive", 1e-3).end
     (0.03, 0.004)
     """
-    found = _ARROW.match(text)
-    if found:
-        x0, y0, x1, y1 = (float(v) * unit for v in found.groups()[1:5])
-        arrow = Arrow(found[1], (x0, y0), (x1, y1), (found[6] or "").strip())
+    match = _ARROW.match(text)
+    if match:
+        x0, y0, x1, y1 = (float(v) * unit for v in match.groups()[1:5])
+        arrow = Arrow(match[1], (x0, y0), (x1, y1), (match[6] or "").strip())
         if math.dist(arrow.start, arrow.end) > 0.0:
             return arrow
     elif option == "--probe" and (turned := _TURN.match(text)):
@@ -89,7 +89,7 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
     shafts = [c for c in lines if c.length > 0.35 * longest]
     heads = [c for c in lines if c.length <= 0.35 * longest]
     words = [w for w in sheet.words if w.layer == layer and w.text]
-    made: list[Arrow] = []
+    arrows: list[Arrow] = []
     for shaft in shafts:
 
         def near(p: Pair, size: float = shaft.length) -> int:
@@ -98,7 +98,7 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
         start, end = shaft.start, shaft.end
         if near(start) > near(end):
             start, end = end, start
-        turned = whole(math.atan2(end[1] - start[1], end[0] - start[0]))
+        turned = whole_degrees(math.atan2(end[1] - start[1], end[0] - start[0]))
         name = "x" if abs(math.cos(turned)) > math.sqrt(0.5) else "y"
         if words:
             word = min(words, key=lambda w: min(math.dist(w.at, start), math.dist(w.at, end)))
@@ -106,10 +106,10 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
             name = word.text
         name, _, rest = name.partition(";")
         name = name.strip()
-        while any(a.name == name for a in made):
+        while any(a.name == name for a in arrows):
             name += "'"
-        made.append(Arrow(name, start, end, rest.strip()))
-    return made
+        arrows.append(Arrow(name, start, end, rest.strip()))
+    return arrows
 
 
 def drives_of(
@@ -118,7 +118,7 @@ def drives_of(
     """Return the drives, each with whether its actuator is only assumed."""
     arrows = [*arrows_on(sheet, DRIVES_LAYER)]
     arrows += [arrow_of(text, "--drive", sheet.unit) for text in texts]
-    made = []
+    drives = []
     for arrow in arrows:
         reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' reacts on")
         pushes, end = at.edge(bodies, arrow.end, f"drive '{arrow.name}' pushes")
@@ -130,18 +130,18 @@ def drives_of(
             "direction": arrow.direction,
         }
         if not arrow.rest:
-            made.append((Force(largest_force=STAND_IN, **place), True))
+            drives.append((Force(largest_force=STAND_IN, **place), True))
             continue
-        made.append((_with_actuator(arrow, place), False))
-    return made
+        drives.append((_with_actuator(arrow, place), False))
+    return drives
 
 
 def _with_actuator(arrow: Arrow, place: Mapping[str, object]) -> Drive:
     """Build a drive as a stage file would, from ``piezo, free_stroke=38 um``."""
-    kind, *given = [w.strip() for w in arrow.rest.split(",")]
+    kind, *figures = [w.strip() for w in arrow.rest.split(",")]
     # a comma within a pair, as in voltage_range=[0 V, 120 V], belongs to it
     parts: list[str] = []
-    for word in given:
+    for word in figures:
         if "=" in word or not parts:
             parts.append(word)
         else:
@@ -221,24 +221,24 @@ class Places:
         from shapely import Point
         from shapely.ops import nearest_points
 
-        found = []
+        distances = []
         for body, ring in _rings(bodies, holes=True):
             on = nearest_points(ring.boundary, Point(point))[0]
-            found.append((on.distance(Point(point)), body.name, (on.x, on.y)))
-        return min(found)
+            distances.append((on.distance(Point(point)), body.name, (on.x, on.y)))
+        return min(distances)
 
 
 def _rings(bodies: Sequence[Body], holes: bool = False) -> list:
     from flexstage.stage.shapes import ring
 
-    made = []
+    polygons = []
     for body in bodies:
         shape = ring(body.outline)
         if holes:
             for hole in body.holes:
                 shape = shape.difference(ring(hole))
-        made.append((body, shape))
-    return made
+        polygons.append((body, shape))
+    return polygons
 
 
 def add_axes(stage: Stage) -> Stage:

@@ -89,9 +89,9 @@ class Sides:
 
 def quarter(frame: NeckFrame, half_neck: float, points: Array, left: bool, ahead: bool) -> Array:
     """Return points of a side as distance from the neck and depth, shape (n, 2) [m]."""
-    found = frame.local(points)
-    along = found[:, 0] if ahead else -found[:, 0]
-    across = found[:, 1] if left else -found[:, 1]
+    local = frame.local(points)
+    along = local[:, 0] if ahead else -local[:, 0]
+    across = local[:, 1] if left else -local[:, 1]
     return np.column_stack([along, across - half_neck])
 
 
@@ -106,13 +106,13 @@ def quarters(
     out = {}
     for left in (False, True):
         for ahead in (False, True):
-            found: list[Array] = []
+            quarter_points: list[Array] = []
             for stroke in sides.walk(left, ahead):
                 points = np.array(stroke.points(_CHORD))
-                found.append(quarter(frame, half_neck, points, left, ahead))
-                if found[-1][-1, 0] > reach or found[-1][-1, 1] > deep:
+                quarter_points.append(quarter(frame, half_neck, points, left, ahead))
+                if quarter_points[-1][-1, 0] > reach or quarter_points[-1][-1, 1] > deep:
                     break
-            out[left, ahead] = np.vstack(found)
+            out[left, ahead] = np.vstack(quarter_points)
     return out
 
 
@@ -126,8 +126,8 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
-    found = quarters(sides, frame, neck, half + slack, profile.depth + slack)
-    for (left, _), points in found.items():
+    quarter_points = quarters(sides, frame, neck, half + slack, profile.depth + slack)
+    for (left, _), points in quarter_points.items():
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
         x, depth = points.T
@@ -193,13 +193,13 @@ def _slope_beyond(
 ) -> float:
     """Return the slope of a side just beyond the end of a root."""
     point = frame.plane(root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1))
-    found = False
+    reached = False
     for stroke in sides.walk(left, ahead):
         curve = stroke.curve
-        if found:
+        if reached:
             return slope_at(curve, frame, left, ahead, 0.0)
         if math.dist(curve.end, point) < 2.0 * sides.part.tolerance:
-            found = True
+            reached = True
             continue
         share = curve.share(point)
         if share is not None and math.dist(curve.point(share), point) < 2.0 * sides.part.tolerance:

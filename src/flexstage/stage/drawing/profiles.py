@@ -65,13 +65,13 @@ class Neck(NamedTuple):
     """Its profile."""
     off: float
     """Largest distance of the drawn contour from the profile [m]."""
-    found: Pass
+    thin_place: Pass
     """Its thin place."""
 
 
-def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
+def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:
     """Return the neck at a thin place; None where it matches no hinge profile."""
-    first, second = found.sides
+    first, second = thin_place.sides
     sides = Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
     for proposed in (_by_pieces, smooth_fits, free_contour):
         best: Neck | None = None
@@ -80,7 +80,7 @@ def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
             if off > part.tolerance or (best is not None and off >= 0.5 * best.off):
                 continue
             if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
-                best = Neck(turned, frame, profile, off, found)
+                best = Neck(turned, frame, profile, off, thin_place)
                 if off < _RULES.exact:
                     break
         if best is not None:
@@ -132,10 +132,10 @@ def parted(necks: Sequence[Neck]) -> list[Neck]:
         for key in _step_strokes(neck):
             claims.setdefault(key, []).append(n)
     out = list(necks)
-    for (contour, stroke), found in claims.items():
-        if len(found) > 1:
-            curve = out[found[0]].sides.part.contours[contour].strokes[stroke].curve
-            for n in found:
+    for (contour, stroke), neighbours in claims.items():
+        if len(neighbours) > 1:
+            curve = out[neighbours[0]].sides.part.contours[contour].strokes[stroke].curve
+            for n in neighbours:
                 leaf = out[n].profile
                 assert isinstance(leaf, Leaf)
                 depth = min(leaf.notch_depth, rounded(_RULES.share * curve.length))

@@ -104,12 +104,12 @@ def read_dxf(
         )
     scale = UNITS[name]
     left: Counter[str] = Counter()
-    found = [e for e in _flat(document.modelspace(), left) if _visible(document, e, left)]
-    chosen = _choice(found, layers)
+    entities = [e for e in _flat(document.modelspace(), left) if _visible(document, e, left)]
+    is_contour = _choice(entities, layers)
     curves: list[tuple[Curve, str]] = []
     arrows: list[tuple[Curve, str]] = []
     words: list[Word] = []
-    for entity in found:
+    for entity in entities:
         layer = str(entity.dxf.layer)
         marks = layer.upper() in (DRIVES_LAYER, PROBES_LAYER)
         kind = entity.dxftype()
@@ -122,12 +122,12 @@ def read_dxf(
                 left["text"] += 1
         elif marks:
             arrows += [(c, layer.upper()) for c in _curves(entity, scale, left)]
-        elif not chosen(entity):
+        elif not is_contour(entity):
             left[f"{kind.lower()} on layer {layer}"] += 1
         else:
             curves += [(c, layer) for c in _curves(entity, scale, left)]
     if not curves:
-        have = ", ".join(sorted({str(e.dxf.layer) for e in found})) or "none"
+        have = ", ".join(sorted({str(e.dxf.layer) for e in entities})) or "none"
         raise StageError(
             f"the drawing '{path}' has no contour on the requested layers (its layers are: "
             f"{have}): name those of the contours by --contours layers=NAMES"
@@ -161,14 +161,14 @@ def _rounding(curves: list[tuple[Curve, str]], scale: float) -> float:
     longest = values[values >= 10.0**decade].tolist()
     for digits in range(1, 13):
         forms = (f".{digits}g", f".{max(digits - decade - 1, 0)}f")
-        if any(_written(longest, form) for form in forms):
-            known = any(_written(values.tolist(), form) for form in forms)
-            found = 0.5 * 10.0 ** (decade + 1 - digits) * scale
-            return found if known and _ALL_DIGITS < found <= _TOO_FEW else 0.0
+        if any(_keeps_values(longest, form) for form in forms):
+            exact_format = any(_keeps_values(values.tolist(), form) for form in forms)
+            rounding = 0.5 * 10.0 ** (decade + 1 - digits) * scale
+            return rounding if exact_format and _ALL_DIGITS < rounding <= _TOO_FEW else 0.0
     return 0.0
 
 
-def _written(values: list[float], form: str) -> bool:
+def _keeps_values(values: list[float], form: str) -> bool:
     """Return whether numbers keep their value in a format."""
     return all(abs(float(f"{v:{form}}") - v) <= 1e-13 * v for v in values)
 
@@ -223,13 +223,13 @@ def _visible(document: Any, entity: Any, left: Counter[str]) -> bool:
 
 def _choice(entities: list[Any], layers: Iterable[str] | None) -> Any:
     """Return the test whether an entity belongs to a contour."""
-    drawn = {"LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"}
-    have = {str(e.dxf.layer).upper() for e in entities if e.dxftype() in drawn}
+    contour_kinds = {"LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"}
+    have = {str(e.dxf.layer).upper() for e in entities if e.dxftype() in contour_kinds}
     if layers is not None:
-        wanted = {name.strip().upper() for name in layers}
-        for name in sorted(wanted - have):
+        layer_names = {name.strip().upper() for name in layers}
+        for name in sorted(layer_names - have):
             raise StageError(unknown("layer with lines", name, sorted(have)))
-        return lambda e: str(e.dxf.layer).upper() in wanted
+        return lambda e: str(e.dxf.layer).upper() in layer_names
     if _OWN_LAYERS[0] in have and have & set(_OWN_LAYERS[1:]):
         return lambda e: str(e.dxf.layer).upper() in _OWN_LAYERS
 
@@ -327,9 +327,9 @@ def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
     solid = solids[0]
     faces = sorted(solid.faces, key=lambda f: -f.mass)[:_CANDIDATES]
     for face in faces:
-        found = _as_plate(solid, face, faces)
-        if found is not None:
-            axes, thickness = found
+        axes_and_thickness = _as_plate(solid, face, faces)
+        if axes_and_thickness is not None:
+            axes, thickness = axes_and_thickness
             curves = [
                 (Curve(a, b, bulge), "")
                 for edge in face.edges
@@ -347,8 +347,8 @@ def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
 
 def _points(edge: Any, count: int) -> Array:
     first, last = edge.parameter_interval
-    made = [edge.Value(first + (last - first) * k / (count - 1)) for k in range(count)]
-    return np.array([(p.x, p.y, p.z) for p in made])
+    points = [edge.Value(first + (last - first) * k / (count - 1)) for k in range(count)]
+    return np.array([(p.x, p.y, p.z) for p in points])
 
 
 def _as_plate(
@@ -416,10 +416,10 @@ def _pieces(
         sweep = float(angles[-1] - angles[0])
         half = _SAMPLES // 2
         ends = [0, half, _SAMPLES - 1] if abs(sweep) > 1.5 * math.pi else [0, _SAMPLES - 1]
-        made = []
+        pieces = []
         for a, b in itertools.pairwise(ends):
             bulge = math.tan(0.25 * float(angles[b] - angles[a]))
-            made.append((at[a], at[b], bulge))
-        return made
+            pieces.append((at[a], at[b], bulge))
+        return pieces
     fine = [(x, y) for x, y in flat(_points(edge, _CURVE_POINTS)).tolist()]
     return [(a, b, 0.0) for a, b in itertools.pairwise(fine)]

@@ -73,16 +73,16 @@ def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
 
 def chains_of(sides: Sides, shorter: int = 0) -> Chains:
     """Return the smooth run of each side about the neck, shorter by some pieces at its ends."""
-    found, straight = [], []
+    chains, straight = [], []
     for left in (False, True):
         halves = [_run(sides, left, ahead, shorter) for ahead in (left, not left)]
         # backwards along the contour, then forwards; the piece at the neck is in both
         back = [s.reversed() for s in reversed(halves[0])]
         strokes = [*back, *halves[1][1:]]
         points = [p for s in strokes for p in s.points(_RULES.chord)]
-        found.append(np.array(points))
+        chains.append(np.array(points))
         straight.append(len(strokes) == 1 and not strokes[0].curve.bulge)
-    return Chains(found[0], found[1], (straight[0], straight[1]))
+    return Chains(chains[0], chains[1], (straight[0], straight[1]))
 
 
 def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStroke]:
@@ -231,7 +231,7 @@ def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
             frame.at[1] + size * (s * q[0] + c * q[1]),
         )
         fitted = NeckFrame(at, turn)
-        yield from _made(kind, p, sides, chains, fitted, size, q[3], False)
+        yield from _profile_of_fit(kind, p, sides, chains, fitted, size, q[3], False)
 
 
 def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
@@ -252,7 +252,9 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
 
     for kind, q, p in _solutions(placed, [0.0, thickness / size]):
         at = frame.plane(size * q[0], size * (bottom + 0.5 * q[1]))
-        yield from _made(kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True)
+        yield from _profile_of_fit(
+            kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True
+        )
 
 
 def _some(points: Array) -> Array:
@@ -281,10 +283,10 @@ def _solutions(
                     r = kind.residual(v[count:], x, d, t)
                 return np.where(np.abs(r) < 1.0, r, 1.0)
 
-            found = _fitted(residual, np.array([*start, *guess]))
-            worst = float(np.max(np.abs(residual(found))))
+            solution = _fitted(residual, np.array([*start, *guess]))
+            worst = float(np.max(np.abs(residual(solution))))
             if best is None or worst < best[0]:
-                best = (worst, found)
+                best = (worst, solution)
         if best is not None and best[0] < _RULES.near:
             yield kind, best[1][:count].tolist(), best[1][count:].tolist()
 
@@ -323,7 +325,7 @@ def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
     return x
 
 
-def _made(
+def _profile_of_fit(
     kind: _Kind,
     p: Any,
     sides: Sides,
@@ -349,16 +351,16 @@ def _made(
         return
     try:
         sizes = kind.build(p, reach / size, t)
-        made = kind.profile(
+        profile = kind.profile(
             neck_thickness=rounded(neck),
             one_sided=one_sided,
             **{k: round(v, 7) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
-    if isinstance(made, Elliptical) and (
-        abs(made.half_length - made.notch_depth) < sides.part.tolerance
+    if isinstance(profile, Elliptical) and (
+        abs(profile.half_length - profile.notch_depth) < sides.part.tolerance
     ):
-        radius = rounded(0.5 * (made.half_length + made.notch_depth))
-        made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
-    yield sides, frame, made
+        radius = rounded(0.5 * (profile.half_length + profile.notch_depth))
+        profile = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
+    yield sides, frame, profile

@@ -106,18 +106,18 @@ def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[DrawnStroke]:
     lengths = [math.inf if s.curve.bulge else s.curve.length for s in strokes]
     first = lengths.index(max(lengths))
     strokes = strokes[first:] + strokes[:first]
-    made: list[DrawnStroke] = []
+    pieces: list[DrawnStroke] = []
     run: list[Pair] = []
     for stroke in strokes:
         if stroke.curve.bulge:
-            made += _refined(run, tolerance)
+            pieces += _refined(run, tolerance)
             run = []
-            made.append(stroke)
+            pieces.append(stroke)
         else:
             run = run or [stroke.curve.start]
             run.append(stroke.curve.end)
-    made += _refined(run, tolerance)
-    return _merged(made, tolerance, max(SAME, 4.0 * rounding))
+    pieces += _refined(run, tolerance)
+    return _merged(pieces, tolerance, max(SAME, 4.0 * rounding))
 
 
 def circle_of(points: Array) -> tuple[Pair, float, float]:
@@ -129,11 +129,11 @@ def circle_of(points: Array) -> tuple[Pair, float, float]:
     (x0, y0), scale = points[0], float(np.max(np.ptp(points, axis=0)))
     u, v = (points[:, 0] - x0) / scale, (points[:, 1] - y0) / scale
     rows = np.array([u, v, np.ones_like(u)])
-    found = _solved(rows, 0.5 * (u * u + v * v))
-    if found is None:
+    solution = _solved(rows, 0.5 * (u * u + v * v))
+    if solution is None:
         return (float(x0), float(y0)), math.inf, math.inf
-    cx, cy = found[0], found[1]
-    radius = math.sqrt(max(2.0 * found[2] + cx * cx + cy * cy, 0.0))
+    cx, cy = solution[0], solution[1]
+    radius = math.sqrt(max(2.0 * solution[2] + cx * cx + cy * cy, 0.0))
     distance = np.hypot(u - cx, v - cy)
     for _ in range(2):
         if not radius or float(np.min(distance)) <= 0.0:
@@ -254,11 +254,11 @@ def _as_arcs(points: Array) -> list[DrawnStroke]:
     trace = tuple((x, y) for x, y in points.tolist())
     last = len(points) - 1
     ends = [0, last // 2, last] if abs(angles[-1] - angles[0]) > ARCS.round else [0, last]
-    made = []
+    arcs = []
     for a, b in pairwise(ends):
         bulge = math.tan(0.25 * float(angles[b] - angles[a]))
-        made.append(DrawnStroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
-    return made
+        arcs.append(DrawnStroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
+    return arcs
 
 
 def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> list[DrawnStroke]:

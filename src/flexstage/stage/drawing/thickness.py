@@ -108,10 +108,10 @@ def _sampled(part: DrawnPart, walls: list[int]) -> _Samples:
     }
     while True:
         samples, step = _gathered(part, walls, shares)
-        wanted = _too_coarse(samples, step)
-        if not len(wanted) or len(samples.at) > _RULES.most:
+        refined = _too_coarse(samples, step)
+        if not len(refined) or len(samples.at) > _RULES.most:
             return samples
-        for i in wanted.tolist():
+        for i in refined.tolist():
             key = (int(samples.contour[i]), int(samples.stroke[i]))
             here = float(samples.share[i])
             last = samples.following[i]
@@ -151,7 +151,7 @@ def _gathered(
         count = len(at) - begin
         following += [begin + (j + 1) % count for j in range(count)]
         length += [way] * count
-    made = _Samples(
+    samples = _Samples(
         np.array(at),
         np.array(contour),
         np.array(stroke),
@@ -160,7 +160,7 @@ def _gathered(
         np.array(following),
         np.array(length),
     )
-    return made, np.array(step)
+    return samples, np.array(step)
 
 
 def _too_coarse(samples: _Samples, step: Array) -> Any:
@@ -170,10 +170,14 @@ def _too_coarse(samples: _Samples, step: Array) -> Any:
     coarse = np.flatnonzero(step > 2.0 * _RULES.finest)
     middle = 0.5 * (samples.at + samples.at[samples.following])
     tree = KDTree(samples.at)
-    found = tree.query_ball_point(middle[coarse], _RULES.dense * step[coarse])
-    counts = np.array([len(f) for f in found])
+    neighbours = tree.query_ball_point(middle[coarse], _RULES.dense * step[coarse])
+    counts = np.array([len(f) for f in neighbours])
     i = np.repeat(coarse, counts)
-    j = np.concatenate([np.array(f, dtype=int) for f in found]) if len(i) else np.array([], int)
+    j = (
+        np.concatenate([np.array(f, dtype=int) for f in neighbours])
+        if len(i)
+        else np.array([], int)
+    )
     away = samples.at[j] - middle[i]
     straight = np.hypot(*away.T)
     # the material is on the left of the way along a contour
@@ -207,7 +211,7 @@ def _passes(samples: _Samples) -> Relief:
             k = hill[k]
         return k
 
-    found: list[tuple[float, int, int, int]] = []
+    candidates: list[tuple[float, int, int, int]] = []
     order = np.argsort(-width, kind="stable")
     for e in order.tolist():
         a, b = root(int(first[e])), root(int(second[e]))
@@ -218,9 +222,9 @@ def _passes(samples: _Samples) -> Relief:
         if top[b] <= _RULES.least_ratio * width[e]:
             hill[b] = a
         else:
-            found.append((float(width[e]), a, b, e))
+            candidates.append((float(width[e]), a, b, e))
     passes = []
-    for w, one, other, e in found:
+    for w, one, other, e in candidates:
         a, b = root(one), root(other)
         if a != b:
             i, j = edge[e].tolist()
