@@ -255,7 +255,7 @@ def test_derivatives_are_those_of_one_stage_and_of_figures_that_are_known() -> N
     batch, slopes = system_tangents(tangents_of_necks(stage))
     with pytest.raises(ModelError, match="those of one stage, got 2 samples"):
         characteristic_derivatives(assemble_batch(stage_arrays([stage, stage])), slopes)
-    with pytest.raises(ModelError, match="knows no stroke of x"):
+    with pytest.raises(ModelError, match="does not give stroke of x"):
         characteristic_derivatives(batch, slopes, [("stroke", "x")])
     with pytest.raises(ModelError, match="step of parameter 'neck' must be positive"):
         parameter_tangents(lambda _: stage, 0.0, name="neck")

@@ -122,7 +122,7 @@ def test_help_is_a_word_too_and_hinges_say_how_a_profile_is_named(
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute with"),
+        (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute"),
         (("mass", "1e30 kg"), "body 'platform' has 1e+30 kg and 'left-leg' 0.00275 kg, too far"),
         (("length_unit", "nm"), "hinge 'left-lower' is not attached to body 'base'"),
     ],
