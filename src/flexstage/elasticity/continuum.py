@@ -29,7 +29,7 @@ class AttachedMass:
     """A mass attached to a part that does not stiffen it."""
 
     motion: Array
-    """Its motions for each degree of freedom of the part, one a row [m or rad], shape (k, n)."""
+    """Motions for each degree of freedom of the part, one a row [m or rad], shape (k, n)."""
     inertia: Array
     """Mass or moment of inertia for each motion [kg or kg m^2], shape (k,)."""
 

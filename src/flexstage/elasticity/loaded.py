@@ -279,7 +279,7 @@ def _extremes(
     """Eigenvalues of a matrix against the stiffness at both ends.
 
     Lanczos' method with two starting vectors, so that a double factor is found as such, orthogonal
-    in the energy. A vector is stored with the load that makes it, v = K^-1 g: the stiffness itself is
+    in the energy. A vector is stored with its load, v = K^-1 g: the stiffness itself is
     then never needed. At either end it stops where no eigenvalue differs from zero, where a
     restarted method would not converge.
     """

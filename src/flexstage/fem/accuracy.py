@@ -45,9 +45,9 @@ class RefinementStep:
     """One mesh of a refinement."""
 
     settings: MeshSettings
-    """Its settings."""
+    """Settings."""
     unknowns: int
-    """Its unknowns."""
+    """Unknowns."""
     seconds: float
     """Computing time [s]."""
     values: Mapping[tuple[str, str], float]
@@ -61,7 +61,7 @@ class Refinement:
     model: StageModel
     """The last model."""
     analysis: Analysis
-    """Its analysis; each characteristic has the estimate of its error as its uncertainty."""
+    """Analysis; each characteristic has the estimate of its error as its uncertainty."""
     steps: tuple[RefinementStep, ...]
     """The meshes, coarsest first."""
     quantity: str

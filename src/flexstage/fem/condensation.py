@@ -343,12 +343,12 @@ class Condensed:
 
     @property
     def modes(self) -> slice:
-        """Which coordinates are modes."""
+        """Indices of the coordinates that are modes."""
         return slice(self.interfaces, self.stiffness.shape[0] - len(self.loads))
 
     @property
     def inner(self) -> slice:
-        """Which coordinates are responses to loads inside the body."""
+        """Indices of the coordinates that are responses to loads inside the body."""
         return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
 
 
@@ -470,7 +470,7 @@ class _Ready:
     loads: Array
     """Loads inside it, shape (l, n)."""
     properties: MassProperties
-    """Its mass."""
+    """Mass."""
     supports: str
     """Supports of the body, as text."""
 

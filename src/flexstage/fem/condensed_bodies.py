@@ -43,7 +43,7 @@ class ChangedNeck:
     number: int
     """Number of the neck of the body."""
     thicker: float
-    """Its thickness over the former one."""
+    """Thickness over the former one."""
     gain: float
     """Mass that half of the notch gains [kg], of the `REFERENCE` material."""
     halves: tuple[NotchBlock, ...]

@@ -52,7 +52,7 @@ class UncoupledProblem:
     basis: Array
     """Displacement of the continuum for each coordinate of the system, shape (n, r)."""
     out_of_plane: bool
-    """Whether it is the motion out of the plane."""
+    """True if it is the motion out of the plane."""
     points: NeckPoints
     """Points of the stress of the notches."""
 

@@ -38,7 +38,7 @@ class CutNeck:
     profile: Profile
     """The notch."""
     contour: tuple[Vertex, ...]
-    """Its contour."""
+    """Contour."""
     plane: PlaneState
     """``stress`` or ``strain``."""
 
@@ -83,7 +83,7 @@ class InterfaceDofs:
 
     @property
     def out_of_plane(self) -> bool:
-        """Whether it is the motion out of the plane."""
+        """True if it is the motion out of the plane."""
         return self.axes == "z"
 
     def carried(self, motion: Array, centre: Point, at: Point) -> Array:
@@ -301,7 +301,7 @@ class NeckPoints:
     places: NDArray[np.void]
     """Points of the mesh, shape (m,)."""
     position: Array
-    """Where they are [m], shape (m, 3)."""
+    """Their positions [m], shape (m, 3)."""
     owner: NDArray[np.intp]
     """Index into `hinges`, shape (m,)."""
 

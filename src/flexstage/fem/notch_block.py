@@ -79,7 +79,7 @@ class NotchBlock:
     profile: Profile
     """The notch."""
     wide: bool
-    """Whether the body is wider than the root."""
+    """True if the body is wider than the root."""
     plane: PlaneState
     """``stress`` or ``strain``, in a plane model."""
     through: ThroughThickness
@@ -109,7 +109,7 @@ class NeckStress:
     """Components for unit forces on the neck, level by level, shape (l, m, c, r): the six of
     `flexstage.elasticity.loaded.COMPONENTS`, in a plane xx, yy, zz and xy."""
     lengthwise: NDArray[np.bool_]
-    """Which of the forces act along the hinge or turn about its middle, shape (r,)."""
+    """Forces along the hinge or about its middle, as a mask, shape (r,)."""
 
     def of_half(self, which: int, direction: float) -> Array:
         """Return the stress of either half of a hinge in any direction [rad].

@@ -31,13 +31,13 @@ class PartFace:
     """A face of a part."""
 
     name: str
-    """Its name, also that of the boundary of the mesh; faces may share one."""
+    """Name, also that of the boundary of the mesh; faces may share one."""
     kind: str
     """``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ..."""
     area: float
-    """Its area [m^2]."""
+    """Area [m^2]."""
     centre: tuple[float, ...]
-    """Its centroid [m]."""
+    """Centroid [m]."""
     normal: tuple[float, ...] | None
     """Outward unit normal of a plane; None of any other."""
     low: tuple[float, ...]
@@ -47,7 +47,7 @@ class PartFace:
     bodies: tuple[str, ...]
     """Names of the solids that it bounds: two joined ones, or one."""
     forward: bool
-    """Whether the normal of its surface, by its coordinates, points out of the first of them."""
+    """True if the normal of its surface, by its coordinates, points out of the first of them."""
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -110,13 +110,13 @@ class Part:
     """One solid, or several that are joined where they touch."""
 
     source: str
-    """Its source, for messages."""
+    """Source, for messages."""
     shape: TopoDS_Shape
     """The solids, in millimetres; every face has a name."""
     bodies: tuple[str, ...]
     """Names of the solids, which are the regions of its mesh."""
     faces: tuple[PartFace, ...]
-    """Its faces."""
+    """Faces."""
 
     @classmethod
     def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
@@ -150,7 +150,7 @@ class Part:
 
     @property
     def volume(self) -> float:
-        """Its volume [m^3]."""
+        """Volume [m^3]."""
         return sum(s.mass for s in self.shape.solids) / METRE**3
 
     @property
@@ -386,7 +386,7 @@ def _number(word: int | str, names: Sequence[str], path: Path) -> int:
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:
-    """Give a name to every shape that has none."""
+    """Name every shape that has no name."""
     used = {s.name for s in shapes if s.name not in _NO_NAME}
     names = []
     for k, shape in enumerate(shapes, 1):

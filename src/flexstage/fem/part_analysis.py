@@ -427,7 +427,7 @@ class PartResult(Result):
     moved: tuple[str, ...]
     """Names of the faces to move."""
     analysis: PartAnalysis | None
-    """Its analysis; None where not requested."""
+    """Analysis; None where not requested."""
 
     def data(self) -> dict[str, Any]:
         out: dict[str, Any] = {

@@ -66,11 +66,11 @@ class MeshTask:
     largest: float
     """Largest element."""
     thin: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
     grading: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
     curvature: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
 
 
 def generate(task: MeshTask) -> object | None:

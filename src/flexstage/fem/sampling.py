@@ -107,7 +107,7 @@ class Sampler:
     below the middle plane mirrored from the meshed one.
     """
     seams: bool = False
-    """Whether corners are separate where two regions meet, so that stress is averaged in each
+    """True if corners are separate where two regions meet, so that stress is averaged in each
     alone.
     """
 
@@ -122,7 +122,7 @@ class Sampler:
 
     @property
     def solid(self) -> bool:
-        """Whether the cells are wedges."""
+        """True if the cells are wedges."""
         return self.extent == "whole" and self.mesh.dim == 3
 
     @cached_property

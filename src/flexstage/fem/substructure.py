@@ -64,11 +64,11 @@ class Substructure:
     outline: Loop
     """Outline of the body, without the half notches."""
     holes: tuple[Loop | Circle, ...]
-    """Its openings."""
+    """Openings."""
     mounting_holes: tuple[Circle, ...]
-    """Its holes for bolts."""
+    """Holes for bolts."""
     fixed: bool
-    """Whether it is a fixed body, which is supported at these holes."""
+    """True if it is a fixed body, which is supported at these holes."""
     necks: tuple[CutNeck, ...]
     """Necks at which it is cut from its neighbours."""
     patches: tuple[LoadPatch, ...]
@@ -80,7 +80,7 @@ class Substructure:
     thickness: float
     """Thickness to which the size of its elements refers [m]."""
     mesh: MeshSettings
-    """Its mesh settings."""
+    """Mesh settings."""
     modes: int
     """Number of modes with fixed interfaces."""
     through: ThroughThickness
@@ -176,7 +176,7 @@ class Placed:
     """A substructure at its place in a stage."""
 
     body: Body
-    """Its body."""
+    """Body."""
     part: Substructure
     """The substructure."""
     origin: Point

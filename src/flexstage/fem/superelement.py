@@ -39,9 +39,9 @@ class SuperelementModel:
     system: MechanicalSystem
     """The stage in its lowest modes and its static responses to drives, probes and loads."""
     placed: tuple[Placed, ...]
-    """Its bodies as substructures."""
+    """Bodies as substructures."""
     condensed: tuple[Condensed, ...]
-    """Its condensed bodies."""
+    """Condensed bodies."""
     joint: Joint
     """The joined bodies, in the motions of their interfaces."""
     basis: Array

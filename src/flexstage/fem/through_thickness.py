@@ -23,7 +23,7 @@ class DepthFunctions:
     """Functions through half of the thickness, orthonormal over all of it."""
 
     values: Array
-    """At the points of integration, shape (k, q)."""
+    """Values at the points of integration, shape (k, q)."""
     slopes: Array
     """Derivatives there [1/m], shape (k, q)."""
     in_bodies: int
@@ -67,9 +67,9 @@ class ThroughThickness:
     model.
     """
     out_of_plane: bool = False
-    """Whether the motion is that out of the plane."""
+    """True if the motion is that out of the plane."""
     fine: bool = False
-    """Whether a second layer, a quarter as deep, has functions too, for stress near the faces."""
+    """True if a second layer, a quarter as deep, has functions too, for stress near the faces."""
 
     def __post_init__(self) -> None:
         if self.layer is None:
@@ -82,7 +82,7 @@ class ThroughThickness:
 
     @property
     def in_space(self) -> bool:
-        """Whether the displacement changes through the thickness."""
+        """True if the displacement changes through the thickness."""
         return self.layer is not None
 
     @property

@@ -505,7 +505,7 @@ class ClosedForm:
     """A published formula for one compliance of one profile cut from both sides."""
 
     name: str
-    """Its name in tables."""
+    """Name in tables."""
     kind: str
     """Kind of profile."""
     quantity: str
@@ -517,7 +517,7 @@ class ClosedForm:
     equals: str | None = None
     """The method whose quadrature it is the exact integral of; None for a fit or a limit."""
     takes_poisson: bool = False
-    """Whether Poisson's ratio is one of its arguments."""
+    """True if Poisson's ratio is one of its arguments."""
     validity: str = _BEAM
     """Range of validity."""
 

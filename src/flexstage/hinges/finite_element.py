@@ -76,7 +76,7 @@ class _Sizes(NamedTuple):
     block: float = 0.5
     """Largest element in the block, in its widths."""
     grading: float = 0.5
-    """How fast elements grow."""
+    """Growth of elements."""
     points: int = 61
     """Points on a curved piece of the contour, to tell an arc from other curves."""
     apart: float = 0.02

@@ -123,7 +123,7 @@ class HingeFigures(Result):
     table_key: ClassVar[str] = "stiffness"
 
     profile: Profile
-    """Its contour."""
+    """Contour."""
     material: Material
     """Material of the plate."""
     width: float

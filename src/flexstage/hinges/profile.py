@@ -89,7 +89,7 @@ class Profile(ABC):
     neck_thickness: Length
     """Smallest thickness t [m]."""
     one_sided: bool = False
-    """Whether the notch is cut on one side only (the left one, looking along the hinge), the other
+    """True if the notch is cut on one side only (the left one, looking along the hinge), the other
     side being straight.
     """
 

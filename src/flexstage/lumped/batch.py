@@ -61,7 +61,7 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         return xp.take(x, xp.asarray(which, dtype=xp.int64), axis=0)
 
     def arm(at: Array, bodies: list[str]) -> tuple[Array, Array]:
-        """From the centres of mass of bodies to points, x and y."""
+        """Return the vectors from the centres of mass of bodies to points, x and y."""
         from_ = select(centre, [every[name] for name in bodies])
         return at[:, 0, ...] - from_[:, 0, ...], at[:, 1, ...] - from_[:, 1, ...]
 

@@ -194,7 +194,7 @@ class NonlinearMechanism:
     """
 
     mechanism: Mechanism
-    """Its bodies and springs."""
+    """Bodies and springs."""
     mass: Array
     """Diagonal of M [kg, kg m^2], shape (n,)."""
     stiffness: Array

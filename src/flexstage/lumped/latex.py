@@ -54,7 +54,7 @@ class SheetSection:
     key: str
     """Short name by which a program finds it."""
     title: str
-    """Its heading."""
+    """Heading."""
     items: tuple[Item, ...]
     """Paragraphs, formulas and tables in order."""
 

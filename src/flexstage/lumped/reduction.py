@@ -31,7 +31,7 @@ class Mirror:
     point: tuple[float, float]
     """A point of the line [m]."""
     direction: float
-    """Its direction, from the x axis to the left [rad]; a multiple of 45 degrees."""
+    """Direction, from the x axis to the left [rad]; a multiple of 45 degrees."""
     image: NDArray[np.int64]
     """Coordinates of the image, ``image @ q``: a permutation with signs, shape (n, n)."""
     asymmetry: float = 0.0

@@ -25,15 +25,15 @@ class RigidBody:
     """A rigid body in the plane."""
 
     name: str
-    """Its name."""
+    """Name."""
     mass: float
-    """Its mass m [kg]."""
+    """Mass m [kg]."""
     inertia: float
-    """Its moment of inertia J about its centre of mass [kg m^2]."""
+    """Moment of inertia J about its centre of mass [kg m^2]."""
     centre: Pair
-    """Its centre of mass (x, y) [m]."""
+    """Centre of mass (x, y) [m]."""
     fixed: bool = False
-    """Whether it is fixed."""
+    """True if it is fixed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,7 +41,7 @@ class SpringHinge:
     """A hinge as a spring of two translations and a rotation, at the neck."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[int, int]
     """Indices of the bodies a and b."""
     at: Pair
@@ -83,7 +83,7 @@ class Mechanism:
     """Rigid bodies joined by springs."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[RigidBody, ...]
     """The bodies, fixed ones included."""
     hinges: tuple[SpringHinge, ...]

@@ -43,7 +43,7 @@ class SymbolicPort:
     """A drive or a probe in symbols."""
 
     name: str
-    """Its name."""
+    """Name."""
     vector: sp.ImmutableMatrix
     """Elongation or reading for each coordinate, shape (n, 1)."""
     stiffness: sp.Expr | None = sp.S.Zero

@@ -281,7 +281,7 @@ def body_contour(
 def _grow(
     loop: Loop, root: tuple[_Pair, _Pair], points: list[_Pair], bulges: list[float]
 ) -> Loop | None:
-    """Put a path in place of the stretch of a loop between the ends of a root."""
+    """Replace the part of a loop between the ends of a root by a path."""
     segments = loop.segments()
     first = _segment_at(segments, root[0], root[1])
     last = _segment_at(segments, root[1], root[0])

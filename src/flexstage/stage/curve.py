@@ -23,9 +23,9 @@ class Curve(NamedTuple):
     """A straight line or an arc."""
 
     start: Pair
-    """Where it begins [m]."""
+    """Start point [m]."""
     end: Pair
-    """Where it ends [m]."""
+    """End point [m]."""
     bulge: float = 0.0
     """Tangent of a quarter of its angle, positive where it turns left [1]; 0 of a line."""
 

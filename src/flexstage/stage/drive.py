@@ -121,7 +121,7 @@ class Drive(Actuator):
     __slots__ = ()  # a kind has room for these fields and those of its actuator
 
     name: str
-    """Its name."""
+    """Name."""
     pushes: str
     """The body that it moves."""
     reacts: str
@@ -164,6 +164,6 @@ DRIVES: dict[str, type[Drive]] = {kind.kind: kind for kind in (Screw, PiezoStack
 
 
 def placed(actuator: AnyActuator, **place: Any) -> Drive:
-    """Put an actuator into a stage; `place` holds the fields that every `Drive` has."""
+    """Return an actuator as a drive of a stage; `place` has the fields of every `Drive`."""
     actuator_fields = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
     return DRIVES[actuator.kind](**place, **actuator_fields)

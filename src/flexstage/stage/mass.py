@@ -16,11 +16,11 @@ class MassProperties:
     """Mass of a body and its distribution in the plane."""
 
     mass: float
-    """Its mass [kg]."""
+    """Mass [kg]."""
     centre: tuple[float, float]
-    """Its centre of mass (x, y) [m]."""
+    """Centre of mass (x, y) [m]."""
     inertia: float
-    """Its moment of inertia about its own centre of mass, normal to the plane [kg m^2]."""
+    """Moment of inertia about its own centre of mass, normal to the plane [kg m^2]."""
 
 
 def mass_properties(stage: Stage) -> dict[str, MassProperties]:

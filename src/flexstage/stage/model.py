@@ -30,11 +30,11 @@ class ExtraMass:
     """
 
     mass: Annotated[float, DIMENSIONS["mass"], NOT_NEGATIVE]
-    """Its mass [kg]."""
+    """Mass [kg]."""
     at: Point
-    """Its centre of mass in the plane [m]."""
+    """Centre of mass in the plane [m]."""
     inertia: Annotated[float, DIMENSIONS["inertia"], NOT_NEGATIVE] = 0.0
-    """Its moment of inertia about its own centre, normal to the plane [kg m^2]."""
+    """Moment of inertia about its own centre, normal to the plane [kg m^2]."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "an extra mass")
@@ -48,15 +48,15 @@ class Body:
     """
 
     name: str
-    """Its name."""
+    """Name."""
     outline: Loop
-    """Its outline, without the half notches cut into it."""
+    """Outline, without the half notches cut into it."""
     holes: tuple[Loop | Circle, ...] = ()
     """Openings in it; other bodies may lie inside them."""
     mounting_holes: tuple[Circle, ...] = ()
     """Holes by which it is bolted down or carries a load."""
     fixed: bool = False
-    """Whether it is fixed."""
+    """True if it is fixed."""
     extra_masses: tuple[ExtraMass, ...] = ()
     """Masses mounted on it."""
 
@@ -66,7 +66,7 @@ class Hinge:
     """A notch between two bodies."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[str, str]
     """The bodies a and b that it joins."""
     at: Point
@@ -123,7 +123,7 @@ class Probe:
     """
 
     name: str
-    """Its name."""
+    """Name."""
     body: str
     """The measured body."""
     at: Point
@@ -154,7 +154,7 @@ class Probe:
 
     @property
     def row(self) -> tuple[float, float, float]:
-        """Its reading for a unit of displacement x, y and of rotation of the body at its point."""
+        """Reading for a unit of displacement x, y and of rotation of the body at its point."""
         if self.direction is None:
             return (0.0, 0.0, 1.0)
         return (math.cos(self.direction), math.sin(self.direction), 0.0)
@@ -183,11 +183,11 @@ class Axis:
     Raises
     ------
     StageError
-        It names no drive, one both ways, or the same one twice.
+        It has no drive, both `drive` and `drives`, or the same drive twice.
     """
 
     name: str
-    """Its name."""
+    """Name."""
     drive: str | None = None
     """The drive that moves it, where it is one."""
     probe: str
@@ -244,23 +244,23 @@ class Stage:
     """
 
     name: str
-    """Its name."""
+    """Name."""
     title: str = ""
-    """Its description in one line."""
+    """Description in one line."""
     thickness: Size
     """Thickness of the plate [m]."""
     material: Material
     """Material of the plate."""
     bodies: tuple[Body, ...]
-    """Its rigid parts."""
+    """Rigid parts."""
     hinges: tuple[Hinge, ...] = ()
-    """Its notches."""
+    """Notches."""
     drives: tuple[Drive, ...] = ()
-    """Its drives."""
+    """Drives."""
     probes: tuple[Probe, ...] = ()
-    """Its probes."""
+    """Probes."""
     axes: tuple[Axis, ...] = ()
-    """Its directions of positioning."""
+    """Directions of positioning."""
     manufacture: Manufacture = field(default_factory=Manufacture)
     """Limits of the cutting process."""
     published: tuple[Characteristic, ...] = ()
@@ -304,7 +304,7 @@ class Stage:
 
     @property
     def own_notes(self) -> tuple[str, ...]:
-        """Its notes without those on published figures."""
+        """Notes without those on published figures."""
         return tuple(note for note in self.notes if not note.startswith("Published"))
 
     def body(self, name: str) -> Body:

@@ -204,9 +204,9 @@ class Circle:
     """
 
     centre: Point
-    """Its centre [m]."""
+    """Centre [m]."""
     radius: Annotated[float, DIMENSIONS["length"]]
-    """Its radius [m]."""
+    """Radius [m]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius <= LARGEST:

@@ -31,11 +31,11 @@ class Shape:
     bodies: tuple[str, ...]
     """The body itself, or the two that a notch joins."""
     is_notch: bool
-    """Whether it is a notch."""
+    """True if it is a notch."""
 
     @property
     def label(self) -> str:
-        """Its name in messages."""
+        """Name in messages."""
         return f"the notch of hinge '{self.name}'" if self.is_notch else f"body '{self.name}'"
 
 

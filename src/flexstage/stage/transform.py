@@ -33,7 +33,7 @@ class PlaneMotion:
     shift: _Pair = (0.0, 0.0)
     """Displacement after that [m]."""
     mirrored: bool = False
-    """Whether y is turned round before that."""
+    """True if y is turned round before that."""
 
     @classmethod
     def rotation(cls, angle: float, *, about: _Pair = (0.0, 0.0)) -> "PlaneMotion":

@@ -131,7 +131,7 @@ class CouplingFigures:
         return moved, {j: every[j] for j in self.drives}, every
 
     def rows(self) -> dict[Key, Callable[[], Any]]:
-        """Its figures, in the order of `flexstage.system.analyse`."""
+        """Figures, in the order of `flexstage.system.analyse`."""
         rows: dict[Key, Callable[[], Any]] = {}
         nominal = self.nominal
         if len(nominal.axes) < 2:
@@ -216,7 +216,7 @@ class Decisions:
     stage: Stage
     """The nominal stage."""
     system: MechanicalSystem
-    """Its system."""
+    """System."""
     coupling: CoupledAxes | None
     """Coupling of all drives and axes."""
     together: CoupledAxes | None
@@ -351,7 +351,7 @@ class AxisFigures:
         return soft - added([f * source.reach(self.probe, j) for j, f in force.items()]), force
 
     def rows(self) -> Iterator[tuple[str, Callable[[], Any]]]:
-        """Its figures, in the order of `flexstage.system.analyse`."""
+        """Figures, in the order of `flexstage.system.analyse`."""
         decided, source, nominal = self.stage.decided, self.source, self.nominal
         system = decided.system
         measures = AxisMeasures(

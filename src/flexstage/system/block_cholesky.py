@@ -83,7 +83,7 @@ class BlockFactor:
     panels: tuple[Array | None, ...]
     """By body the columns of L below it, those of its later bodies, shape (3 d, 3, S)."""
     regular: Any
-    """Whether the matrix of a sample is positive definite; the factor of one that is not is
+    """True if the matrix of a sample is positive definite; the factor of one that is not is
     finite, and means nothing. Shape (S,).
     """
 

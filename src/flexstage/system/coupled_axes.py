@@ -170,9 +170,9 @@ class ReachableArea:
     generators: Array
     """Motion for the stroke of each drive [m, m, rad], shape (2, d) or (3, d)."""
     lowest: Array
-    """Where all drives are at the lower end of their strokes [m, m, rad], shape (2,) or (3,)."""
+    """Position with all drives at the start of their strokes [m, m, rad], shape (2,) or (3,)."""
     middle: Array
-    """Where all drives are in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
+    """Position with all drives in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
 
     __repr__ = short_repr
 
@@ -277,7 +277,7 @@ class CoupledAxes:
 
     @property
     def independent(self) -> bool:
-        """Whether the drives can move every axis alone: J has the rank of its rows."""
+        """True if the drives can move every axis alone: J has the rank of its rows."""
         values = self.singular_values
         return len(values) == len(self.axes) and bool(values[-1] > SINGULAR * values[0])
 
@@ -314,7 +314,7 @@ class CoupledAxes:
 
     @property
     def coupled(self) -> bool:
-        """Whether the axes have to be treated together.
+        """True if the axes have to be treated together.
 
         This holds where an axis has several drives, or where a drive moves the axis of another by
         more than half of the motion of its own, rotations times the characteristic length.

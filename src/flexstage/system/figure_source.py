@@ -63,9 +63,9 @@ class AxisMeasures:
     sag: Callable[[], Any]
     """Reading of the probe for the weight along the axis, drives in place [m]."""
     yields: bool
-    """Whether a force on the probe moves it."""
+    """True if a force on the probe moves it."""
     visible: bool
-    """Whether the probe reads the modes by which the axis moves."""
+    """True if the probe reads the modes by which the axis moves."""
 
 
 def axis_figures(

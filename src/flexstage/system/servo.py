@@ -26,7 +26,7 @@ class Notch:
     """
 
     frequency_hz: float
-    """Its frequency [Hz]."""
+    """Frequency [Hz]."""
     zero_damping: float = 0.01
     """Damping ratio of its zeros [1]; 0 blocks the frequency completely."""
     pole_damping: float = 0.5

@@ -350,7 +350,7 @@ class AxisAnalysis:
     drives: Mapping[str, float]
     """Elongation of each drive that moves it [m]."""
     probe: str
-    """Its probe."""
+    """Probe."""
     input_displacement: float
     """Largest elongation of a drive [m]."""
     output_displacement: float

@@ -39,7 +39,7 @@ class AmplifierParameters(GuidedPlateParameters):
     """The dimensions of an amplifier that do not depend on its limbs."""
 
     actuator: AnyActuator = field(default_factory=lambda: round_stack(36e-3))
-    """Its actuator."""
+    """Actuator."""
     actuator_length: Size = 36e-3
     """Distance between the two faces that the drive pushes apart [m]."""
     actuator_width: Size = 8e-3
@@ -55,15 +55,15 @@ class Limb:
     """The limb at the upper left, from the block ``left`` to the block ``output``."""
 
     bodies: tuple[Body, ...]
-    """Its bodies between its hinges."""
+    """Bodies between its hinges."""
     hinges: tuple[Hinge, ...]
-    """Its hinges."""
+    """Hinges."""
     input_corner: tuple[Pair, ...]
     """Edge of the block ``left``, from its right face upwards to its highest point [m]."""
     output_side: tuple[Pair, ...]
     """Left edge of the block ``output``, from below to where its guide begins [m]."""
     top: float
-    """Its highest point [m]."""
+    """Highest point [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,9 +77,9 @@ class AmplifierFrame:
     """
 
     parameters: AmplifierParameters
-    """Its dimensions."""
+    """Dimensions."""
     limb: Limb
-    """Its limb at the upper left."""
+    """Limb at the upper left."""
 
     def __post_init__(self) -> None:
         least = self._outer + self.parameters.slot + self.side

@@ -33,13 +33,13 @@ class GantryParameters(PlateParameters):
     """The dimensions of an XY gantry."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(25e-3, 0.4e-3, 0.8e-3))
-    """Its equal legs; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     platform_leg_spacing: Size = 20e-3
     """Distance between the two legs that go from the platform to a carriage [m]."""
     carriage_leg_spacing: Size = 10e-3
     """Distance between the two legs that guide a carriage [m]."""
     overhang: Size = 4e-3
-    """How far bodies reach beyond their legs [m]."""
+    """Overhang of bodies beyond their legs [m]."""
     wall: Size = 8e-3
     """Thickness of the frame [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(400e-6))
@@ -47,7 +47,7 @@ class GantryParameters(PlateParameters):
     actuator_length: Size = 3e-3
     """Distance between carriage and frame [m]."""
     opposed: bool = False
-    """Whether a second drive pulls at the opposite carriage, as voice coils can."""
+    """True if a second drive pulls at the opposite carriage, as voice coils can."""
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)

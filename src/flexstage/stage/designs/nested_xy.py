@@ -36,7 +36,7 @@ class NestedXYParameters:
     platform_wall: Size
     """Thickness of the x platform around the window of the y axis: above and to the right [m]."""
     platform_wall_below: Size
-    """The same on the side where the y drive stands [m]."""
+    """The same on the side of the y drive [m]."""
     platform_wall_at_recess: Size
     """The same on the left, from the bottom of the recesses of the x links [m]."""
     frame_wall: Size

@@ -32,7 +32,7 @@ class AxisParameters:
     lever_width: Size
     """Width of the lever, across its length [m]."""
     lever_edge: Size = 1e-3
-    """How far levers and input block reach beyond the roots of their outermost notches [m]; half of
+    """Overhang of levers and input block beyond the roots of their outermost notches [m]; half of
     it at the input notch if that is the innermost one of the lever.
     """
     lever_notch_radius: Size
@@ -73,7 +73,7 @@ class Placement:
     origin: Pair = (0.0, 0.0)
     """The point u = v = 0 [m]."""
     turned: bool = False
-    """Whether u runs along y instead of x."""
+    """True if u runs along y instead of x."""
 
     @property
     def angle(self) -> float:
@@ -94,7 +94,7 @@ class AxisLayout:
     name: str
     """Name of the axis, with which the names of its bodies and hinges begin."""
     parameters: AxisParameters
-    """Its dimensions."""
+    """Dimensions."""
     length: float
     """Length of its platform along u [m]."""
     height: float
@@ -181,7 +181,7 @@ class AxisLayout:
 
     @property
     def leg_root(self) -> float:
-        """Where the guide legs are joined to the ground [m]."""
+        """Position at which the guide legs are joined to the ground [m]."""
         return self.leg_span[1] + 2.0 * self.parameters.leg_notch_radius
 
     @property

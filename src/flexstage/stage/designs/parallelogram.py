@@ -41,7 +41,7 @@ class ParallelogramParameters(PlateParameters):
     )
     """The two legs; each is a bar between two notches, or a leaf."""
     platform_overhang: Size = 4e-3
-    """How far the platform reaches beyond the legs, on both sides [m]."""
+    """Overhang of the platform beyond the legs, on both sides [m]."""
     platform_height: Size = 12e-3
     """Height of the platform across its motion [m]."""
     base_height: Size = 15e-3
@@ -154,11 +154,11 @@ class DoubleParallelogramParameters(PlateParameters):
     """The dimensions of a double parallelogram."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(30e-3, 0.4e-3, 0.8e-3))
-    """Its equal legs; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     leg_spacing: Size = 24e-3
     """Distance between the two legs that carry the platform [m]."""
     overhang: Size = 4e-3
-    """How far bodies reach beyond their legs [m]."""
+    """Overhang of bodies beyond their legs [m]."""
     platform_height: Size = 14e-3
     """Height of the platform across its motion [m]."""
     secondary_height: Size = 8e-3
@@ -387,9 +387,9 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
     """The dimensions of a double parallelogram with two levers."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(40e-3, 0.5e-3, 0.8e-3))
-    """Its equal legs; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     overhang: Size = 8e-3
-    """How far bodies reach beyond their legs; on the platform there is room for a post [m]."""
+    """Overhang of bodies beyond their legs; on the platform there is room for a post [m]."""
     secondary_height: Size = 16e-3
     """Height of the secondary stage, on which the legs turn back [m]."""
     link: Leg = field(default_factory=lambda: round_leaf(12e-3, 0.3e-3, 0.6e-3))

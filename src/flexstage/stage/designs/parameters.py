@@ -19,11 +19,11 @@ class Topology:
     """A family of stages that differ in their dimensions."""
 
     name: str
-    """Its name in stage files."""
+    """Name in stage files."""
     title: str
-    """Its description in one line."""
+    """Description in one line."""
     source: str
-    """Its source: author, title, journal, year."""
+    """Source: author, title, journal, year."""
     parameters: type
     """The dataclass of its dimensions."""
     construct: Callable[[Any], Stage]
@@ -47,11 +47,11 @@ class ParameterSet:
     """A built-in stage: dimensions of a family, with the published figures of that stage."""
 
     name: str
-    """Its name, and that of its stage."""
+    """Name, and that of its stage."""
     topology: Topology
     """The family."""
     parameters: Any
-    """Its dimensions."""
+    """Dimensions."""
     construct: Callable[[], Stage]
     """Builds it, with its published figures and notes."""
 
@@ -64,15 +64,15 @@ class StageParameter:
     """A parameter of a design or of a stage file."""
 
     name: str
-    """Its name as `find_stage` sets it, with dots for what is nested."""
+    """Name as `find_stage` sets it, with dots for what is nested."""
     value: Any
-    """Its value, in SI units; None where there is none."""
+    """Value, in SI units; None where there is none."""
     dimension: str
-    """Its dimension, of `flexstage.quantities.units.DIMENSIONS`; empty where it is no quantity."""
+    """Dimension, of `flexstage.quantities.units.DIMENSIONS`; empty where it is no quantity."""
     text: str
-    """Its value as in a file and for `find_stage`, to the same bits."""
+    """Value as in a file and for `find_stage`, to the same bits."""
     description: str
-    """Its description."""
+    """Description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +80,9 @@ class Group:
     """A parameter that holds others."""
 
     name: str
-    """Its name, with dots for what is nested."""
+    """Name, with dots for what is nested."""
     description: str
-    """Its description."""
+    """Description."""
 
 
 def entries_of(dimensions: Any, group: str = "") -> Iterator[StageParameter | Group]:

@@ -302,7 +302,7 @@ class DrivenPlateParameters(PlateParameters):
     actuator_width: Size = 7e-3
     """Width of the room for a drive [m]."""
     edge: Size = 1e-3
-    """How far bodies reach beyond the roots of their outermost hinges [m]."""
+    """Overhang of bodies beyond the roots of their outermost hinges [m]."""
     slot: Size = 1e-3
     """Width of the slots between bodies [m]."""
     frame_wall: Size = 10e-3

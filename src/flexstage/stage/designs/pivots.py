@@ -35,13 +35,13 @@ class PivotParameters(PlateParameters):
             neck_thickness=0.35e-3, notch_length=14e-3, fillet_radius=0.7e-3
         )
     )
-    """Its equal leaves."""
+    """Equal leaves."""
     half_angle: Annotated[Angle, Range(low=0.3, high=1.15)] = 0.25 * math.pi
     """Angle of the leaves against the line of symmetry [rad]."""
     centre_distance: Size = 3e-3
     """Distance of the near ends of the leaves from the centre [m]."""
     overhang: Size = 3e-3
-    """How far bodies reach beyond their leaves [m]."""
+    """Overhang of bodies beyond their leaves [m]."""
     wall: Size = 10e-3
     """Thickness of base and arm behind their leaves [m]."""
     column_width: Size = 10e-3

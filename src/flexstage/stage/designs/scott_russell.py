@@ -40,7 +40,7 @@ class ScottRussellParameters(GuidedPlateParameters):
     input_block_length: Size = 10e-3
     """Length of the block that the drive pushes, along it [m]."""
     input_block_height: Size = 8e-3
-    """Its height [m]."""
+    """Height [m]."""
     guide: Leg = field(default_factory=lambda: round_leaf(12e-3))
     """The four legs or leaves that guide it, two above and two below."""
     guide_spacing: Size = 7e-3

@@ -175,7 +175,7 @@ def _with(dimensions: Any, values: Mapping[str, float], source: str) -> Any:
 
 
 def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
-    """Put values into a file, each in its line; None where one has no such line."""
+    """Replace values in a file, each in its line; None where one has no such line."""
     assert template.file is not None
     lines = template.file.splitlines(keepends=True)
     root = parse_yaml(template.file, template.source, STAGE_FILE.noun, StageError)
@@ -196,7 +196,7 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
 
 
 def _called(text: str, words: Mapping[str, str]) -> str:
-    """Put name and title of a stage into a file, in their lines or below its first key."""
+    """Set name and title of a stage in a file, in their lines or below its first key."""
     lines = text.splitlines()
     for key, value in words.items():
         line_text = f"{key}: {flow_text(value)}"
@@ -329,7 +329,7 @@ def _entries(entries: Iterable[StageParameter | Group]) -> list[str]:
 
 
 def _with_comments(text: str, comments: Mapping[str, str]) -> str:
-    """Put comments above the outermost keys of a file."""
+    """Insert comments above the outermost keys of a file."""
     lines = []
     for line in text.splitlines():
         comment = comments.get(line.partition(":")[0])

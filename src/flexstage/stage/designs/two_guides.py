@@ -37,7 +37,7 @@ class SingleAxisParameters:
             notch=RightCircular(neck_thickness=0.5e-3, radius=2e-3), bar_length=26e-3
         )
     )
-    """Its legs; each is a bar between two notches, or a leaf."""
+    """Legs; each is a bar between two notches, or a leaf."""
     leg_spacing: Size = 40e-3
     """Distance between legs [m]."""
     platform_height: Size = 40e-3

@@ -115,7 +115,7 @@ class DrawnBody:
     """A body of a drawing."""
 
     outline: Loop
-    """Its outline, without the notches."""
+    """Outline, without the notches."""
     holes: tuple[Loop | Circle, ...]
     """Openings in it."""
     holes_layers: tuple[str, ...]

@@ -27,7 +27,7 @@ class DrawnContour:
     """A closed line, with the material on its left."""
 
     strokes: tuple[DrawnStroke, ...]
-    """Its pieces in order."""
+    """Pieces in order."""
     layer: str = ""
     """The layer on which most of it was drawn."""
 
@@ -66,7 +66,7 @@ class DrawnPart:
     unit: float = 1e-3
     """Unit of coordinates in messages [m]."""
     unit_name: str = "mm"
-    """Its name."""
+    """Name."""
     rounding: float = 0.0
     """Largest rounding error of a coordinate in the file [m]."""
 

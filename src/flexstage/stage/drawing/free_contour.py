@@ -35,7 +35,7 @@ class _FreeRules:
     chord: float = 1e-9
     """Largest distance of chords between points on arcs from these [m]."""
     compared: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 0.95)
-    """Where the sides are compared, in parts of the depth that all of them reach."""
+    """Depths at which the sides are compared, relative to the depth of all of them."""
     least_depth: float = 0.1
     """A notch is at least so deep, in thicknesses of its neck."""
     most: int = 400

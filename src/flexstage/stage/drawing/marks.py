@@ -29,17 +29,17 @@ class Arrow(NamedTuple):
     """An arrow with a name."""
 
     name: str
-    """Its name."""
+    """Name."""
     start: Pair
-    """Where it begins [m]."""
+    """Start point [m]."""
     end: Pair
-    """Its tip [m]."""
+    """Tip [m]."""
     rest: str = ""
     """Further text: the actuator of a drive."""
 
     @property
     def direction(self) -> float:
-        """Its direction, from the x axis to the left [rad]."""
+        """Direction, from the x axis to the left [rad]."""
         return whole_degrees(math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0]))
 
 

@@ -68,7 +68,7 @@ class Sides:
         return Sides(self.part, self.left, self.right)
 
     def walk(self, left: bool, ahead: bool) -> Iterator[DrawnStroke]:
-        """Give the pieces of one side outward from the neck, the one at the neck first, whole.
+        """Yield the pieces of one side outward from the neck, the one at the neck first, undivided.
 
         `ahead` is towards body b.
         """

@@ -60,13 +60,13 @@ class Neck(NamedTuple):
     sides: Sides
     """The contours on both sides; its direction is that of the contour on the right."""
     frame: NeckFrame
-    """Its centre and direction."""
+    """Centre and direction."""
     profile: Profile
-    """Its profile."""
+    """Profile."""
     off: float
     """Largest distance of the drawn contour from the profile [m]."""
     thin_place: Pass
-    """Its thin place."""
+    """Thin place."""
 
 
 def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:

@@ -54,11 +54,11 @@ class Word(NamedTuple):
     """A text of a drawing."""
 
     text: str
-    """Its words."""
+    """Words."""
     at: Pair
-    """Where it begins [m]."""
+    """Start of the text [m]."""
     layer: str
-    """Its layer."""
+    """Layer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,11 +70,11 @@ class Sheet:
     unit: float
     """Unit of the drawing [m]."""
     unit_name: str
-    """Its name."""
+    """Name."""
     arrows: tuple[tuple[Curve, str], ...] = ()
     """Lines on the layers of drives and probes, each with its layer."""
     words: tuple[Word, ...] = ()
-    """Its texts on those layers."""
+    """Texts on those layers."""
     rounding: float = 0.0
     """Largest rounding error of a coordinate in the file [m]."""
     left_out: tuple[tuple[str, int], ...] = ()

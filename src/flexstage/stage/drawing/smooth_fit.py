@@ -54,7 +54,7 @@ class Chains(NamedTuple):
     left: Array
     """Points of the left side [m]."""
     straight: tuple[bool, bool]
-    """Whether right and left side are one straight line."""
+    """True if right and left side are one straight line."""
 
 
 def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:

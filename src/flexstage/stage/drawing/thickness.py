@@ -61,7 +61,7 @@ class Pass(NamedTuple):
     """A thin place between two thick ones."""
 
     thickness: float
-    """Its thickness, about [m]."""
+    """Thickness, about [m]."""
     ratio: float
     """Thickness of the thinner of the two thick places, in thicknesses of the pass [1]."""
     sides: tuple[Place, Place]
@@ -74,7 +74,7 @@ class Relief(NamedTuple):
     """The thick places of a part and the passes between them."""
 
     passes: tuple[Pass, ...]
-    """From the thickest to the thinnest."""
+    """Passes, from the thickest to the thinnest."""
     heights: dict[int, float]
     """Thickness of each thick place by its number [m]."""
 
