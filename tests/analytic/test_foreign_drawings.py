@@ -88,7 +88,7 @@ def test_a_study_stage_comes_back_from_any_habit(habit: str, tmp_path) -> None:
 def test_what_is_no_contour_is_counted(tmp_path) -> None:
     stage = design("parallelogram")
     drawn = _read(foreign.with_words(stage), tmp_path / "part.dxf", stage)
-    assert dict(drawn.left_out) == {
+    assert dict(drawn.excluded) == {
         "dimension": 1,
         "hatch": 1,
         "line on layer 0": 1,

@@ -112,7 +112,7 @@ def test_elements_that_were_folded_keep_their_corners(monkeypatch: pytest.Monkey
     mesh.Curve(2)
     rule = ng.IntegrationRule(ng.ET.TET, 4)
     assert len(part_mesh._folded(mesh, rule))
-    assert part_mesh.unfold(mesh, 2)
+    assert part_mesh.straighten_folded(mesh, 2)
     assert not len(part_mesh._folded(mesh, rule))
     places = ng.CoefficientFunction((ng.x, ng.y, ng.z))(mesh.MapToAllElements(rule, ng.VOL))
     assert np.hypot(places[:, 0], places[:, 1]).max() < 10.0

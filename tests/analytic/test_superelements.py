@@ -430,7 +430,7 @@ def test_slivers_are_meshed_again(
     monkeypatch.setattr(plane_meshes, "shapes", lambda made: np.array([0.5, worst[made - 1], 0.9]))
     monkeypatch.setattr(plane_meshes, "_graded", lambda _mesh, slivers: list(slivers))
     stage = hinged_bars()
-    assert plane_meshes.sound_mesh(stage, stage_faces(stage), COARSE) == chosen + 1
+    assert plane_meshes.mesh_without_slivers(stage, stage_faces(stage), COARSE) == chosen + 1
     # each mesh is told of the slivers of all before it
     assert told == list(range(tries))
 

@@ -87,7 +87,7 @@ def _plain(drawn: "DrawnStage", files: list[Path]) -> dict[str, Any]:
             for hinge, neck in zip(stage.hinges, drawn.necks, strict=True)
         ],
         "blanks": list(drawn.blanks),
-        "left_out": dict(drawn.left_out),
+        "left_out": dict(drawn.excluded),
         "files": [str(f) for f in files],
     }
 
@@ -103,8 +103,8 @@ def _printed(drawn: "DrawnStage", files: list[Path]) -> None:
     )
     print_shown(screen, necks_table(drawn, caption))
     notes = []
-    if drawn.left_out:
-        left = ", ".join(f"{n} x {what}" for what, n in drawn.left_out)
+    if drawn.excluded:
+        left = ", ".join(f"{n} x {what}" for what, n in drawn.excluded)
         notes.append(f"left out of the drawing: {left}")
     if drawn.blanks:
         notes.append(f"the drawing does not say: {', '.join(drawn.blanks)}")

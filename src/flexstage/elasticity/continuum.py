@@ -110,7 +110,7 @@ class Continuum:
         self.thickness = thickness
         self.shift = shift
         self._matrices: dict[str, Any] = {}  # stiffness and mass, whatever holds the part
-        self._hold(fixed, fixed_components or {})
+        self._set_supports(fixed, fixed_components or {})
         modulus, poisson = material.youngs_modulus, material.poissons_ratio
         self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
         first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
@@ -132,7 +132,7 @@ class Continuum:
         self._volume = self._measure / METRE**2
         self._density: Any = self._volume * material.density
 
-    def _hold(self, fixed: str, fixed_components: Mapping[str, str]) -> None:
+    def _set_supports(self, fixed: str, fixed_components: Mapping[str, str]) -> None:
         parts = {f"dirichlet{c}": names for c, names in fixed_components.items()}
         self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=fixed, **parts)
         self.size: int = self.space.ndof
@@ -147,7 +147,7 @@ class Continuum:
         Matrices that do not depend on them are assembled once for both, while either is in use.
         """
         other = copy(self)
-        other._hold(fixed, fixed_components or {})
+        other._set_supports(fixed, fixed_components or {})
         return other
 
     # ------------------------------------------------------------------ matrices

@@ -15,7 +15,7 @@ _MEMORY = (3e9, 5e8)  # memory that it may take, and more for each megabyte [byt
 _MEND = "export it again as AP203 or AP214"
 
 
-def of_step(path: Path, work: Callable[..., Any], *more: Any) -> Any:
+def in_step_file(path: Path, work: Callable[..., Any], *more: Any) -> Any:
     """Return the result of a function of a module for the shapes of a STEP file.
 
     It is called with a shape in millimetres, and `more`, in a process of its own: on a damaged file

@@ -279,17 +279,19 @@ def with_estimates(
     in_space = any(p.part.through.in_space for p in model.placed)
     least = _MARGINS.least_in_space if in_space else _MARGINS.least
     stress = model.system.stress
-    unseen = 0.0
+    excess = 0.0
     if stress is not None:
-        unseen = max((_unseen(stress, a.static.q) for a in analysis.axes), default=0.0)
+        excess = max(
+            (_excess_between_points(stress, a.static.q) for a in analysis.axes), default=0.0
+        )
     tables = [{(r.quantity, r.axis): r.value for r in a.characteristics} for a in (coarse, rich)]
     rows = []
     for row in analysis.characteristics:
         key = (row.quantity, row.axis)
         if all(key in table for table in tables):
-            left = float(_left_out(row.value, *(table[key] for table in tables)))
+            left = float(_error_estimate(row.value, *(table[key] for table in tables)))
             if row.quantity in _OF_STRESS:
-                left += (unseen + _MARGINS.least_of_stress) * abs(row.value)
+                left += (excess + _MARGINS.least_of_stress) * abs(row.value)
                 left += scatter_at_points(row)
             if left:
                 left += least * abs(row.value)
@@ -301,7 +303,7 @@ def with_estimates(
     for condition, modes_here in analysis.modes.items():
         f = [a.modes[condition].frequency_hz for a in (analysis, coarse, rich)]
         count = min(map(len, f))
-        errors = _left_out(*(values[:count] for values in f)) + least * f[0][:count]
+        errors = _error_estimate(*(values[:count] for values in f)) + least * f[0][:count]
         estimated_modes[condition] = replace(modes_here.lowest(count), uncertainty_hz=errors)
     return replace(
         analysis,
@@ -311,7 +313,7 @@ def with_estimates(
     )
 
 
-def _left_out(fine: Array | float, coarse: Array | float, rich: Array | float) -> Array:
+def _error_estimate(fine: Array | float, coarse: Array | float, rich: Array | float) -> Array:
     return _MARGINS.of_order * np.abs(np.subtract(fine, coarse)) + _MARGINS.of_modes * np.abs(
         np.subtract(coarse, rich)
     )
@@ -343,14 +345,14 @@ def _coarser(
 def fewer_modes(body: Condensed, count: int) -> Condensed:
     """Return a body as if it had been condensed with a smaller number of modes."""
     size = body.stiffness.shape[0]
-    left_out = np.arange(body.modes.start + count, body.modes.stop)
-    if not left_out.size:
+    omitted = np.arange(body.modes.start + count, body.modes.stop)
+    if not omitted.size:
         return body
     basis = np.eye(size)
     # what they do under loads is a part of the responses to these again
-    squares = np.diag(body.stiffness)[left_out]
-    basis[left_out, body.inner] = (body.loads[:, left_out] / squares).T
-    basis = np.delete(basis, left_out, axis=1)
+    squares = np.diag(body.stiffness)[omitted]
+    basis[omitted, body.inner] = (body.loads[:, omitted] / squares).T
+    basis = np.delete(basis, omitted, axis=1)
     m = body.interfaces
     return replace(
         body,
@@ -361,7 +363,7 @@ def fewer_modes(body: Condensed, count: int) -> Condensed:
     )
 
 
-def _unseen(stress: StressMap, q: Array) -> float:
+def _excess_between_points(stress: StressMap, q: Array) -> float:
     """Return the relative excess of the stress between points on an edge over that at points."""
     values = stress.equivalent(q).reshape(-1, len(ALONG))
     if not values.size or not (largest := values.max()):

@@ -29,7 +29,7 @@ from flexstage.fem.geometry import (
     stage_faces,
 )
 from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
-from flexstage.fem.mesh import MESHER, sound_mesh
+from flexstage.fem.mesh import MESHER, mesh_without_slivers
 from flexstage.fem.necks import (
     IN_PLANE,
     LOADS,
@@ -382,10 +382,10 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
     """Condense a body; also return its plate, and the displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
-        ready = _prepared(part, tractions)
-    plate, loads = ready.plate, ready.loads
+        body_on_mesh = _prepared(part, tractions)
+    plate, loads = body_on_mesh.plate, body_on_mesh.loads
     mixed = None if tractions else partial(_mixed, part, plate.plane.order)
-    body = PrescribedDisplacement(plate, ready.rows, mixed, floating=not part.fixed)
+    body = PrescribedDisplacement(plate, body_on_mesh.rows, mixed, floating=not part.fixed)
     basis, K, interfaces = body.reduced(loads, part.modes)
     mass = basis.T @ plate.mass_times(basis)
     loads = loads @ basis
@@ -396,11 +396,15 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         reactions=reactions(K, mass, loads, interfaces),
         **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
-        inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
+        inertia=(
+            body_on_mesh.properties.mass,
+            *body_on_mesh.properties.centre,
+            body_on_mesh.properties.inertia,
+        ),
         elements=int(plate.plane.mesh.ne),
         # of a plane model with those that are held
         unknowns=plate.size if part.through.in_space else 2 * plate.plane.width,
-        supports=ready.supports,
+        supports=body_on_mesh.supports,
     )
     return condensed, plate, basis
 
@@ -461,7 +465,7 @@ def notch_block_of(part: Substructure, number: int, root: Root) -> NotchBlock:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Ready:
+class _MeshedBody:
     """A body on its mesh, before anything is factorised."""
 
     plate: LayeredPlate
@@ -479,7 +483,7 @@ class _Ready:
 def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
     """Mesh a body, for all its motions: its faces, integrals over its plane, means over necks."""
     faces = stage_faces(part.stage(), [BODY])
-    mesh = sound_mesh(part.stage(), faces, part.mesh)
+    mesh = mesh_without_slivers(part.stage(), faces, part.mesh)
     plane = PlaneIntegrals(
         mesh, order=part.mesh.order, fixed=MOUNTING if part.fixed else "", strain=_strained(part)
     )
@@ -491,7 +495,7 @@ def _strained(part: Substructure) -> str:
     return either(names)
 
 
-def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
+def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _MeshedBody:
     through, stage = part.through, part.stage()
     in_plane = ThroughThickness(thickness=part.thickness)
     faces, plane, means = _meshed(replace(part, through=in_plane, readings=(), modes=0))
@@ -531,7 +535,7 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             _reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings
         )
         loads = [*motion, *thermal, *readings]
-    return _Ready(
+    return _MeshedBody(
         plate=plate,
         rows=np.concatenate(rows),
         loads=np.array(loads),

@@ -232,7 +232,7 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
         M[where] += heavy * _responding(c.mass, inside[b])
         acting = np.hstack((c.loads[:, : index[b].size], c.loads[:, c.inner] @ inside[b]))
         for extra in () if p.body.fixed else p.body.extra_masses:
-            riding = way.carried(acting[:3], own_centre(p, c), extra.at)
+            riding = way.transferred(acting[:3], own_centre(p, c), extra.at)
             M[where] += riding.T @ (way.inertia(extra)[:, None] * riding)
         forces[:, at] += (
             stiff * np.array([loads[key].parts[b] for key in stage_load_names]) @ acting
@@ -242,9 +242,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
                 probes[name][at] += sign * reading
         for name, (body, place) in lifted.items():
             if body == p.body.name:
-                probes[name][at] += way.carried(acting[:3], own_centre(p, c), place)[0]
+                probes[name][at] += way.transferred(acting[:3], own_centre(p, c), place)[0]
         motion = np.zeros((3, n))
-        motion[:, at] = way.carried(acting[:3], own_centre(p, c), wholes[b].centre)
+        motion[:, at] = way.transferred(acting[:3], own_centre(p, c), wholes[b].centre)
         bodies[p.body.name] = wholes[b].centre, motion
     return Joint(
         blocks=((K, M),),

@@ -21,7 +21,7 @@ class EliminationFront:
 
     first: int
     end: int
-    beside: NDArray[np.intp]
+    coupled: NDArray[np.intp]
     """Later places that their elimination acts on, in order."""
     branches: list[tuple[int, list[tuple[int, int, int]]]]
     """Fronts that act on this one: number of each, and ranges of its coupled places, with their
@@ -80,25 +80,25 @@ class Fronts:
         branches: list[list[int]] = [[] for _ in firsts]
         for i, (first, end) in enumerate(zip(firsts, ends, strict=True)):
             last = old[end - 1]
-            beside = np.sort(self.rank[lower.indices[starts[last] + 1 : starts[last + 1]]])
-            here = np.concatenate((np.arange(first, end), beside))
+            coupled = np.sort(self.rank[lower.indices[starts[last] + 1 : starts[last + 1]]])
+            here = np.concatenate((np.arange(first, end), coupled))
             acting = []
             for j in branches[i]:
-                at = np.searchsorted(here, self.fronts[j].beside)
+                at = np.searchsorted(here, self.fronts[j].coupled)
                 cuts = np.flatnonzero((np.diff(at) != 1) | (at[1:] == end - first)) + 1
                 bounds = [0, *cuts.tolist(), at.size]
                 stretches = zip(bounds[:-1], bounds[1:], at[bounds[:-1]].tolist(), strict=True)
                 acting.append((j, list(stretches)))
-            self.fronts.append(EliminationFront(first, end, beside, acting))
-            if beside.size:
-                branches[self.owner[beside[0]]].append(i)
+            self.fronts.append(EliminationFront(first, end, coupled, acting))
+            if coupled.size:
+                branches[self.owner[coupled[0]]].append(i)
         rows, columns = self.rank[rows], self.rank[columns]
         #: The rows and columns in use: of two places those in which the column is later.
         self.taken = np.flatnonzero(columns >= rows)
         self.row, self.column = rows[self.taken], columns[self.taken]
         # coupled places, of all fronts one after another
-        self.every = np.concatenate([front.beside for front in self.fronts])
-        self.bounds = np.cumsum([0, *(front.beside.size for front in self.fronts)])
+        self.every = np.concatenate([front.coupled for front in self.fronts])
+        self.bounds = np.cumsum([0, *(front.coupled.size for front in self.fronts)])
         keys = np.repeat(np.arange(len(firsts)), np.diff(self.bounds)) * size + self.every
         #: Position of the columns among the coupled places, where they are not of the front itself.
         self.at = np.searchsorted(keys, self.owner[self.row] * size + self.column)
@@ -169,7 +169,7 @@ class FrontalFactor:
             later = np.zeros((n, n))
             for other, stretches in front.branches:
                 acts, rest[other] = rest[other], _NOTHING
-                of = self._ends[other][-1 - len(self.fronts.fronts[other].beside) :]
+                of = self._ends[other][-1 - len(self.fronts.fronts[other].coupled) :]
                 pieces = [(of[i] - of[0], of[j] - of[0], ends[k]) for i, j, k in stretches]
                 for k, (i, j, row) in enumerate(pieces):
                     for p, q, column in pieces[k:]:
@@ -190,11 +190,11 @@ class FrontalFactor:
     def solve(self, loads: Array) -> Array:
         """Return the solutions for right sides, shape (n, k)."""
         x = np.ascontiguousarray(loads[self._unknowns])
-        for pivots, beside, square, right in self._blocks:
+        for pivots, coupled, square, right in self._blocks:
             x[pivots] = square @ x[pivots]
-            x[beside] -= right.T @ x[pivots]
-        for pivots, beside, square, right in reversed(self._blocks):
-            x[pivots] = square.T @ (x[pivots] - right @ x[beside])
+            x[coupled] -= right.T @ x[pivots]
+        for pivots, coupled, square, right in reversed(self._blocks):
+            x[pivots] = square.T @ (x[pivots] - right @ x[coupled])
         solution = np.empty_like(x)
         solution[self._unknowns] = x
         return solution

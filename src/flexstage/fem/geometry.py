@@ -17,7 +17,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
 from flexstage.stage.contour import body_contour, inner_notch
-from flexstage.stage.curve import beside_line
+from flexstage.stage.curve import line_coordinates
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
 
@@ -131,7 +131,7 @@ def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | 
             length = math.dist(a, b)
             if bulge or length < _NEAR:
                 continue
-            along, aside, (ux, uy) = beside_line(at, a, b)
+            along, aside, (ux, uy) = line_coordinates(at, a, b)
             # as far to either side, so that the resultant goes through the point
             w = min(half_width, along, length - along)
             if abs(aside) < ON_BODY and w > _NEAR:
@@ -152,9 +152,11 @@ def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
         length = math.dist(a, b)
         if bulge or length < _NEAR:
             continue
-        beside = [(*beside_line(p, a, b)[:2], p) for p in added]
+        on_segment = [(*line_coordinates(p, a, b)[:2], p) for p in added]
         inside = sorted(
-            (s, p) for s, aside, p in beside if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
+            (s, p)
+            for s, aside, p in on_segment
+            if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
         )
         for _, p in inside:
             if math.dist(p, points[-1]) > _NEAR:
@@ -235,7 +237,7 @@ def _name_edges(
             elif abs(abs(start) - cut) > _NEAR or abs(abs(end) - cut) > _NEAR:
                 edge.name = surface_edge(hinge.name)
         for edge in by_face[body_region(hinge.bodies[which])].edges:
-            if not edge.name and _beside(hinge, edge):
+            if not edge.name and _on_outer_notch(hinge, edge):
                 edge.name = surface_edge(hinge.name)
     supports = []
     for body in bodies:
@@ -252,7 +254,7 @@ def _name_edges(
                     )
                 edge.name = patch_edge(patch.drive, patch.which)
         if body.fixed:
-            supports.append(_hold(stage, body, body_face))
+            supports.append(_name_supports(stage, body, body_face))
     return "; ".join(dict.fromkeys(supports))
 
 
@@ -286,7 +288,7 @@ def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
     return hinge.from_plane(a)[0], hinge.from_plane(b)[0]
 
 
-def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
+def _on_outer_notch(hinge: Hinge, edge: TopoDS_Shape) -> bool:
     """Return whether an edge is of the outer part of a notch, between its cut and its root."""
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
     cut = STRAINED * half
@@ -301,11 +303,11 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
 
 
 def _between(p: Point, a: Point, b: Point) -> bool:
-    along, aside, _ = beside_line(p, a, b)
+    along, aside, _ = line_coordinates(p, a, b)
     return abs(aside) < _NEAR and 0.0 < along < math.dist(a, b)
 
 
-def _hold(stage: Stage, body: Body, body_face: TopoDS_Shape) -> str:
+def _name_supports(stage: Stage, body: Body, body_face: TopoDS_Shape) -> str:
     """Name the supported edges of a fixed body: its mounting holes, or else its outer edges."""
     if body.mounting_holes:
         for edge in body_face.edges:
@@ -351,6 +353,6 @@ def _distance_to(edge: TopoDS_Shape, p: Point) -> float:
     length = math.dist(a, b)
     if length < _NEAR:
         return math.dist(_middle(edge), p)
-    along, _, (ux, uy) = beside_line(p, a, b)
+    along, _, (ux, uy) = line_coordinates(p, a, b)
     along = min(max(along, 0.0), length)
     return math.dist(p, (a[0] + along * ux, a[1] + along * uy))

@@ -23,7 +23,7 @@ def _check(continuum: Continuum, boundary: str) -> None:
     continuum.measure(boundary=boundary)
 
 
-def afford(continuum: Continuum) -> None:
+def require_memory_of(continuum: Continuum) -> None:
     """Refuse a mesh that is too large for the memory, before its stiffness is factorised."""
     if continuum._solver is None:
         low, high = continuum.mesh.ngmesh.bounding_box
@@ -98,7 +98,7 @@ def interface_stiffness(
     moved, fixed_names = _each(moving), _each(fixed)
     for name in (*moved, *fixed_names):
         _check(continuum, name)
-    afford(continuum)
+    require_memory_of(continuum)
     if rigid:
         return _rigid_stiffness(continuum, [("|".join(moved), at)], "|".join(fixed_names))
     return _between_mean(continuum, moved, fixed_names, at)
@@ -198,7 +198,7 @@ def interface_ratio(
     fixed_names = _each(fixed)
     for name in (*apart, output, *fixed_names):
         _check(continuum, name)
-    afford(continuum)
+    require_memory_of(continuum)
     first, second, end = (_centroid(continuum, name) for name in (*apart, output))
     direction = np.subtract(first, second)
     length = float(np.linalg.norm(direction))
@@ -287,7 +287,7 @@ def interface_modes(continuum: Continuum, fixed: Sequence[str], count: int) -> t
     """
     for name in fixed:
         _check(continuum, name)
-    afford(continuum)
+    require_memory_of(continuum)
     motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in fixed])
     moved = continuum.solve(motion.T)
     inner = np.linalg.inv(motion @ moved)

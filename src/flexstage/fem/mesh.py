@@ -112,7 +112,7 @@ def _generate(
     return mesh
 
 
-def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
+def _require_room(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
     """Refuse elements so small that their number alone does not fit in memory."""
     largest = settings.size * stage.thickness * METRE
     area = sum(f.mass for f in faces.shape.faces)
@@ -168,7 +168,7 @@ def plane_mesh(
     It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`; `sizes`
     are of elements at places other than notches and corners.
     """
-    _afford(stage, faces, settings, 2)
+    _require_room(stage, faces, settings, 2)
     _refine(stage, faces, settings)
     return face_mesh(faces.shape, stage.thickness, settings, [*corner_sizes(stage, faces), *sizes])
 
@@ -191,7 +191,7 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
     It is in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the edges
     from which they are extruded.
     """
-    _afford(stage, faces, settings, 3)
+    _require_room(stage, faces, settings, 3)
     _refine(stage, faces, settings)
     height = 0.5 * stage.thickness * METRE / settings.layers
     slabs = [
@@ -238,7 +238,7 @@ def shapes(mesh: ng.Mesh) -> Array:
     return (2.0 * np.linalg.det(map_) / np.sum(map_**2, axis=(2, 3))).min(axis=1)
 
 
-def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
+def mesh_without_slivers(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the plane of a stage, again where the mesher left slivers.
 
     Now and then the mesher closes a gap between fine and coarse elements with a fan of slivers.

@@ -86,7 +86,7 @@ class InterfaceDofs:
         """True if it is the motion out of the plane."""
         return self.axes == "z"
 
-    def carried(self, motion: Array, centre: Point, at: Point) -> Array:
+    def transferred(self, motion: Array, centre: Point, at: Point) -> Array:
         """Transfer the motion of a body, one a row, from its centre to another point."""
         x, y = at[0] - centre[0], at[1] - centre[1]
         moved = motion.copy()
@@ -102,7 +102,7 @@ class InterfaceDofs:
 
         The same rows are the loads of unit forces at the point on these motions.
         """
-        return self.carried(np.eye(3), centre, at)[: len(self.axes)]
+        return self.transferred(np.eye(3), centre, at)[: len(self.axes)]
 
     def inertia(self, extra: ExtraMass) -> Array:
         """Return the inertia of an extra mass by motions; out of the plane it is a point."""

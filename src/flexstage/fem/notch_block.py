@@ -55,7 +55,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-def _once(size: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def _cached_for_threads(size: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """Keep the last results; of two threads with the same argument, the second waits for it."""
 
     def of(function: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -128,25 +128,25 @@ def neck_tractions(half: NotchBlock) -> Array:
     return _narrow_tractions(replace(half, wide=False, widest=None))
 
 
-@_once(64)
+@_cached_for_threads(64)
 def _narrow_tractions(half: NotchBlock) -> Array:
     # out of the plane the same half notch gives its stress, by tractions of more powers
     highest = max(half.powers, NECK_POWERS) if half.through.out_of_plane else half.powers
     _, rows, responses = _narrow(replace(half, powers=highest))
     required, every = (
-        [_bare(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
+        [_trimmed(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
         for powers in (half.powers, highest)
     )
     selected = [every.index(motion) for motion in required]
     return neck_mix(rows[selected] @ responses[:, selected], half.through, half.powers)
 
 
-def _bare(motion: NeckMotion) -> NeckMotion:
+def _trimmed(motion: NeckMotion) -> NeckMotion:
     """Return a motion without superfluous powers."""
     return replace(motion, weight=tuple(np.trim_zeros(motion.weight, "b")))
 
 
-@_once(128)
+@_cached_for_threads(128)
 def neck_stress(half: NotchBlock) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck."""
     if half.through.in_space and not half.through.out_of_plane:
@@ -185,7 +185,7 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
     )
 
 
-@_once(6)
+@_cached_for_threads(6)
 def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
     plate, rows = _block(half)

@@ -15,7 +15,7 @@ from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 from flexstage.base.arrays import Array, Integers
 from flexstage.base.errors import ModelError, StageError
 from flexstage.elasticity.shapes import METRE
-from flexstage.elasticity.step_file import of_step
+from flexstage.elasticity.step_file import in_step_file
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.quantities.material import Material
 
@@ -324,7 +324,7 @@ def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None
     no solid, a solid without volume, several solids without a selection, or overlapping solids.
     """
     path = Path(path)
-    packed, bodies, faces = of_step(path, _packed_part, path, solid)
+    packed, bodies, faces = in_step_file(path, _packed_part, path, solid)
     return Part(source=f"'{path}'", shape=pickle.loads(packed).shape, bodies=bodies, faces=faces)
 
 

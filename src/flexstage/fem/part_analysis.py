@@ -19,10 +19,10 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.requests import DEFAULT_MATERIAL, PartRequest
 from flexstage.fem.interface import (
     MotionRatio,
-    afford,
     interface_modes,
     interface_ratio,
     interface_stiffness,
+    require_memory_of,
 )
 from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
@@ -354,7 +354,7 @@ def _interfaces(part: Part, names: Sequence[str]) -> tuple[str, ...]:
 
 def _ready(body: Bodies, force: bool) -> Bodies:
     if not force:
-        afford(body)
+        require_memory_of(body)
     body.factorise()
     return body
 

@@ -102,7 +102,7 @@ def generate(task: MeshTask) -> object | None:
         if mesh.ne == 0:
             raise MesherError("it made no element")
         mesh.Curve(task.order)
-        if unfold(mesh, task.order):
+        if straighten_folded(mesh, task.order):
             return netgen_mesh
     return None
 
@@ -135,7 +135,7 @@ def _folded(mesh: ng.Mesh, rule: ng.IntegrationRule) -> NDArray[np.intp]:
     return np.flatnonzero(values.min(axis=1) < _LIMITS.flattened * np.abs(values).mean(axis=1))
 
 
-def unfold(mesh: ng.Mesh, order: int) -> bool:
+def straighten_folded(mesh: ng.Mesh, order: int) -> bool:
     """Straighten elements that curving folds, as far as necessary.
 
     The curved shape is written as the straight one and a hierarchical polynomial displacement: the
@@ -312,11 +312,11 @@ def mesh_shape(
         )
         netgen_mesh = in_own_process(generate_alone, task, seconds=limit)
     except BrokenDownError as error:
-        raise ModelError(f"the mesher {error} on {source}: {_mend(shape)}") from None
+        raise ModelError(f"the mesher {error} on {source}: {_repair_advice(shape)}") from None
     except MesherError as error:
         raise ModelError(
             f"the mesher could not mesh {source} ({str(error) or 'no reason given'}): "
-            f"{_mend(shape)}"
+            f"{_repair_advice(shape)}"
         ) from error
     finally:
         for f, before in former_sizes:
@@ -328,7 +328,7 @@ def mesh_shape(
         )
     mesh = ng.Mesh(netgen_mesh)
     mesh.Curve(settings.order)
-    unfold(mesh, settings.order)
+    straighten_folded(mesh, settings.order)
     volume = sum(s.mass for s in shape.solids)
     meshed = float(ng.Integrate(ng.CoefficientFunction(1.0), mesh))
     if settings.order > 1 and abs(meshed - volume) > _LIMITS.lost * volume:
@@ -339,7 +339,7 @@ def mesh_shape(
     return mesh
 
 
-def _mend(shape: TopoDS_Shape) -> str:
+def _repair_advice(shape: TopoDS_Shape) -> str:
     """Return advice on a part that cannot be meshed."""
     width = {f.name: 2.0 * f.mass / sum(e.mass for e in f.edges) for f in shape.faces}
     narrow = min(width, key=lambda name: width[name])

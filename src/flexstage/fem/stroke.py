@@ -259,7 +259,7 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
             f"body '{body}' is not a bar between two notches on one line; such bars are: "
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
-    model = plane_model(_rig(stage, body), settings, modes=1)
+    model = plane_model(_two_bar_rig(stage, body), settings, modes=1)
     problem = model.problems[0]
     drive = model.system.drive("press")
     u = problem.basis @ np.linalg.solve(model.system.K, drive.vector)
@@ -269,7 +269,7 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
     return 0.5 * float(factors.positive[0])
 
 
-def _rig(stage: Stage, name: str) -> Stage:
+def _two_bar_rig(stage: Stage, name: str) -> Stage:
     """Return a rig of two equal bars between a fixed block and one that is pressed towards it."""
     first, second = (h for h in stage.hinges if name in h.bodies)
     x0, y0 = first.at

@@ -6,7 +6,7 @@ from flexstage.base import progress
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
-from flexstage.fem.mesh import MIDDLE, MeshSettings, prism_mesh, sound_mesh
+from flexstage.fem.mesh import MIDDLE, MeshSettings, mesh_without_slivers, prism_mesh
 from flexstage.fem.model import StageModel, assemble
 from flexstage.fem.stage_system import Supports
 from flexstage.fem.substructure import notch_states
@@ -64,7 +64,7 @@ def plane_model(
     settings = settings or MeshSettings()
     progress.update("mesh")
     faces = stage_faces(stage)
-    mesh = sound_mesh(stage, faces, settings)
+    mesh = mesh_without_slivers(stage, faces, settings)
     states = notch_states(stage, plane)
     words = " and ".join(sorted(set(states))) or "stress"
     wide = [h.name for h, s in zip(stage.hinges, states, strict=True) if s == "strain"]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from flexstage.base.errors import StageError
 from flexstage.hinges.profile import Vertex
-from flexstage.stage.curve import beside_line
+from flexstage.stage.curve import line_coordinates
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
 
@@ -323,7 +323,7 @@ def _segment_at(segments: list[tuple[_Pair, _Pair, float]], end: _Pair, other: _
         length = math.dist(a, b)
         if bulge or length < _SAME:
             continue
-        along, aside, (ux, uy) = beside_line(end, a, b)
+        along, aside, (ux, uy) = line_coordinates(end, a, b)
         if abs(aside) > TOLERANCE or not -TOLERANCE <= along <= length + TOLERANCE:
             continue
         towards = (other[0] - end[0]) * ux + (other[1] - end[1]) * uy

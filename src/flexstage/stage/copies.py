@@ -230,12 +230,12 @@ def _copies(
         for name in of
         if name in group_parts
     ]
-    beside = {body for _, part in first for body in _stands_on(part)} - of.keys()
+    outside = {body for _, part in first for body in _stands_on(part)} - of.keys()
     for motion, rename in request.copies():
         names = {name: rename(name) for name in of}
         copied_bodies = {names[part.name] for group, part in first if group == "bodies"}
         # a body that is not copied: that of the new name where there is one, or else itself
-        for body in beside:
+        for body in outside:
             new = rename(body)
             names[body] = new if new in parts["bodies"] or new in copied_bodies else body
         for group, part in first:

@@ -11,7 +11,7 @@ Pair = tuple[float, float]
 _REACH = 1e-12
 
 
-def beside_line(point: Pair, start: Pair, end: Pair) -> tuple[float, float, Pair]:
+def line_coordinates(point: Pair, start: Pair, end: Pair) -> tuple[float, float, Pair]:
     """Return how far a point is along a line and to its left [m], and the line's unit tangent."""
     length = math.dist(start, end)
     ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length

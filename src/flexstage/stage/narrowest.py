@@ -412,9 +412,9 @@ def _within(polygon: Any, reach: float, *, outside: bool) -> float:
         )
         # in the middle of what lies side by side, as corners lie on other edges
         along = np.stack([-normals[a][:, 1], normals[a][:, 0]], axis=1)
-        beside = [_dot(along, e[b] - middle[a]) for e in (start, end)]
-        low = np.maximum(np.minimum(*beside), -half[a])
-        high = np.minimum(np.maximum(*beside), half[a])
+        limits = [_dot(along, e[b] - middle[a]) for e in (start, end)]
+        low = np.maximum(np.minimum(*limits), -half[a])
+        high = np.minimum(np.maximum(*limits), half[a])
         place = 0.5 * (ends[::2] + ends[1::2])
         inner = middle[a] + 0.5 * (
             (low + high)[:, None] * along + sign * width[:, None] * normals[a]

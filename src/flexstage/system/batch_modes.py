@@ -117,11 +117,11 @@ def axis_modes(
             if finished.shape[0]:
                 work, x = work.subset(keep), xp.take(x, keep, axis=-1)
     if left.shape[0]:
-        some = {at: taken_samples(xp, block, left) for at, block in blocks.items()}
+        some = {at: select_samples(xp, block, left) for at, block in blocks.items()}
         remaining = _Work(
             factor.subset(left),
-            taken_samples(xp, mass, left),
-            [_taken_response(xp, r, left) for r in responses],
+            select_samples(xp, mass, left),
+            [_select_response(xp, r, left) for r in responses],
             shapes,
         )
         results.append((left, remaining.in_full(some)))
@@ -144,8 +144,8 @@ class _Work:
         xp = self.factor.xp
         return _Work(
             self.factor.subset(numbers),
-            taken_samples(xp, self.mass, numbers),
-            [_taken_response(xp, r, numbers) for r in self.responses],
+            select_samples(xp, self.mass, numbers),
+            [_select_response(xp, r, numbers) for r in self.responses],
             self.shapes,
         )
 
@@ -163,10 +163,10 @@ class _Work:
         away = old - value * new
         squares = mass * away * away
         off = xp.sqrt(total(squares, 2)) / value
-        values, done = self._judged(value, new, off)
+        values, done = self._selected_modes(value, new, off)
         return values, new, xp.logical_or(done, xp.logical_not(self.factor.regular))
 
-    def _judged(self, value: Array, shape: Array, off: Array) -> tuple[Array, Array]:
+    def _selected_modes(self, value: Array, shape: Array, off: Array) -> tuple[Array, Array]:
         """Select the mode of each axis; also return for which samples that is certain and exact."""
         xp = self.factor.xp
         limit = _RESIDUAL_SHAPE if self.shapes else _RESIDUAL_FREQUENCY
@@ -310,18 +310,18 @@ def total(x: Array, axes: int) -> Array:
     return x[0, ...]
 
 
-def taken_samples(xp: Any, x: Array, numbers: Array) -> Array:
+def select_samples(xp: Any, x: Array, numbers: Array) -> Array:
     """Return some samples of an array that has them last; one for all stays."""
     return x if x.shape[-1] == 1 else xp.take(x, numbers, axis=-1)
 
 
-def _taken_response(xp: Any, response: DrivenReading, numbers: Array) -> DrivenReading:
+def _select_response(xp: Any, response: DrivenReading, numbers: Array) -> DrivenReading:
     def form(of: Form) -> Form:
-        return [(body, taken_samples(xp, row, numbers)) for body, row in of]
+        return [(body, select_samples(xp, row, numbers)) for body, row in of]
 
     return DrivenReading(
         force=form(response.force),
         reading=form(response.reading),
-        pushed=taken_samples(xp, response.pushed, numbers),
-        read=taken_samples(xp, response.read, numbers),
+        pushed=select_samples(xp, response.pushed, numbers),
+        read=select_samples(xp, response.read, numbers),
     )

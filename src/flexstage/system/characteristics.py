@@ -271,7 +271,7 @@ def axis_characteristics(
         frequency = quantity == "natural_frequency_hz"
         if frequency and both and in_place is not None and in_place.frequency_hz.size:
             driven = axis_mode(system, in_place, static.drive_force, axis.probe)
-            condition = f"mode {driven + 1}, with stack (drives installed)"
+            condition = f"mode {driven + 1}, with stack (drives in place)"
             add("natural_frequency_with_stack_hz", in_place.frequency_hz[driven], condition)
     for quantity, value, note in _loaded(system, axis.probe):
         add(quantity, value, note)
@@ -335,8 +335,8 @@ def _motion_notes(system: MechanicalSystem, axis: AxisAnalysis, *, alone: bool) 
         if alone
         else "twice the energy of the motion over the square of the input displacement",
         axis_quantity("output_stiffness", unit): f"against a {'moment' if turns else 'force'} at "
-        f"probe '{axis.probe}', drives installed (rigid ones locked)",
-        "gravity_sag": "1 g along the axis, drives installed (rigid ones locked)",
+        f"probe '{axis.probe}', drives in place (rigid ones locked)",
+        "gravity_sag": "1 g along the axis, drives in place (rigid ones locked)",
     }
 
 

@@ -100,7 +100,7 @@ def bridge_xy(p: BridgeXYParameters) -> Stage:
     drives: list[Drive] = []
     window: list[Pair] = []
     for k, side in enumerate(_SIDES):
-        parts, notches, drive = cell.parts() if k < 2 else _idle(cell)
+        parts, notches, drive = cell.parts() if k < 2 else _guided_block(cell)
         bars, joints = _coupling(p, cell, "output" if k < 2 else "block")
         motion = _side(k, reach)
         bodies += (moved(part, motion, _names(side)) for part in (*parts, *bars))
@@ -138,7 +138,7 @@ def _names(side: str) -> Callable[[str], str]:
     return lambda name: fixed_names.get(name, f"{side}-{name}")
 
 
-def _idle(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
+def _guided_block(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
     """Return a block in place of the output of a bridge, and its guide."""
     bars, notches = cell.guided("block")
     guided_block = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))

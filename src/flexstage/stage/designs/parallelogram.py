@@ -59,9 +59,9 @@ class ParallelogramParameters(PlateParameters):
         slot = self.leg.width + WIRE
         self._at_least("leg_spacing", slot, "so that a slot is between the legs")
         bolts = 2.0 * self.mounting_hole_diameter
-        beside = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
+        material = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
         hole = self.mounting_hole_diameter
-        at_most("mounting_hole_diameter", hole, beside - WIRE, "so that the base encloses it")
+        at_most("mounting_hole_diameter", hole, material - WIRE, "so that the base encloses it")
         self._at_least("leg_spacing", bolts, "for the bolts under the legs")
         self._below("mounting_hole_diameter", "base_height")
 
@@ -423,8 +423,8 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
     @property
     def outer(self) -> float:
         """Distance of the legs on the base from the middle [m]."""
-        beside = self.post_width + self.clearance + 0.5 * self.leg.width
-        return self.half_platform + 2.0 * self.link.length + self.lever_width + beside
+        post = self.post_width + self.clearance + 0.5 * self.leg.width
+        return self.half_platform + 2.0 * self.link.length + self.lever_width + post
 
     @property
     def link_heights(self) -> Pair:

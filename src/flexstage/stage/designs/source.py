@@ -70,7 +70,7 @@ def find_stage(
     -0.0175
     """
     text = os.fspath(source)
-    set = in_si(text, set)
+    set = si_settings(text, set)
     if drawing is not None and Path(text).suffix.lower() not in DRAWINGS:
         raise StageError(
             f"options of a drawing apply to drawings only ({', '.join(DRAWINGS)}), got "
@@ -91,7 +91,7 @@ def find_stage(
     return read_stage(path, designs=build, set=set)
 
 
-def in_si(source: str, settings: Mapping[str, object] | None) -> Mapping[str, object]:
+def si_settings(source: str, settings: Mapping[str, object] | None) -> Mapping[str, object]:
     """Return settings of a design or file in which a number has the SI unit of its quantity."""
     values = dict(settings or {})
     numbers = [n for n, v in values.items() if isinstance(v, Real) and not isinstance(v, bool)]
@@ -182,8 +182,8 @@ def _file(text: str) -> Path:
     if not text or not _exists(path):
         # a file that lies there, by another ending or a letter less, before a design of such a name
         # similar names without their ending: a name of five letters shares four with many files
-        beside = {Path(name).stem: name for name in _files_beside(path)}
-        file = beside.get(nearest(path.stem, beside, 0.75) or "")
+        neighbours = {Path(name).stem: name for name in _files_in_folder(path)}
+        file = neighbours.get(nearest(path.stem, neighbours, 0.75) or "")
         near = (
             str(path.with_name(file))
             if file
@@ -213,7 +213,7 @@ def _names_of(name: str) -> tuple[str, ...]:
     return tuple(entry.name for entry in entries_of(PARAMETER_SETS[name].parameters))
 
 
-def _files_beside(path: Path) -> list[str]:
+def _files_in_folder(path: Path) -> list[str]:
     """Return the names of the stage files in the folder of a path."""
     try:
         return [p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml", *DRAWINGS)]

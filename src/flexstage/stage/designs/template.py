@@ -25,7 +25,7 @@ from flexstage.stage.designs.parameters import (
     entries_of,
 )
 from flexstage.stage.designs.registry import DESIGNS, PARAMETER_SETS, build, construct, design
-from flexstage.stage.designs.source import chosen_design, find_stage, in_si, parameters_in
+from flexstage.stage.designs.source import chosen_design, find_stage, parameters_in, si_settings
 from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.file import STAGE_FILE
 
@@ -73,7 +73,7 @@ class StageTemplate:
         # as words of a file, in which true and false are small
         pairs = tuple(
             (name, str(v).lower() if isinstance(v, bool) else str(v))
-            for name, v in in_si(text, settings).items()
+            for name, v in si_settings(text, settings).items()
         )
         if text.casefold() in DESIGNS:
             return cls(source=text.casefold(), settings=pairs)
@@ -119,10 +119,12 @@ class StageTemplate:
         target = replace(self.stage(values), **words)  # type: ignore[arg-type]
         if self.file is None:
             topology, base, _ = _design(self)
-            return _called(text_of_dimensions(topology, base, self._dimensions(values)), words)
+            return _with_name_and_title(
+                text_of_dimensions(topology, base, self._dimensions(values)), words
+            )
         texts = dict(self.settings) | self._texts(values)
         edited = _edited(self, texts)
-        edited = None if edited is None else _called(edited, words)
+        edited = None if edited is None else _with_name_and_title(edited, words)
         if edited is not None:
             try:
                 if stage_from_text(edited, build, source=self.source) == target:
@@ -132,7 +134,7 @@ class StageTemplate:
         places: list[Any] = []
         parameters_in(self.source, self.file, texts, places.append)
         if places:
-            return _called(text_of_dimensions(*places[0]), words)
+            return _with_name_and_title(text_of_dimensions(*places[0]), words)
         return stage_to_text(target, shared=True)
 
     def _dimensions(self, values: Mapping[str, float]) -> Any:
@@ -195,7 +197,7 @@ def _edited(template: StageTemplate, texts: Mapping[str, str]) -> str | None:
     return "".join(lines)
 
 
-def _called(text: str, words: Mapping[str, str]) -> str:
+def _with_name_and_title(text: str, words: Mapping[str, str]) -> str:
     """Set name and title of a stage in a file, in their lines or below its first key."""
     lines = text.splitlines()
     for key, value in words.items():

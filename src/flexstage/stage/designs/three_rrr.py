@@ -225,9 +225,9 @@ def _ring(p: ThreeRRRParameters, turns: list[PlaneMotion]) -> Body:
     window = [start, (wall, floor), (right, floor), (right, top)]
     radius = math.hypot(right, floor) + p.frame_wall
     # in the wall behind the drive, as far out as the ring is wide there
-    beside = (wall - p.frame_wall, floor)
-    share = (radius - 0.5 * p.frame_wall) / math.hypot(*beside)
-    bolt = (share * beside[0], share * beside[1])
+    corner = (wall - p.frame_wall, floor)
+    share = (radius - 0.5 * p.frame_wall) / math.hypot(*corner)
+    bolt = (share * corner[0], share * corner[1])
     return Body(
         name="base",
         outline=Circle((0.0, 0.0), radius).loop(),

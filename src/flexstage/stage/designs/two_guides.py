@@ -255,7 +255,7 @@ def stacked_xy(p: StackedXYParameters) -> Stage:
             names_of_axis(upper, "y", {}),
         ),
     )
-    beside = plate(
+    side_by_side = plate(
         p,
         "stacked-xy",
         "XY stage of two stacked guides, its plates drawn side by side",
@@ -265,7 +265,7 @@ def stacked_xy(p: StackedXYParameters) -> Stage:
         probes=(probe for part in parts for probe in part.probes),
     )
     return replace(
-        beside,
+        side_by_side,
         notes=(
             "Two plates, drawn side by side: the upper one, rotated by 90 deg, stands on the "
             "platform of the lower one, which carries it here as a mass. Modes in which both "

@@ -58,7 +58,7 @@ class DrawnStage:
     """Data that the drawing lacks: ``thickness``, ``material``, ``drives``, ``probes``, or the
     name of a drive without an actuator.
     """
-    left_out: tuple[tuple[str, int], ...]
+    excluded: tuple[tuple[str, int], ...]
     """Kinds of entities that are no contours, and how many of each."""
     unit_name: str
     """Unit of the drawing."""
@@ -149,7 +149,7 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         stage=stage,
         necks=tuple(necks),
         blanks=tuple(blanks),
-        left_out=sheet.left_out,
+        excluded=sheet.excluded,
         unit_name=sheet.unit_name,
     )
 

@@ -172,7 +172,7 @@ def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
     return True
 
 
-def goes_on(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
+def deepens_beyond_root(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
     """Return whether the drawn contour gets deeper beyond the root, on every side.
 
     A notch that ends there is only a part of the drawn one.

@@ -21,8 +21,8 @@ from flexstage.stage.drawing.notch import (
     PARALLEL,
     NeckFrame,
     Sides,
+    deepens_beyond_root,
     distance_from,
-    goes_on,
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
@@ -79,7 +79,7 @@ def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:
             off = distance_from(profile, turned, frame)
             if off > part.tolerance or (best is not None and off >= 0.5 * best.off):
                 continue
-            if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
+            if profile.kind == AsDrawn.kind or not deepens_beyond_root(profile, turned, frame):
                 best = Neck(turned, frame, profile, off, thin_place)
                 if off < _RULES.exact:
                     break

@@ -77,7 +77,7 @@ class Sheet:
     """Texts on those layers."""
     rounding: float = 0.0
     """Largest rounding error of a coordinate in the file [m]."""
-    left_out: tuple[tuple[str, int], ...] = ()
+    excluded: tuple[tuple[str, int], ...] = ()
     """Kinds of excluded entities, and the number of each."""
     thickness: float | None = None
     """Thickness of the plate [m]; None of a DXF file."""
@@ -139,7 +139,7 @@ def read_dxf(
         arrows=tuple(arrows),
         words=tuple(words),
         rounding=_rounding(curves, scale),
-        left_out=tuple(sorted(left.items())),
+        excluded=tuple(sorted(left.items())),
     )
 
 
@@ -311,9 +311,9 @@ def read_step_plate(path: str | os.PathLike[str]) -> Sheet:
     A plate that lies across an axis of the file keeps its coordinates: x and y where it lies
     across z, y and z across x, z and x across y.
     """
-    from flexstage.elasticity.step_file import of_step
+    from flexstage.elasticity.step_file import in_step_file
 
-    return of_step(Path(path), _sheet, path)
+    return in_step_file(Path(path), _sheet, path)
 
 
 def _sheet(shape: "TopoDS_Shape", path: str | os.PathLike[str]) -> Sheet:
