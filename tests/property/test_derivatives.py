@@ -17,8 +17,7 @@ from flexstage.lumped import (
     system_tangents,
 )
 from flexstage.stage import Stage
-from flexstage.stage.designs import DESIGNS, design
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import DESIGNS, StageTemplate, design
 from flexstage.studies.explore.family import Family, jacobian
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.variables import every_variable

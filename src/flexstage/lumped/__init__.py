@@ -11,7 +11,12 @@ if TYPE_CHECKING:
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
-    from flexstage.lumped.reduction import condense, reduce_by_symmetry
+    from flexstage.lumped.reduction import (
+        TransferFunction,
+        condense,
+        reduce_by_symmetry,
+        transfer_function,
+    )
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
     from flexstage.lumped.stage_arrays import (
         StageArrays,
@@ -21,7 +26,6 @@ if TYPE_CHECKING:
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
     from flexstage.lumped.time_integration import Motion, motion
-    from flexstage.lumped.transfer import TransferFunction, transfer_function
 
 __all__ = [
     "Mechanism",

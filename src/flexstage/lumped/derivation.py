@@ -12,11 +12,18 @@ import sympy as sp
 
 from flexstage.base.errors import ModelError
 from flexstage.lumped.latex import Formula, Item, Paragraph, SheetSection, Tabular, sheet_data
-from flexstage.lumped.reduction import ReducedModel, condense, find_mirror, reduce_by_symmetry
+from flexstage.lumped.reduction import (
+    LARGEST_ORDER,
+    ReducedModel,
+    TransferFunction,
+    condense,
+    find_mirror,
+    reduce_by_symmetry,
+    transfer_function,
+)
 from flexstage.lumped.requests import EquationsRequest
 from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
 from flexstage.lumped.symbols import generic_body, generic_hinge, upright
-from flexstage.lumped.transfer import LARGEST_ORDER, TransferFunction, transfer_function
 from flexstage.stage import Stage
 
 # a stage whose stiffness differs from its image by less is reduced as a symmetric one, which the
