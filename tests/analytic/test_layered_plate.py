@@ -9,9 +9,9 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.elasticity import face
-from flexstage.fem.fronts import FrontalFactor
-from flexstage.fem.layered_plate import REFERENCE, LayeredPlate, PlaneIntegrals, factorised
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate
 from flexstage.fem.mesh import MeshSettings, face_mesh
+from flexstage.fem.plane_integrals import FrontalFactor, PlaneIntegrals, factorised
 from flexstage.fem.through_thickness import ThroughThickness
 
 # a block with generic sides, away from the origin

@@ -8,7 +8,7 @@ import pytest
 from flexstage.base import progress
 from flexstage.base.errors import ConvergenceError, ModelError
 from flexstage.fem import REFINEMENT_MESHES, MeshSettings, plane_model, refine
-from flexstage.fem.accuracy import RefinementStep, estimate
+from flexstage.fem.whole_stage import RefinementStep, estimate
 from flexstage.stage.designs import design
 from flexstage.system import analyse
 from tests.meshed_stages import plane

@@ -28,7 +28,7 @@ from flexstage.fem.geometry import (
     notch_region,
     stage_faces,
 )
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
+from flexstage.fem.layered_plate import LayeredPlate
 from flexstage.fem.mesh import MESHER, mesh_without_slivers
 from flexstage.fem.necks import (
     IN_PLANE,
@@ -46,6 +46,7 @@ from flexstage.fem.notch_block import (
     neck_stress,
     neck_tractions,
 )
+from flexstage.fem.plane_integrals import PlaneIntegrals
 from flexstage.fem.stage_system import drive_vector, rigid_regions
 from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness

@@ -16,7 +16,7 @@ from flexstage.base.arrays import Array
 from flexstage.elasticity import face
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
-from flexstage.fem.layered_plate import REFERENCE, LayeredPlate, PlaneIntegrals
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
 from flexstage.fem.necks import (
     CutNeck,
@@ -30,6 +30,7 @@ from flexstage.fem.necks import (
     stress_of_other_half,
     surface_points,
 )
+from flexstage.fem.plane_integrals import PlaneIntegrals
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState

@@ -1,8 +1,14 @@
-"""A stage as one mesh: of its plane, or of layers of prisms through half of its thickness."""
+"""A stage as one mesh, of its plane or of layers of prisms, and the refinement of the mesh."""
 
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from flexstage.base import progress
+from flexstage.base.errors import ConvergenceError, ModelError
+from flexstage.base.short_repr import short_repr
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.resources import require_memory
 from flexstage.fem.geometry import MOUNTING, either, notch_region, stage_faces
@@ -12,8 +18,12 @@ from flexstage.fem.stage_system import Supports
 from flexstage.fem.substructure import notch_states
 from flexstage.hinges import Leaf
 from flexstage.hinges.hinge_spring import PLANE_RULE, PlaneState
+from flexstage.quantities.characteristic import Characteristics
+from flexstage.quantities.quantity import QUANTITIES
 from flexstage.stage import Stage
 from flexstage.stage.assumptions import DAMPING_RATIO
+from flexstage.system import Analysis, analyse
+from flexstage.system.characteristics import scatter_at_points
 
 #: Number of modes that are retained besides the static responses.
 PLANE_MODES = 16
@@ -207,4 +217,191 @@ def solid_model(
             "held": faces.supports,
         },
         supports=supports,
+    )
+
+
+#: Meshes of rising accuracy, by model: order, then element size at the necks.
+REFINEMENT_MESHES: Mapping[str, tuple[MeshSettings, ...]] = {
+    "plane": tuple(
+        MeshSettings(order=p, neck_size=h)
+        for p, h in ((3, 1.2), (4, 0.8), (5, 0.8), (6, 0.6), (7, 0.5), (8, 0.4))
+    ),
+    "solid": tuple(
+        MeshSettings(order=p, neck_size=h) for p, h in ((2, 1.5), (3, 1.2), (4, 0.8), (5, 0.8))
+    ),
+}
+
+# How much smaller the change at the next step can be taken to be than at the last one.
+_BEST_RATE, _WORST_RATE = 0.15, 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefinementStep:
+    """One mesh of a refinement."""
+
+    settings: MeshSettings
+    """Settings of the mesh."""
+    unknowns: int
+    """Number of unknowns."""
+    seconds: float
+    """Computing time [s]."""
+    values: Mapping[tuple[str, str], float]
+    """Value of each quantity and axis."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Refinement:
+    """A refined model, with the meshes of the refinement."""
+
+    model: StageModel
+    """The last model."""
+    analysis: Analysis
+    """Analysis; each characteristic has the estimate of its error as its uncertainty."""
+    steps: tuple[RefinementStep, ...]
+    """The meshes, coarsest first."""
+    quantity: str
+    """The requested quantity."""
+    accuracy: float
+    """The requested relative accuracy [1]."""
+
+    __repr__ = short_repr
+
+    @property
+    def estimate(self) -> float:
+        """Estimate of the relative error of the requested quantity [1]."""
+        return estimate(self.steps, self.quantity)
+
+
+def estimate(steps: Sequence[RefinementStep], quantity: str) -> float:
+    r"""Estimate the relative error of a quantity on the last mesh, the largest over the axes.
+
+    Every mesh of a refinement raises the order, so that changes decrease as in a geometric series
+    with the rate r of the last two: the remaining change is :math:`|d_k|\,r/(1-r)`. r counts as
+    0.15 at least, because an accidentally small change must not make the estimate small, and as 0.5
+    where only one change is known or the changes do not decrease; the estimate is the last change
+    itself then.
+
+    It is infinite from one mesh alone.
+    """
+    if len(steps) < 2:
+        return math.inf
+    return max(
+        (
+            _left(steps, key) / abs(value) if value else 0.0
+            for key, value in steps[-1].values.items()
+            if key[0] == quantity and key in steps[-2].values
+        ),
+        default=math.inf,
+    )
+
+
+def _left(steps: Sequence[RefinementStep], key: tuple[str, str]) -> float:
+    """Estimate the distance of the last value of a quantity from its limit."""
+    values = [step.values[key] for step in steps[-3:]]
+    last = abs(values[-1] - values[-2])
+    rate = _WORST_RATE
+    if len(values) == 3 and (before := abs(values[-2] - values[-3])) > 0.0:
+        rate = min(max(last / before, _BEST_RATE), _WORST_RATE)
+    return last * rate / (1.0 - rate)
+
+
+def refine(
+    build: Callable[[MeshSettings], StageModel],
+    meshes: Sequence[MeshSettings],
+    *,
+    accuracy: float,
+    quantity: str = "natural_frequency_hz",
+) -> Refinement:
+    """Refine the mesh and raise the order until a quantity has converged.
+
+    It has converged when `estimate` is within the accuracy. Errors that all meshes share, of
+    geometry, material and supports, are not included.
+
+    Parameters
+    ----------
+    build : callable
+        Returns the model for mesh settings.
+    meshes : sequence of MeshSettings
+        The meshes, coarsest first; see `REFINEMENT_MESHES`.
+    accuracy : float
+        Required relative accuracy, above 0 [1].
+    quantity : str
+        One of the quantities of a stage, such as ``natural_frequency_hz`` or ``max_stress``.
+
+    Returns
+    -------
+    Refinement
+        The first model that is accurate enough.
+
+    Raises
+    ------
+    ModelError
+        The accuracy or the quantity is invalid.
+    ConvergenceError
+        The finest mesh was not accurate enough.
+    """
+    if not 0.0 < accuracy < 1.0:
+        raise ModelError(
+            f"the accuracy must lie between 0 and 1 (0.001 is 0.1 %), got {accuracy!r}"
+        )
+    if quantity not in QUANTITIES:
+        raise ModelError(f"unknown quantity '{quantity}': expected one of {', '.join(QUANTITIES)}")
+    steps: list[RefinementStep] = []
+    for k, settings in enumerate(meshes):
+        # each step costs about twice the one before; how many there will be is not known
+        with progress.subtask(1.0 - 0.5**k, 1.0 - 0.5 ** (k + 1)):
+            begun = time.perf_counter()
+            model = build(settings)
+            analysis = analyse(model.stage, model.system)
+        values = {(r.quantity, r.axis): r.value for r in analysis.characteristics}
+        if not any(name == quantity for name, _ in values):
+            raise ModelError(
+                f"the model gives no {quantity}, so its accuracy cannot be reached: choose one of "
+                f"{', '.join(sorted({name for name, _ in values})) or 'none'}"
+            )
+        seconds = time.perf_counter() - begun
+        steps.append(
+            RefinementStep(
+                settings=settings, unknowns=model.unknowns, seconds=seconds, values=values
+            )
+        )
+        if len(steps) > 1 and estimate(steps, quantity) <= accuracy:
+            return Refinement(
+                model=model,
+                analysis=_with_changes(analysis, steps, quantity, accuracy),
+                steps=tuple(steps),
+                quantity=quantity,
+                accuracy=accuracy,
+            )
+    left = estimate(steps, quantity)
+    raise ConvergenceError(
+        f"the finest mesh leaves {quantity} uncertain by {left:.2g}, more than the {accuracy:.2g} "
+        "requested: request less, or look for a corner without a radius, where the stress is "
+        "singular"
+    )
+
+
+def _with_changes(
+    analysis: Analysis, steps: Sequence[RefinementStep], quantity: str, accuracy: float
+) -> Analysis:
+    rows = []
+    for row in analysis.characteristics:
+        key = (row.quantity, row.axis)
+        estimates = [] if row.uncertainty is None else [row.uncertainty]
+        if all(key in step.values for step in steps):
+            # several meshes tell how the largest stress moves between their points
+            estimates = [
+                scatter_at_points(row) if row.quantity == "max_stress" else k for k in estimates
+            ]
+            estimates.append(_left(steps, key))
+        rows.append(replace(row, uncertainty=max(estimates) if estimates else None))
+    words = (
+        f"Mesh refined until {quantity} converged to {100.0 * estimate(steps, quantity):.2g} % "
+        f"(requested: {100.0 * accuracy:.2g} %). Uncertainties are estimated from the changes "
+        "between meshes and exclude errors of geometry, material and supports."
+    )
+    return replace(
+        analysis,
+        characteristics=Characteristics(rows),
+        validity=(*analysis.validity, words),
     )

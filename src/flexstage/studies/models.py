@@ -130,7 +130,7 @@ def _condensed(stage: Stage, options: ModelOptions, model: str) -> ModelRun:
                     found = _superelements(stage, model, options, near)
         analysis = analyse(stage, found.system)
     if options.estimate:
-        from flexstage.fem.accuracy import with_estimates
+        from flexstage.fem.superelement import with_estimates
 
         with progress.subtask(0.5, 1.0):
             analysis = with_estimates(analysis, found, cache=options.cache)

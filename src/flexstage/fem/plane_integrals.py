@@ -1,14 +1,21 @@
-"""Cholesky factor of a plate with many fields: groups of places of its mesh in dense fronts."""
+"""Integrals over the plane of a part, and the Cholesky factor of a plate in dense fronts."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
 
+import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from flexstage.base.arrays import Array
+from flexstage.base.errors import ModelError
+from flexstage.elasticity.shapes import METRE
 
 (_inverse,) = get_lapack_funcs(("trtri",), dtype=np.float64)
 _NOTHING = np.zeros((0, 0))
@@ -198,3 +205,136 @@ class FrontalFactor:
         solution = np.empty_like(x)
         solution[self._unknowns] = x
         return solution
+
+
+#: Message about a stiffness that is singular.
+SINGULAR = (
+    "the stiffness of a body is singular, because a part of it is almost detached or can move "
+    "freely: run `flexstage check`, and look for thin walls around holes"
+)
+
+
+def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
+    """Factorise the stiffness of a part; refuse one that is almost free.
+
+    `ordered` says whether its unknowns come in the order in which they are to be eliminated.
+    """
+    try:
+        return splu(
+            stiffness,
+            permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        if "singular" not in str(error):
+            raise
+        raise ModelError(SINGULAR) from None
+
+
+class PlaneIntegrals:
+    """Integrals over the plane of a part, which all motions of the plate share.
+
+    `strain` is the regular expression of the regions in plane strain, for a plane model.
+    """
+
+    def __init__(self, mesh: ng.Mesh, *, order: int, fixed: str, strain: str = "") -> None:
+        self.mesh, self.order = mesh, order
+        #: 1 in regions in plane strain, 0 elsewhere; None where there is no such region.
+        self.strained: ng.CoefficientFunction | None = None
+        if strain:
+            wide = mesh.Materials(strain).Mask()
+            self.strained = ng.CoefficientFunction(
+                [float(wide[i]) for i in range(len(mesh.GetMaterials()))]
+            )
+        self.scalar = ng.H1(mesh, order=order, dirichlet=fixed)
+        self.width = int(self.scalar.ndof)
+        # at once, as the mesh is used by one thread at a time
+        #: Shape functions in the order in which a plate eliminates them; rows, columns and values
+        #: of the integrals of their derivatives, by rows and columns in this order.
+        self.order_of_elimination, self.pattern = self._integrals()
+        #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
+        self.places = self._places()
+
+    def _integrals(
+        self,
+    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.int64], NDArray[np.int64], Array]]:
+        """Return the order of elimination, and integrals of derivatives of shape functions.
+
+        Values 3 m + n are of derivative m of the test function and n of the trial function, in
+        metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
+        there are any. Rows, columns and values have shapes (k,), (k,) and (9, k) or (18, k).
+
+        The order of the shape functions is one for all fields on them, found in a twentieth of the
+        time.
+        """
+        p, q = self.scalar.TnT()
+        tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
+        trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
+        weights = (1.0,) if self.strained is None else (1.0, self.strained)
+        pairs = [(m, n) for m in range(3) for n in range(m, 3)]
+        integrals: dict[tuple[int, int, int], Array] = {}
+        columns = ends = np.zeros(0, dtype=np.intp)
+        for (w, weight), (m, n) in product(enumerate(weights), pairs):
+            if w and n == 2:  # plane strain adds nothing to what is no derivative
+                continue
+            form = ng.BilinearForm(self.scalar)
+            form += weight * tests[m] * trials[n] * ng.dx
+            form.Assemble()
+            values, *places = (np.asarray(a) for a in form.mat.CSR())
+            integrals[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
+            columns, ends = (a.astype(np.intp) for a in places)
+        rows = np.repeat(np.arange(self.width), np.diff(ends))
+        mass = sp.csc_matrix((integrals[0, 2, 2], columns, ends))
+        order = np.argsort(factorised(mass, ordered=False).perm_c)
+        rank = np.argsort(order)
+        # a matrix that is turned has its entries in order, and the pattern is that of the transpose
+        turned = sp.coo_matrix((np.arange(rows.size), (rank[rows], rank[columns]))).tocsc()
+        by, across = (np.asarray(a.data, dtype=np.intp) for a in (turned.tocsr(), turned))
+        planes = np.zeros((9 * len(weights), by.size))
+        for (w, m, n), integral in integrals.items():
+            planes[9 * w + 3 * m + n] = integral[by]
+            if n != m:
+                planes[9 * w + 3 * n + m] = integral[across]
+        return order, (rows[by], columns[by], planes)
+
+    @cached_property
+    def fronts(self) -> Fronts:
+        """The fronts in which a plate with many fields is eliminated."""
+        rank = np.argsort(self.order_of_elimination)
+        rows, columns, _ = self.pattern
+        return Fronts(rank[rows], rank[columns], self.width)
+
+    def _places(self) -> Array:
+        one = np.zeros(self.width)
+        one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
+        place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))
+        place.Set(ng.CoefficientFunction((ng.x / METRE, ng.y / METRE)))
+        return np.column_stack((one, place.vec.FV().NumPy().reshape(-1, 2)))
+
+    def inside(
+        self, notches: Sequence[tuple[str, tuple[float, float], float]]
+    ) -> NDArray[np.bool_]:
+        """Return which unknowns lie in notches alone, with all elements that share them.
+
+        Each notch has its region, its centre [m], and its radius about it [m].
+        """
+        elements = list(self.mesh.Elements(ng.VOL))
+        corners = [[self.mesh[v].point for v in e.vertices] for e in elements]
+        middles = np.mean(corners, axis=1) / METRE
+        index = np.array([e.index for e in elements])
+        near = np.zeros(len(elements), dtype=bool)
+        for region, (x, y), reach in notches:
+            near |= np.hypot(middles[:, 0] - x, middles[:, 1] - y) <= reach
+            near |= np.array(self.mesh.Materials(region).Mask(), dtype=bool)[index]
+        in_notches = np.ones(self.width, dtype=bool)
+        for e in (e for e, within in zip(elements, near, strict=True) if not within):
+            in_notches[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
+        return in_notches
+
+    def linear(self, integrand: Callable[[Any], Any], region: str = ".*") -> Array:
+        """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
+        form = ng.LinearForm(self.scalar)
+        form += integrand(self.scalar.TestFunction()) * ng.dx(region, bonus_intorder=2)
+        form.Assemble()
+        return form.vec.FV().NumPy().copy()
