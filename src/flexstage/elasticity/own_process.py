@@ -1,6 +1,6 @@
 """Calls in a process of their own, so that a library that aborts does not end the program.
 
-`python -P own_process.py GIVEN ANSWER` is that process. It imports nothing of the package before it
+`python -P own_process.py ARGUMENTS RESULT` is that process. It imports nothing of the package before it
 has read its task.
 """
 

@@ -475,7 +475,7 @@ class _MeshedBody:
     loads: Array
     """Loads inside it, shape (l, n)."""
     properties: MassProperties
-    """Mass."""
+    """Mass properties of the body."""
     supports: str
     """Supports of the body, as text."""
 

@@ -176,7 +176,7 @@ class Placed:
     """A substructure at its place in a stage."""
 
     body: Body
-    """Body."""
+    """The body."""
     part: Substructure
     """The substructure."""
     origin: Point

@@ -343,9 +343,9 @@ class TransferFunction:
     s: sp.Symbol
     """Laplace's variable."""
     numerator: sp.Expr
-    """Polynomial above."""
+    """Numerator, a polynomial in s."""
     denominator: sp.Expr
-    """Polynomial below."""
+    """Denominator, a polynomial in s."""
     values: dict[sp.Symbol, float]
     """The value of each symbol [SI]."""
 

@@ -37,9 +37,9 @@ class Analysis:
     characteristics: Characteristics
     """The characteristics."""
     validity: tuple[str, ...]
-    """Limits of their validity."""
+    """Limits of validity of the results."""
     provenance: Provenance
-    """Their provenance."""
+    """Provenance of the results."""
     coupling: CoupledAxes | None = None
     """Coupling of all drives and axes, where there are several drives."""
 

@@ -216,7 +216,7 @@ class Decisions:
     stage: Stage
     """The nominal stage."""
     system: MechanicalSystem
-    """System."""
+    """The system of the nominal stage."""
     coupling: CoupledAxes | None
     """Coupling of all drives and axes."""
     together: CoupledAxes | None

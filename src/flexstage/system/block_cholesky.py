@@ -75,7 +75,7 @@ class BlockFactor:
     xp: Any
     """The namespace of the arrays."""
     plan: Elimination
-    """The order."""
+    """Order of elimination."""
     pivots: tuple[tuple[Array, ...], ...]
     """By body its own factor: the reciprocals of the diagonal l00, l11, l22, then l10, l20, l21,
     each of shape (S,).

@@ -60,13 +60,13 @@ class DrawnPart:
     """A part as it was drawn: its outline and the openings in it."""
 
     outline: DrawnContour
-    """Counter-clockwise."""
+    """Outline, counter-clockwise."""
     openings: tuple[DrawnContour, ...]
-    """Clockwise."""
+    """Openings in it, clockwise."""
     unit: float = 1e-3
     """Unit of coordinates in messages [m]."""
     unit_name: str = "mm"
-    """Name."""
+    """Name of the unit."""
     rounding: float = 0.0
     """Largest rounding error of a coordinate in the file [m]."""
 

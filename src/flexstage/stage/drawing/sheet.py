@@ -54,7 +54,7 @@ class Word(NamedTuple):
     """A text of a drawing."""
 
     text: str
-    """Words."""
+    """The words."""
     at: Pair
     """Start of the text [m]."""
     layer: str
@@ -70,7 +70,7 @@ class Sheet:
     unit: float
     """Unit of the drawing [m]."""
     unit_name: str
-    """Name."""
+    """Name of the unit."""
     arrows: tuple[tuple[Curve, str], ...] = ()
     """Lines on the layers of drives and probes, each with its layer."""
     words: tuple[Word, ...] = ()
