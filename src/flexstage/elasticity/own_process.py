@@ -1,7 +1,7 @@
 """Calls in a process of their own, so that a library that aborts does not end the program.
 
-`python -P own_process.py ARGUMENTS RESULT` is that process. It imports nothing of the package before it
-has read its task.
+`python -P own_process.py ARGUMENTS RESULT` is that process. It imports nothing of the package
+before it has read its task.
 """
 
 import os
