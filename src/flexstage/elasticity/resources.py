@@ -84,8 +84,8 @@ def free_cores() -> int:
     now = _now()
     wall, used, idle = (b - a for a, b in zip(_watch.before, now, strict=True))
     most = min(float(len(_cores())), _quota())
-    cores_free = most if math.isnan(idle) else min(most, (used + idle) / wall)
-    _watch.before, _watch.free = now, max(1, int(cores_free + _ROOM))
+    cores = most if math.isnan(idle) else min(most, (used + idle) / wall)
+    _watch.before, _watch.free = now, max(1, int(cores + _ROOM))
     return _watch.free
 
 

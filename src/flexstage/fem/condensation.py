@@ -124,13 +124,13 @@ def softest_modes(
         flexible = np.block([[flexible, new[:at]], [new[:at].T, new[at:]]])
         flexible = 0.5 * (flexible + flexible.T)
         if len(flexible) >= count:
-            squares_found = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
-            if np.all(np.abs(squares_found - last) <= settled * squares_found):
+            lowest = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
+            if np.all(np.abs(lowest - last) <= settled * lowest):
                 values, turn = np.linalg.eigh(flexible)
                 values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
                 # by one more iteration than the basis, these are orthogonal in K
                 return 1.0 / values, np.hstack(answers) @ (turn / values)
-            last = squares_found
+            last = lowest
         block, heavy = answer, mass_times(answer)
     raise ConvergenceError(f"the {count} lowest modes were not found in {_STEPS} steps")
 

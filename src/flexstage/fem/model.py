@@ -298,15 +298,13 @@ def project(
     rest = response - shapes @ within
     stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
     mass_rest = _mass(continuum, attached, rest)
-    modal_mass_of = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
+    self_mass = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
     left = np.einsum("ij,ij->j", rest, mass_rest)
-    independent_ones = np.flatnonzero(left > _DEPENDENT * modal_mass_of)
-    if not independent_ones.size:
+    independent = np.flatnonzero(left > _DEPENDENT * self_mass)
+    if not independent.size:
         return omega, shapes, np.ones(count, dtype=bool)
-    size = np.sqrt(left[independent_ones])
-    rest, mass_rest, stiff_rest = (
-        a[:, independent_ones] / size for a in (rest, mass_rest, stiff_rest)
-    )
+    size = np.sqrt(left[independent])
+    rest, mass_rest, stiff_rest = (a[:, independent] / size for a in (rest, mass_rest, stiff_rest))
     gram = rest.T @ mass_rest
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     good = values > _DEPENDENT * values.max()

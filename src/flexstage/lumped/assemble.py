@@ -174,15 +174,13 @@ def _springs(
     springs = []
     for hinge in stage.hinges:
         roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        compliance_of_notch = cached_compliance(
-            hinge.profile, elastic, stage.thickness, method, plane, roots
-        )
+        notch = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
         springs.append(
             HingeSpring(
                 hinge=hinge,
-                stiffness=compliance_of_notch.stiffness,
+                stiffness=notch.stiffness,
                 method=method,
-                plane=compliance_of_notch.plane,
+                plane=notch.plane,
                 root_widths=roots,
             )
         )

@@ -182,17 +182,17 @@ def _blocks(
     nothing = xp.zeros_like(parts[0][:, :, 0, ...])
     out: dict[tuple[int, int], Array] = {(i, i): nothing for i in range(count)}
     for h, (a, b) in enumerate(joined):
-        blocks_of_stage = []
+        assembled = []
         if a >= 0:
-            blocks_of_stage.append(((a, a), parts[0][:, :, h, ...]))
+            assembled.append(((a, a), parts[0][:, :, h, ...]))
         if b >= 0:
-            blocks_of_stage.append(((b, b), parts[1][:, :, h, ...]))
+            assembled.append(((b, b), parts[1][:, :, h, ...]))
         if a >= 0 and b >= 0:
             both = parts[2][:, :, h, ...]
-            blocks_of_stage.append(
+            assembled.append(
                 ((a, b), both) if a > b else ((b, a), xp.permute_dims(both, (1, 0, 2)))
             )
-        for at, part in blocks_of_stage:
+        for at, part in assembled:
             out[at] = out[at] + part if at in out else part
     return out
 

@@ -333,7 +333,7 @@ def parameter_tangents(
     def values(k: int) -> dict[str, Array]:
         stage = build(value + k * h)
         require_topology(nominal, stage)
-        owner, arrays_there = described(stage, arrays.method, arrays.plane, planes)
+        owner, fields = described(stage, arrays.method, arrays.plane, planes)
         if owner != arrays.stress_owner:
             raise ModelError(
                 f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
@@ -341,9 +341,9 @@ def parameter_tangents(
             )
         for field in ("hinge_direction", "drive_direction", "probe_direction"):
             # as near to the nominal angle as whole turns allow
-            turns = (arrays_there[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
-            arrays_there[field] = arrays_there[field] - 2.0 * np.pi * np.round(turns)
-        return arrays_there
+            turns = (fields[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
+            fields[field] = fields[field] - 2.0 * np.pi * np.round(turns)
+        return fields
 
     values_around, weights = _around(values, order)
     slopes = {}

@@ -95,9 +95,9 @@ class SymbolTable:
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
         """Return the number of a type of hinge, from 1: one for each stiffness."""
-        for i, stiffness_of_type in enumerate(self._types):
-            scale = np.sqrt(np.outer(np.diag(stiffness_of_type), np.diag(stiffness_of_type)))
-            if np.all(np.abs(stiffness - stiffness_of_type) <= 1e-13 * scale):
+        for i, known_stiffness in enumerate(self._types):
+            scale = np.sqrt(np.outer(np.diag(known_stiffness), np.diag(known_stiffness)))
+            if np.all(np.abs(stiffness - known_stiffness) <= 1e-13 * scale):
                 return i + 1
         self._types.append(stiffness)
         return len(self._types)
@@ -111,10 +111,10 @@ class SymbolTable:
         the kind of hinge; `value` is the number of the symbol, if not `stiffness`. It is 0 where
         the stiffness has no such coupling.
         """
-        stiffness_of_type = self._types[group - 1]
+        type_stiffness = self._types[group - 1]
         i, j = ("uvt".index(c) for c in key)
         # rounding leaves couplings that a symmetric notch does not have
-        if abs(stiffness) <= 1e-14 * math.sqrt(stiffness_of_type[i, i] * stiffness_of_type[j, j]):
+        if abs(stiffness) <= 1e-14 * math.sqrt(type_stiffness[i, i] * type_stiffness[j, j]):
             return sp.S.Zero
         symbol = sp.Symbol(f"{letter}_{{{_TEXT[key]}{group}}}", real=True)
         self.values.setdefault(symbol, float(stiffness if value is None else value))
@@ -133,14 +133,14 @@ class SymbolTable:
         return alpha, beta
 
     def _symbol(self, letter: str, value: float, near: float, *, positive: bool) -> sp.Symbol:
-        numbers_so_far = self._known.setdefault(letter, [])
-        for other, symbol in numbers_so_far:
+        numbers = self._known.setdefault(letter, [])
+        for other, symbol in numbers:
             if abs(other - value) <= near:
                 return symbol
-        number = len(numbers_so_far) + 1
+        number = len(numbers) + 1
         kind = {"positive": True} if positive else {"real": True}
         symbol = sp.Symbol(f"{letter}_{number}", **kind)
-        numbers_so_far.append((value, symbol))
+        numbers.append((value, symbol))
         self.values[symbol] = value
         return symbol
 

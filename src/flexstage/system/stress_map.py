@@ -53,9 +53,9 @@ class StressOfForces:
         before = np.concatenate(([0], np.cumsum(selected)))
         shares = []
         for first, stress, forces in self.shares:
-            selected_here = selected[first : first + len(stress)]
-            if selected_here.any():
-                shares.append(StressByForces(int(before[first]), stress[selected_here], forces))
+            places_here = selected[first : first + len(stress)]
+            if places_here.any():
+                shares.append(StressByForces(int(before[first]), stress[places_here], forces))
         return StressOfForces(count=int(before[-1]), shares=tuple(shares))
 
 
