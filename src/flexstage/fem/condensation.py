@@ -513,13 +513,13 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _MeshedB
             for i, n in enumerate(part.necks)
         ],
     )
-    passed, rest, _, _ = neck_motions(through, plane.order)
+    motions = neck_motions(through, plane.order).every
     rows = [np.zeros((0, plate.size))]
     for neck, neck_means, mix in zip(
         part.necks, means, tractions or [None] * len(means), strict=True
     ):
         direction = math.cos(neck.direction), math.sin(neck.direction)
-        rows.append(constraint_matrix(plate, neck_means, (*passed, *rest), direction, mix))
+        rows.append(constraint_matrix(plate, neck_means, motions, direction, mix))
     # the thickness of the part is one for its mesh; it weighs as much as it is thick
     properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
     motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
@@ -561,7 +561,7 @@ def _tractions(part: Substructure, neck: CutNeck) -> Array:
 
 def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
     """Return the composition of each motion of an interface in a plane model: of the body."""
-    each = sum(map(len, neck_motions(part.through, degree)[:2]))
+    each = len(neck_motions(part.through, degree).every)
     count = len(part.necks)
     blocks = [
         neck_mix(flexibility[each * i :, each * i :], part.through, degree) for i in range(count)

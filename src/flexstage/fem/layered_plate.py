@@ -198,7 +198,7 @@ class LayeredPlate:
         height, first = (a[self.plane.order_of_elimination] for a in self._heights)
         turned = np.argsort(fronts.rank)
         factor = FrontalFactor(fronts, first[turned], height[turned])
-        for some, block, rows, columns in self._blocks(fronts.taken):
+        for some, block, rows, columns in self._blocks(fronts.entries):
             start, apart = factor.start[some, None, None], factor.apart[some, None, None]
             factor.data[start + apart * rows + columns] = block
         factor.data[factor.diagonal[at]] *= stiffer

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -55,7 +56,7 @@ def neck_coordinates(through: ThroughThickness) -> tuple[str, ...]:
     """Name the motions of a neck, in order: each is a mean over its width and its thickness."""
     plane, across = (("z", "z^3"), ("1", "z^2")) if through.out_of_plane else (("1", "z^2"), ("z",))
     plane, across = (
-        names[: through.functions[kind].passed]
+        names[: through.functions[kind].transmitted]
         for names, kind in ((plane, "plane"), (across, "across"))
     )
     return (
@@ -197,14 +198,26 @@ class NeckMotion:
 
 
 @lru_cache(maxsize=64)
-def neck_motions(
-    through: ThroughThickness, degree: int
-) -> tuple[tuple[NeckMotion, ...], tuple[NeckMotion, ...], int, int]:
-    """Return the motions that necks transmit, and those without resultant.
+class NeckMotions(NamedTuple):
+    """The motions of necks; pulled ones, along the hinge, come before the sheared ones."""
 
-    Both begin with the motions along the hinge (pulled), whose numbers are returned too; the others
-    are sheared. The transmitted motions are in the order of `neck_coordinates`.
-    """
+    transmitted: tuple[NeckMotion, ...]
+    """Motions that necks transmit, in the order of `neck_coordinates`."""
+    self_balanced: tuple[NeckMotion, ...]
+    """Motions whose tractions have no resultant."""
+    pulled: int
+    """Number of pulled motions among the transmitted ones."""
+    pulled_self_balanced: int
+    """Number of pulled motions among those without resultant."""
+
+    @property
+    def every(self) -> tuple[NeckMotion, ...]:
+        """All motions, the transmitted ones first."""
+        return (*self.transmitted, *self.self_balanced)
+
+
+def neck_motions(through: ThroughThickness, degree: int) -> NeckMotions:
+    """Return the motions that necks transmit, and those without resultant."""
     beam, normal, shear = (table.tolist() for table in neck_weights(degree))
     mean, parabola, turn = beam
     slope = [-w for w in turn]
@@ -217,22 +230,22 @@ def neck_motions(
             for w in weights
         ]
 
-    both, more = range(plane.passed), range(plane.passed, len(plane.values))
-    transmitted, others = range(across.passed), range(across.passed, len(across.values))
-    pulled = motions(0, both, [mean, turn])
-    sheared = motions(1, both, [parabola]) + motions(2, transmitted, [mean, slope])
-    pulled_more = motions(0, range(len(plane.values)), normal) + motions(0, more, [mean, turn])
-    sheared_more = (
-        motions(1, range(len(plane.values)), shear)
-        + motions(1, more, [parabola])
-        + motions(2, range(len(across.values)), normal)
-        + motions(2, others, [mean, slope])
-    )
-    return (
-        (*pulled, *sheared),
-        (*pulled_more, *sheared_more),
-        len(pulled),
-        len(pulled_more),
+    lowest, higher = range(plane.transmitted), range(plane.transmitted, len(plane.values))
+    pulled = motions(0, lowest, [mean, turn])
+    pulled_balanced = motions(0, range(len(plane.values)), normal)
+    pulled_balanced += motions(0, higher, [mean, turn])
+    sheared = motions(1, lowest, [parabola])
+    sheared_balanced = motions(1, range(len(plane.values)), shear)
+    sheared_balanced += motions(1, higher, [parabola])
+    lowest, higher = range(across.transmitted), range(across.transmitted, len(across.values))
+    sheared += motions(2, lowest, [mean, slope])
+    sheared_balanced += motions(2, range(len(across.values)), normal)
+    sheared_balanced += motions(2, higher, [mean, slope])
+    return NeckMotions(
+        transmitted=(*pulled, *sheared),
+        self_balanced=(*pulled_balanced, *sheared_balanced),
+        pulled=len(pulled),
+        pulled_self_balanced=len(pulled_balanced),
     )
 
 
@@ -245,12 +258,12 @@ def neck_mix(flexibility: Array, through: ThroughThickness, degree: int) -> Arra
     motions by themselves: :math:`\lambda_e = -F_{ee}^{-1} F_{er}\lambda_r` with the flexibility F
     of the neck, shape (r + e, r + e). Shape (r, r + e).
     """
-    passed, rest, pulled, pulled_more = neck_motions(through, degree)
-    r, e = len(passed), len(rest)
+    transmitted, balanced, pulled, pulled_balanced = neck_motions(through, degree)
+    r, e = len(transmitted), len(balanced)
     mix = np.eye(r, r + e)
     for mine, others in (
-        (np.arange(pulled), r + np.arange(pulled_more)),
-        (np.arange(pulled, r), r + np.arange(pulled_more, e)),
+        (np.arange(pulled), r + np.arange(pulled_balanced)),
+        (np.arange(pulled, r), r + np.arange(pulled_balanced, e)),
     ):
         inner, right = flexibility[np.ix_(others, others)], flexibility[np.ix_(others, mine)]
         mix[np.ix_(mine, others)] = -np.linalg.lstsq(inner, right, rcond=1e-10)[0].T

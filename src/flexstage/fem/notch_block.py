@@ -135,7 +135,7 @@ def _narrow_tractions(half: NotchBlock) -> Array:
     highest = max(half.powers, NECK_POWERS) if half.through.out_of_plane else half.powers
     _, rows, responses = _narrow(replace(half, powers=highest))
     required, every = (
-        [_trimmed(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
+        [_trimmed(motion) for motion in neck_motions(half.through, powers).every]
         for powers in (half.powers, highest)
     )
     selected = [every.index(motion) for motion in required]
@@ -182,7 +182,9 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
         place=points.position[:, :2],
         point=points.point,
         stress=stress,
-        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, half.powers)[0]]),
+        lengthwise=np.array(
+            [m.direction == 0 for m in neck_motions(through, half.powers).transmitted]
+        ),
     )
 
 
@@ -205,8 +207,8 @@ def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
     reach = half.profile.length / 2.0 + ENRICHMENT_RADIUS * half.profile.root_height
     plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
-    passed, rest, _, _ = neck_motions(half.through, half.powers)
-    return plate, constraint_matrix(plate, means, (*passed, *rest))
+    motions = neck_motions(half.through, half.powers).every
+    return plate, constraint_matrix(plate, means, motions)
 
 
 @lru_cache(maxsize=4)

@@ -101,8 +101,8 @@ class Fronts:
                 branches[self.owner[coupled[0]]].append(i)
         rows, columns = self.rank[rows], self.rank[columns]
         #: The rows and columns in use: of two places those in which the column is later.
-        self.taken = np.flatnonzero(columns >= rows)
-        self.row, self.column = rows[self.taken], columns[self.taken]
+        self.entries = np.flatnonzero(columns >= rows)
+        self.row, self.column = rows[self.entries], columns[self.entries]
         # coupled places, of all fronts one after another
         self.every = np.concatenate([front.coupled for front in self.fronts])
         self.bounds = np.cumsum([0, *(front.coupled.size for front in self.fronts)])

@@ -28,7 +28,7 @@ class DepthFunctions:
     """Derivatives there [1/m], shape (k, q)."""
     in_bodies: int
     """Number of the first ones that bodies have; the others are of notches alone."""
-    passed: int
+    transmitted: int
     """Number of the first ones with motions of their own at a neck."""
 
 
@@ -151,7 +151,7 @@ class ThroughThickness:
                 values=mix @ values,
                 slopes=mix @ slopes,
                 in_bodies=min(3 if self.out_of_plane else 2 if name == "plane" else 1, len(values)),
-                passed=min(2 if self.out_of_plane or name == "plane" else 1, len(values)),
+                transmitted=min(2 if self.out_of_plane or name == "plane" else 1, len(values)),
             )
             for (name, (values, slopes)), mix in zip(
                 self.at(z).items(), self._mixes.values(), strict=True

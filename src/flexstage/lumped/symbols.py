@@ -61,7 +61,7 @@ class SymbolTable:
     def __init__(self, source: Mechanism) -> None:
         points = [b.centre for b in source.bodies] + [h.at for h in source.hinges]
         self._size = float(np.abs(np.array(points)).max(initial=1e-300))
-        self._known: dict[str, list[tuple[float, sp.Symbol]]] = {}
+        self._symbols: dict[str, list[tuple[float, sp.Symbol]]] = {}
         self._types: list[NDArray[np.float64]] = []
         self.values: dict[sp.Symbol, float] = {}
 
@@ -133,7 +133,7 @@ class SymbolTable:
         return alpha, beta
 
     def _symbol(self, letter: str, value: float, near: float, *, positive: bool) -> sp.Symbol:
-        numbers = self._known.setdefault(letter, [])
+        numbers = self._symbols.setdefault(letter, [])
         for other, symbol in numbers:
             if abs(other - value) <= near:
                 return symbol

@@ -166,7 +166,7 @@ class _Values(FieldSource):
     shapes = False
 
     def __init__(self, batch: SystemBatch, decided: Decisions) -> None:
-        self.batch, self.decided, self.xp = batch, decided, namespace_of(batch)
+        self.batch, self.decisions, self.xp = batch, decided, namespace_of(batch)
         self._last: dict[str, Array] = {}
         self._stress: dict[int, Array] = {}
 
@@ -220,7 +220,7 @@ class _Values(FieldSource):
     def _probes(self) -> tuple[dict[int, int], Array]:
         """Shapes for a unit force along the probe of each axis, and where each probe is."""
         names = [probe.name for probe in self.batch.nominal.probes]
-        read = list(dict.fromkeys(names.index(axis.probe) for axis in self.decided.axes))
+        read = list(dict.fromkeys(names.index(axis.probe) for axis in self.decisions.axes))
         shapes = self._solved([self.form("probe", p) for p in read])
         return {p: i for i, p in enumerate(read)}, shapes
 
@@ -294,7 +294,7 @@ class _Values(FieldSource):
             self.factor,
             self.blocks,
             self.mass,
-            self.decided.start,
+            self.decisions.start,
             responses,
             count=self.batch.samples,
             shapes=self.shapes,

@@ -56,7 +56,7 @@ class CouplingFigures:
         self.probes = [probes.index(axis.probe) for axis in nominal.axes]
         self.stiff = [j for j in self.drives if system.drives[j].stiffness != 0.0]
         # drives of no axis are held, where they hold
-        self.rest = [
+        self.other_drives = [
             j
             for j, drive in enumerate(system.drives)
             if j not in self.drives and drive.stiffness != 0.0
@@ -67,7 +67,7 @@ class CouplingFigures:
         """Forces of all drives for a unit elongation of each, the others held."""
         gram, out = self.source.gram, {}
         for j in self.drives:
-            locked = [*dict.fromkeys([*self.stiff, j]), *self.rest]
+            locked = [*dict.fromkeys([*self.stiff, j]), *self.other_drives]
             unit = [float(i == j) for i in locked]
             solution = solved([[gram(a, b) for b in locked] for a in locked], unit)
             out[j] = dict(zip(locked, solution, strict=True))
@@ -253,7 +253,7 @@ class StageFigures:
     """All figures of a topology, each computed when it is called."""
 
     def __init__(self, decided: Decisions, source: Source) -> None:
-        self.decided, self.source = decided, source
+        self.decisions, self.source = decided, source
         names = [drive.name for drive in decided.system.drives]
         self.drive = {name: i for i, name in enumerate(names)}
         self.probe = {probe.name: i for i, probe in enumerate(decided.system.probes)}
@@ -275,7 +275,7 @@ class StageFigures:
 
     def _stage_rows(self) -> dict[Key, Callable[[], Any]]:
         source = self.source
-        fixed = [body.fixed for body in self.decided.stage.bodies]
+        fixed = [body.fixed for body in self.decisions.stage.bodies]
 
         def mass(moving: bool) -> Any:
             masses = zip(source.masses(), fixed, strict=True)
@@ -298,7 +298,7 @@ class AxisFigures:
         self.stage, self.source, self.index, self.nominal = stage, stage.source, index, nominal
         self.name = nominal.axis
         self.probe = stage.probe[nominal.probe]
-        self.together = stage.coupling if stage.decided.together is not None else None
+        self.together = stage.coupling if stage.decisions.together is not None else None
 
     @cached_property
     def motion(self) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
@@ -307,7 +307,7 @@ class AxisFigures:
             return self.together.motion(self.index)
         drive = self.stage.drive[self.nominal.drive]
         against = self.source.gram(drive, drive)
-        if self.stage.decided.system.drives[drive].stroke is None:
+        if self.stage.decisions.system.drives[drive].stroke is None:
             moved = self.source.of_drive("largest_force", drive) * against
         else:
             moved = self.source.of_drive("stroke", drive)
@@ -332,7 +332,7 @@ class AxisFigures:
     @cached_property
     def probe_compliance(self) -> tuple[Any, dict[int, Any]]:
         """Reading for a unit force on the probe, drives in place, and the forces of the drives."""
-        system, source = self.stage.decided.system, self.source
+        system, source = self.stage.decisions.system, self.source
         drives = [j for j, d in enumerate(system.drives) if d.stiffness != 0.0]
         soft = source.self_response(self.probe)
         if not drives:
@@ -352,7 +352,7 @@ class AxisFigures:
 
     def rows(self) -> Iterator[tuple[str, Callable[[], Any]]]:
         """Figures, in the order of `flexstage.system.analyse`."""
-        decided, source, nominal = self.stage.decided, self.source, self.nominal
+        decided, source, nominal = self.stage.decisions, self.source, self.nominal
         system = decided.system
         measures = AxisMeasures(
             input=lambda: self.input,

@@ -217,7 +217,7 @@ class _Slopes(FieldSource):
     def sag_drive(self, probe: int, drive: int) -> Dual:
         return self._compliance(("drive", drive), ("weight", probe))
 
-    def _moved(self, drive: int) -> tuple[Array, Array]:
+    def _drive_shape(self, drive: int) -> tuple[Array, Array]:
         """Shape for a unit force of a drive, and its derivatives."""
         q, (_, slope) = self._shape("drive", drive), self._drive[drive]
         right = slope - self.stiffness_slope @ q
@@ -225,7 +225,7 @@ class _Slopes(FieldSource):
         return q, solve_stiffness(self.stiffness, right.T, no_constraints)[0].T
 
     def stress(self, drive: int) -> Dual:
-        q, slope = self._moved(drive)
+        q, slope = self._drive_shape(drive)
         rows, rows_slope = self.batch.stress[0], self.slopes.stress
         value = np.zeros((rows.shape[0], 1))
         tangent = np.zeros((rows.shape[0], max(slope.shape[0], rows_slope.shape[0])))
@@ -241,7 +241,7 @@ class _Slopes(FieldSource):
         body = self.batch.probe_bodies[probe][0]
         if body < 0:
             return Dual(np.zeros(1), np.zeros(1))
-        q, slope = self._moved(drive)
+        q, slope = self._drive_shape(drive)
         return Dual(q[3 * body + 2 : 3 * body + 3], slope[:, 3 * body + 2])
 
     @cached_property

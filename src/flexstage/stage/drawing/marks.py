@@ -34,7 +34,7 @@ class Arrow(NamedTuple):
     """Start point [m]."""
     end: Pair
     """Tip [m]."""
-    rest: str = ""
+    text: str = ""
     """Further text: the actuator of a drive."""
 
     @property
@@ -129,7 +129,7 @@ def drives_of(
             "at": (end, start),
             "direction": arrow.direction,
         }
-        if not arrow.rest:
+        if not arrow.text:
             drives.append((Force(largest_force=STAND_IN, **place), True))
             continue
         drives.append((_with_actuator(arrow, place), False))
@@ -138,7 +138,7 @@ def drives_of(
 
 def _with_actuator(arrow: Arrow, place: Mapping[str, object]) -> Drive:
     """Build a drive as a stage file would, from ``piezo, free_stroke=38 um``."""
-    kind, *figures = [w.strip() for w in arrow.rest.split(",")]
+    kind, *figures = [w.strip() for w in arrow.text.split(",")]
     # a comma within a pair, as in voltage_range=[0 V, 120 V], belongs to it
     parts: list[str] = []
     for word in figures:

@@ -103,8 +103,10 @@ def read_dxf(
             f"one of {', '.join(UNITS)}"
         )
     scale = UNITS[name]
-    left: Counter[str] = Counter()
-    entities = [e for e in _flat(document.modelspace(), left) if _visible(document, e, left)]
+    excluded: Counter[str] = Counter()
+    entities = [
+        e for e in _flat(document.modelspace(), excluded) if _visible(document, e, excluded)
+    ]
     is_contour = _choice(entities, layers)
     curves: list[tuple[Curve, str]] = []
     arrows: list[tuple[Curve, str]] = []
@@ -119,13 +121,13 @@ def read_dxf(
                 text = entity.plain_text()
                 words.append(Word(str(text).strip(), (at.x * scale, at.y * scale), layer.upper()))
             else:
-                left["text"] += 1
+                excluded["text"] += 1
         elif marks:
-            arrows += [(c, layer.upper()) for c in _curves(entity, scale, left)]
+            arrows += [(c, layer.upper()) for c in _curves(entity, scale, excluded)]
         elif not is_contour(entity):
-            left[f"{kind.lower()} on layer {layer}"] += 1
+            excluded[f"{kind.lower()} on layer {layer}"] += 1
         else:
-            curves += [(c, layer) for c in _curves(entity, scale, left)]
+            curves += [(c, layer) for c in _curves(entity, scale, excluded)]
     if not curves:
         have = ", ".join(sorted({str(e.dxf.layer) for e in entities})) or "none"
         raise StageError(
@@ -139,7 +141,7 @@ def read_dxf(
         arrows=tuple(arrows),
         words=tuple(words),
         rounding=_rounding(curves, scale),
-        excluded=tuple(sorted(left.items())),
+        excluded=tuple(sorted(excluded.items())),
     )
 
 
@@ -188,7 +190,9 @@ def _document(path: Path) -> Any:
         ) from error
 
 
-def _flat(entities: Iterable[Any], left: Counter[str], layer: str | None = None) -> Iterator[Any]:
+def _flat(
+    entities: Iterable[Any], excluded: Counter[str], layer: str | None = None
+) -> Iterator[Any]:
     """Yield entities, those of blocks in their places; dimensions and hatches are not divided."""
     for entity in entities:
         # layer 0 of a block is that of its reference
@@ -196,12 +200,12 @@ def _flat(entities: Iterable[Any], left: Counter[str], layer: str | None = None)
             entity.dxf.layer = layer
         if entity.dxftype() == "INSERT":
             for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
-                yield from _flat(one.virtual_entities(), left, str(entity.dxf.layer))
+                yield from _flat(one.virtual_entities(), excluded, str(entity.dxf.layer))
         elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
             if entity.dxftype() == "POLYLINE" and not (
                 entity.is_2d_polyline or entity.is_3d_polyline
             ):
-                left["mesh"] += 1
+                excluded["mesh"] += 1
                 continue
             for piece in entity.virtual_entities():
                 piece.dxf.layer = entity.dxf.layer
@@ -210,14 +214,14 @@ def _flat(entities: Iterable[Any], left: Counter[str], layer: str | None = None)
             yield entity
 
 
-def _visible(document: Any, entity: Any, left: Counter[str]) -> bool:
+def _visible(document: Any, entity: Any, excluded: Counter[str]) -> bool:
     name = str(entity.dxf.layer)
     hidden = bool(entity.dxf.get("invisible", 0))
     if name in document.layers:
         layer = document.layers.get(name)
         hidden |= layer.is_off() or layer.is_frozen()
     if hidden:
-        left["hidden"] += 1
+        excluded["hidden"] += 1
     return not hidden
 
 
@@ -243,7 +247,7 @@ def _choice(entities: list[Any], layers: Iterable[str] | None) -> Any:
     return is_contour
 
 
-def _curves(entity: Any, scale: float, left: Counter[str]) -> list[Curve]:
+def _curves(entity: Any, scale: float, excluded: Counter[str]) -> list[Curve]:
     """Return the lines and arcs of an entity [m]."""
     kind = entity.dxftype()
     if kind == "LINE":
@@ -259,7 +263,7 @@ def _curves(entity: Any, scale: float, left: Counter[str]) -> list[Curve]:
         tool = entity.construction_tool()
         corners = list(tool.flattening(_CURVE / scale, 8))
     else:
-        left[kind.lower()] += 1
+        excluded[kind.lower()] += 1
         return []
     points = [(p.x * scale, p.y * scale) for p in corners]
     return [Curve(a, b) for a, b in itertools.pairwise(points) if a != b]
