@@ -229,7 +229,7 @@ def lumped_characteristics(
     ----------
     arrays : StageArrays
         Data of the stages.
-    wanted : Collection of tuple, optional
+    keys : Collection of tuple, optional
         Figures as quantity and axis; all where not given.
 
     Returns

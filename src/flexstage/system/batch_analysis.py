@@ -35,7 +35,7 @@ def batch_characteristics(
     ----------
     batch : SystemBatch
         The systems.
-    wanted : Collection of tuple, optional
+    keys : Collection of tuple, optional
         Figures as quantity and axis, ``("transmission_ratio", "x")``; all where not given. Nothing
         else is computed.
 

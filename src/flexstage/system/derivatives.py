@@ -58,7 +58,7 @@ def characteristic_derivatives(
         The stage: one sample.
     slopes : SystemBatch
         Derivatives of its fields, with a leading axis of p parameters; of 1 where they are zero.
-    wanted : Collection of tuple, optional
+    keys : Collection of tuple, optional
         Figures as quantity and axis; all those of `flexstage.system.batch_characteristics` where
         not given.
 
