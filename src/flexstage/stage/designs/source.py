@@ -150,11 +150,11 @@ def parameters_in(
     source: str,
     file: str | None,
     set: Mapping[str, object] | None = None,
-    designed: Callable[[tuple[Topology, ParameterSet | None, Any]], None] | None = None,
+    on_design: Callable[[tuple[Topology, ParameterSet | None, Any]], None] | None = None,
 ) -> tuple[StageParameter, ...]:
     """Return the parameters of a built-in design, or of the text of a file, with settings.
 
-    `designed` receives family, built-in design and dimensions of the design that a file names.
+    `on_design` receives family, built-in design and dimensions of the design that a file names.
     """
     if file is None:
         return _in_design(chosen_design(source, set or {})[2])
@@ -162,13 +162,13 @@ def parameters_in(
 
     dimensions: list[Any] = []
 
-    def on_design(name: str, settings: Mapping[str, object]) -> None:
+    def read_design(name: str, settings: Mapping[str, object]) -> None:
         selection = design_parameters(name, settings)
         dimensions.append(selection[2])
-        if designed is not None:
-            designed(selection)
+        if on_design is not None:
+            on_design(selection)
 
-    file_settings = file_parameters(file, on_design, set=set, source=source)
+    file_settings = file_parameters(file, read_design, set=set, source=source)
     return (
         *(
             StageParameter(
