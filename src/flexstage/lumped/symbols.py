@@ -165,8 +165,8 @@ def exact(expression: sp.Basic, evaluated: Evaluated) -> Fraction:
     """Evaluate an expression in rational arithmetic.
 
     It is made of sums, products, whole powers, sines and cosines of symbols and numbers; sines and
-    cosines are rounded to a double first. `evaluated` comes from `starting_values`, and parts that were
-    evaluated are added: for the few hundred entries of a model this is ten times faster than
+    cosines are rounded to a double first. `evaluated` comes from `starting_values`, and further
+    parts are added: for the few hundred entries of a model this is ten times faster than
     compiling them. Expanded determinants cancel to a small part of their terms, so that rounding
     each term would destroy them.
     """
