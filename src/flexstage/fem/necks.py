@@ -197,7 +197,6 @@ class NeckMotion:
     """Weight over the neck by the powers of eta, -1 to 1 across."""
 
 
-@lru_cache(maxsize=64)
 class NeckMotions(NamedTuple):
     """The motions of necks; pulled ones, along the hinge, come before the sheared ones."""
 
@@ -216,6 +215,7 @@ class NeckMotions(NamedTuple):
         return (*self.transmitted, *self.self_balanced)
 
 
+@lru_cache(maxsize=64)
 def neck_motions(through: ThroughThickness, degree: int) -> NeckMotions:
     """Return the motions that necks transmit, and those without resultant."""
     beam, normal, shear = (table.tolist() for table in neck_weights(degree))
