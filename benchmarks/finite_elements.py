@@ -200,11 +200,11 @@ def _measure(dimension: int, unknowns: int) -> tuple[float, float, float]:
     start = time.perf_counter()
     if dimension == 2:
         mesh = piece.plane_mesh(order, **fineness)
-        part = Continuum(mesh, piece.MATERIAL, order=order, thickness=10e-3, held="left")
+        part = Continuum(mesh, piece.MATERIAL, order=order, thickness=10e-3, fixed="left")
     else:
         mesh = piece.prism_mesh(order, **fineness)
         part = Continuum(
-            mesh, piece.MATERIAL, order=order, held="left", held_components={"z": "middle"}
+            mesh, piece.MATERIAL, order=order, fixed="left", fixed_components={"z": "middle"}
         )
     part.solve(part.mean("right", (0.0, 1.0)))
     part.modes(1, tolerance=1e-6)

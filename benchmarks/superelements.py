@@ -193,7 +193,7 @@ def superelements() -> Iterator[Row]:
             def again(stages: Iterator[Stage] = stages, which: set[str] = built[label]) -> None:
                 changed = next(stages)
                 model = superelement_model(changed, cache=cache, near=base)
-                which.update(model.built)
+                which.update(model.newly_condensed)
                 analyse(changed, model.system)
 
             routes[label] = again, runs

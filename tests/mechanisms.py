@@ -16,9 +16,8 @@ from flexstage.lumped import (
     symbolic_model,
     transfer_function,
 )
-from flexstage.lumped.reduction import ReducedModel
+from flexstage.lumped.reduction import ReducedModel, TransferFunction
 from flexstage.lumped.symbolic import SymbolicModel
-from flexstage.lumped.transfer import TransferFunction
 
 LEG = 0.0213
 DISTANCE = 0.0317

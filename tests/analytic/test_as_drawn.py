@@ -84,10 +84,10 @@ def test_another_neck_leaves_roots_and_length() -> None:
     ("change", "said"),
     [
         ({"depths": (0.0, 1e-3)}, "as many depths"),
-        ({"depths": (0.0, -1e-3, 1e-3)}, "it comes back"),
-        ({"distances": (2e-3, 1e-3, 3e-3)}, "it comes back"),
+        ({"depths": (0.0, -1e-3, 1e-3)}, "it turns back"),
+        ({"distances": (2e-3, 1e-3, 3e-3)}, "it turns back"),
         ({"bulges": (0.0, math.inf, 0.0)}, "not finite"),
-        ({"bulges": (0.0, 0.9, 0.0)}, "it comes back"),
+        ({"bulges": (0.0, 0.9, 0.0)}, "it turns back"),
         ({"depths": (0.0, 0.0, 0.0)}, "get deeper"),
     ],
 )

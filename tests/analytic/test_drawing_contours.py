@@ -148,7 +148,7 @@ def test_a_plate_in_pieces_is_refused() -> None:
 def test_a_notch_beside_its_body_is_refused() -> None:
     stage = guide(NOTCHES["circular"])
     moved = dataclasses.replace(stage.hinges[0], at=(9.0, 9.0))
-    with pytest.raises(StageError, match="does not grow from one straight edge"):
+    with pytest.raises(StageError, match="is not attached to one straight edge"):
         plate_contours(dataclasses.replace(stage, hinges=(moved, *stage.hinges[1:])))
 
 

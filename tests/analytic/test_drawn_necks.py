@@ -156,7 +156,7 @@ def test_walls_beside_holes_and_pockets_are_no_necks(tmp_path) -> None:
     space.add_circle((3.5, 3.5), 2.5)
     path = tmp_path / "part.dxf"
     document.saveas(path)
-    with pytest.raises(StageError, match="holds no neck"):
+    with pytest.raises(StageError, match="contains no neck"):
         read_drawing(path)
 
 

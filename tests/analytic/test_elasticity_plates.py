@@ -65,7 +65,7 @@ def plate_with_hole(radius, half_width, half_height, order, strain):
         order=order,
         thickness=B,
         strain=strain,
-        held_components={"x": "left", "y": "bottom"},
+        fixed_components={"x": "left", "y": "bottom"},
     )
 
 
@@ -154,7 +154,7 @@ def ring(kind, order):
         order=order,
         thickness=None if solid else B,
         strain=".*" if kind == "plane strain" else "",
-        held_components=held,
+        fixed_components=held,
     )
 
 

@@ -88,7 +88,7 @@ def test_a_study_stage_comes_back_from_any_habit(habit: str, tmp_path) -> None:
 def test_what_is_no_contour_is_counted(tmp_path) -> None:
     stage = design("parallelogram")
     drawn = _read(foreign.with_words(stage), tmp_path / "part.dxf", stage)
-    assert dict(drawn.left_out) == {
+    assert dict(drawn.excluded) == {
         "dimension": 1,
         "hatch": 1,
         "line on layer 0": 1,
@@ -243,7 +243,7 @@ def test_several_parts_and_loose_pieces_are_refused(tmp_path) -> None:
     document = foreign.new()
     _square(document.modelspace())
     _square(document.modelspace(), 100.0, 120.0)
-    assert "2 parts beside each other" in _refused(document, tmp_path / "a.dxf")
+    assert "2 separate parts" in _refused(document, tmp_path / "a.dxf")
     document = foreign.new()
     for low, high in ((0.0, 40.0), (5.0, 35.0), (10.0, 20.0)):
         _square(document.modelspace(), low, high)
@@ -253,7 +253,7 @@ def test_several_parts_and_loose_pieces_are_refused(tmp_path) -> None:
 def test_a_part_without_necks_is_refused(tmp_path) -> None:
     document = foreign.new()
     _square(document.modelspace())
-    assert "holds no neck" in _refused(document, tmp_path / "part.dxf")
+    assert "contains no neck" in _refused(document, tmp_path / "part.dxf")
 
 
 def test_a_drawing_without_a_unit_is_refused(tmp_path) -> None:
@@ -276,7 +276,7 @@ def test_a_neck_with_two_different_halves_is_refused_with_the_place(tmp_path) ->
     document.modelspace().add_lwpolyline(slanted, close=True)
     said = _refused(document, tmp_path / "slanted.dxf")
     assert "the neck about (20, 8" in said
-    assert "both halves must be alike" in said
+    assert "both halves must be equal" in said
 
 
 def test_a_file_that_is_no_drawing_is_refused(tmp_path) -> None:

@@ -9,10 +9,9 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.elasticity import face
-from flexstage.fem.fronts import FrontalFactor
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals, factorised
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate
 from flexstage.fem.mesh import MeshSettings, face_mesh
-from flexstage.fem.substructure import REFERENCE
+from flexstage.fem.plane_integrals import FrontalFactor, PlaneIntegrals, factorised
 from flexstage.fem.through_thickness import ThroughThickness
 
 # a block with generic sides, away from the origin
@@ -33,7 +32,7 @@ def plate(*, out_of_plane: bool, size: float = 2.0) -> LayeredPlate:
     mesh = face_mesh(shape, THICKNESS, MeshSettings(order=3, size=size))
     # one end is a notch, so that fields of notches alone take part
     notch = ("none", (x, y), 8e-3)
-    return LayeredPlate(PlaneIntegrals(mesh, order=3, held=""), MATERIAL, through, [notch])
+    return LayeredPlate(PlaneIntegrals(mesh, order=3, fixed=""), MATERIAL, through, [notch])
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["in plane", "out of plane"])

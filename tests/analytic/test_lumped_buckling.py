@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from flexstage.base.errors import ModelError
 from flexstage.elasticity.loaded import buckling
 from flexstage.fem import plane_model
-from flexstage.fem.stroke import _drive_row, _rig, bar_buckling_load, two_notch_bars
+from flexstage.fem.stroke import _drive_row, _two_bar_rig, bar_buckling_load, two_notch_bars
 from flexstage.hinges import CornerFilleted, Leaf, RightCircular
 from flexstage.hinges.profile import Profile
 from flexstage.lumped import hinge_springs, lumped_system, mechanism, nonlinear
@@ -160,7 +160,7 @@ def test_a_block_on_a_short_notch_is_an_inverted_pendulum() -> None:
 
 def test_a_bar_between_two_notches_sways_as_a_rigid_one() -> None:
     """Ends that stay parallel: P = 2 k/L; what deflects within the notches, 2 of 15 parts, adds."""
-    rig = _rig(design("parallelogram"), "left-leg")
+    rig = _two_bar_rig(design("parallelogram"), "left-leg")
     spring, other = (s for s in hinge_springs(rig) if s.hinge.name.endswith("0"))
     length = math.dist(spring.hinge.at, other.hinge.at)
     rigid = 2.0 * spring.stiffness[2, 2] / length
@@ -189,7 +189,7 @@ def test_bars_between_two_notches_bear_what_finite_elements_say(name: str) -> No
     stage = design(name)
     body = two_notch_bars(stage)[0]
     # the block is pressed down and free to move aside, its drive too
-    rig = _rig(stage, body)
+    rig = _two_bar_rig(stage, body)
     assert 0.5 * lumped_buckling(rig, {"press": 1.0}) == pytest.approx(
         bar_buckling_load(stage, body), rel=0.03
     )

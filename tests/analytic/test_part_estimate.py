@@ -109,13 +109,13 @@ def test_rays_go_to_the_first_triangle_that_looks_back() -> None:
 
 def test_elements_that_were_folded_keep_their_corners(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tube of too few elements: curving folds some, and it is as high and wide as before."""
-    monkeypatch.setattr(part_mesh, "_CHOSEN", replace(part_mesh._CHOSEN, straightened=1.0))
+    monkeypatch.setattr(part_mesh, "_LIMITS", replace(part_mesh._LIMITS, straightened=1.0))
     shape = occ.Cylinder((0, 0, 0), occ.Z, 10, 5) - occ.Cylinder((0, 0, 0), occ.Z, 9.5, 5)
     mesh = ng.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=6.0, curvaturesafety=0.5, grading=0.9))
     mesh.Curve(2)
     rule = ng.IntegrationRule(ng.ET.TET, 4)
     assert len(part_mesh._folded(mesh, rule))
-    assert part_mesh.unfold(mesh, 2)
+    assert part_mesh.straighten_folded(mesh, 2)
     assert not len(part_mesh._folded(mesh, rule))
     places = ng.CoefficientFunction((ng.x, ng.y, ng.z))(mesh.MapToAllElements(rule, ng.VOL))
     assert np.hypot(places[:, 0], places[:, 1]).max() < 10.0

@@ -9,7 +9,7 @@ from flexstage.base.errors import StageError
 from flexstage.hinges import RightCircular
 from flexstage.quantities.material import material
 from flexstage.stage import Body, Circle, Hinge, Loop, Stage
-from flexstage.stage.hinge_attachment import hinge_root, root_widths
+from flexstage.stage.contour import hinge_root, root_widths
 from tests.reference_stages import NAMES, reference_stage
 
 NOTCH = RightCircular(neck_thickness=0.4e-3, radius=1.2e-3)
@@ -74,7 +74,7 @@ def test_a_root_may_be_off_by_a_micrometre_and_no_more() -> None:
         if fine:
             root_widths(stage, moved)
         else:
-            with pytest.raises(StageError, match="'h' does not grow from body 'a'"):
+            with pytest.raises(StageError, match="'h' is not attached to body 'a'"):
                 root_widths(stage, moved)
 
 

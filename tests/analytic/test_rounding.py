@@ -11,7 +11,7 @@ from flexstage.quantities.units import parse
 from flexstage.stage import stage_from_text
 from flexstage.stage.designs import StageTemplate
 from flexstage.stage.designs.registry import build
-from flexstage.stage.designs.template import spelled_out_text
+from flexstage.stage.designs.source import spelled_out_text
 from flexstage.studies.explore import (
     Family,
     Goal,

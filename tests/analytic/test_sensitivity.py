@@ -8,8 +8,7 @@ import pytest
 
 from flexstage.base.errors import ModelError, StageError
 from flexstage.lumped import lumped_system
-from flexstage.stage.designs import DESIGNS, find_stage
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import DESIGNS, StageTemplate, find_stage
 from flexstage.studies.explore.family import STAGE_FIGURES, Family, jacobian, known_figures
 from flexstage.studies.explore.figures import Figure, figures_of
 from flexstage.studies.explore.sensitivity import (

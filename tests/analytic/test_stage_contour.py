@@ -114,5 +114,5 @@ def test_the_cut_of_an_ellipse_is_half_of_it() -> None:
 def test_a_root_that_lies_on_no_edge_is_refused() -> None:
     stage = _pair(PROFILES[0], 0.0)
     far = Body(name="b", outline=Loop(((0.05, 0.0), (0.06, 0.0), (0.06, 0.01))))
-    with pytest.raises(StageError, match="hinge 'h' does not grow from one straight edge of body"):
+    with pytest.raises(StageError, match="hinge 'h' is not attached to one straight edge of body"):
         body_contour(stage, far)

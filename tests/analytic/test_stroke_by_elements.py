@@ -103,7 +103,7 @@ def test_a_leg_buckles_where_two_springs_and_a_bar_would() -> None:
     # the necks bend over a length, which shortens the bar that turns between them
     assert load == pytest.approx(rigid, rel=0.025)
     assert two_notch_bars(STAGE) == ("left-leg", "right-leg")
-    with pytest.raises(ModelError, match="body 'platform' is no bar between two notches"):
+    with pytest.raises(ModelError, match="body 'platform' is not a bar between two notches"):
         bar_buckling_load(STAGE, "platform")
 
 

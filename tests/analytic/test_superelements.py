@@ -19,7 +19,7 @@ from flexstage.base.errors import ModelError
 from flexstage.elasticity import Continuum
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import mesh as plane_meshes
-from flexstage.fem.condensation import Condensed, Constrained, condensed_with_shapes
+from flexstage.fem.condensation import Condensed, PrescribedDisplacement, condensed_with_shapes
 from flexstage.fem.coupling import join, lowest
 from flexstage.fem.geometry import (
     either,
@@ -167,7 +167,7 @@ def test_matrices_are_symmetric_and_positive(bars: SuperelementModel) -> None:
 
 
 @pytest.fixture(scope="module")
-def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.ndarray]:
+def small(lying: tuple[Placed, Condensed]) -> tuple[PrescribedDisplacement, np.ndarray, np.ndarray]:
     """A floating body on a coarse mesh with its dense stiffness and mass."""
     part = replace(lying[0].part, mesh=COARSE)
     continuum, plate = floating(part)
@@ -195,7 +195,7 @@ def small(lying: tuple[Placed, Condensed]) -> tuple[Constrained, np.ndarray, np.
     np.testing.assert_allclose(
         plate.stiffness.toarray(), stiffness, atol=1e-12 * np.abs(stiffness).max()
     )
-    body = Constrained(plate, np.array([plate.mean(row) for row in rows]), floating=True)
+    body = PrescribedDisplacement(plate, np.array([plate.mean(row) for row in rows]), floating=True)
     return body, stiffness, mass
 
 
@@ -217,7 +217,7 @@ def in_plane(plate: LayeredPlate, u: np.ndarray) -> np.ndarray:
 
 
 def test_condensed_stiffness_of_a_floating_body(
-    small: tuple[Constrained, np.ndarray, np.ndarray],
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
 ) -> None:
     """K_c = (P Kt^-1 P^T)^-1 - D with Kt = K + P^T D P, for any D that holds the body."""
     body, stiffness, _ = small
@@ -232,7 +232,9 @@ def test_condensed_stiffness_of_a_floating_body(
     np.testing.assert_allclose(P @ shapes, np.eye(len(P)), atol=1e-9)
 
 
-def test_modes_with_held_interfaces(small: tuple[Constrained, np.ndarray, np.ndarray]) -> None:
+def test_modes_with_held_interfaces(
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
+) -> None:
     """Against the dense eigenproblem on all displacements that move no interface."""
     body, stiffness, mass = small
     free = scipy.linalg.null_space(body.P.toarray())
@@ -247,13 +249,13 @@ def test_modes_with_held_interfaces(small: tuple[Constrained, np.ndarray, np.nda
 
 
 def test_response_to_loads_with_held_interfaces(
-    small: tuple[Constrained, np.ndarray, np.ndarray],
+    small: tuple[PrescribedDisplacement, np.ndarray, np.ndarray],
 ) -> None:
     body, stiffness, _ = small
     loads = np.random.default_rng(3).standard_normal((body.part.size, 2))
     free = scipy.linalg.null_space(body.P.toarray())
     expected = free @ np.linalg.solve(free.T @ stiffness @ free, free.T @ loads)
-    found = body.held(loads)
+    found = body.fixed_response(loads)
     np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
@@ -432,7 +434,7 @@ def test_slivers_are_meshed_again(
     monkeypatch.setattr(plane_meshes, "shapes", lambda made: np.array([0.5, worst[made - 1], 0.9]))
     monkeypatch.setattr(plane_meshes, "_graded", lambda _mesh, slivers: list(slivers))
     stage = hinged_bars()
-    assert plane_meshes.sound_mesh(stage, stage_faces(stage), COARSE) == chosen + 1
+    assert plane_meshes.mesh_without_slivers(stage, stage_faces(stage), COARSE) == chosen + 1
     # each mesh is told of the slivers of all before it
     assert told == list(range(tries))
 
@@ -515,8 +517,8 @@ def test_bodies_in_space_are_found_in_the_cache(tmp_path: Path) -> None:
     stage = hinged_bars()
     first = superelement_model(stage, settings, space=True, cache=tmp_path)
     again = superelement_model(stage, settings, space=True, cache=tmp_path)
-    assert first.built == tuple(b.name for b in stage.bodies)
-    assert again.built == ()
+    assert first.newly_condensed == tuple(b.name for b in stage.bodies)
+    assert again.newly_condensed == ()
     np.testing.assert_array_equal(first.system.K, again.system.K)
     # motion in the plane and out of it know nothing of each other
     names = np.array(["out of plane" in n for n in first.joint.coordinates])
@@ -556,7 +558,7 @@ def test_a_stage_without_frequencies_is_refused(
     ((K, M),) = ((K.copy(), M.copy()) for K, M in bars.joint.blocks)
     matrix = M if what == "no mass" else K
     matrix[4] = matrix[:, 4] = 0.0
-    with pytest.raises(ModelError, match="no mass or hangs on nothing"):
+    with pytest.raises(ModelError, match="no mass or is not attached"):
         lowest(replace(bars.joint, blocks=((K, M),)), count)
 
 

@@ -56,7 +56,7 @@ def test_what_was_counted_is_kept_for_a_while(monkeypatch: pytest.MonkeyPatch) -
     assert resources.free_cores() == 4
     monkeypatch.setattr(resources, "_cores", lambda: {0})
     assert resources.free_cores() == 4
-    monkeypatch.setattr(resources, "_KEPT", 0.0)
+    monkeypatch.setattr(resources, "_VALID", 0.0)
     assert resources.free_cores() == 1
 
 

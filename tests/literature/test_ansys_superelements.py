@@ -184,7 +184,7 @@ def test_id16_roughly_and_quickly():
     mesh = part.mesh(PartMesh(order=2, grading=0.7))
     free = Continuum(mesh, STRUCTURAL, order=2, shift=(HERTZ * 60.0) ** 2)
     mean = interface_stiffness(free, top, bottom, rigid=False)
-    held = Continuum(mesh, STRUCTURAL, order=2, held=f"{top}|{bottom}")
+    held = Continuum(mesh, STRUCTURAL, order=2, fixed=f"{top}|{bottom}")
     rigid = interface_stiffness(held, top, bottom)
     assert scipy.linalg.eigh(rigid, mean, eigvals_only=True).min() > 1.0 - 1e-6
     K, _, _ = superelement("flexor_ID16")
@@ -218,7 +218,7 @@ def test_flexor_025():
     report("flexor_025, both interfaces held in the mean [Hz]", omega / HERTZ, both)
     assert omega / HERTZ == pytest.approx(both, rel=0.02)
     del free
-    held = Continuum(mesh, STAINLESS, order=3, held=f"{top}|{bottom}")
+    held = Continuum(mesh, STAINLESS, order=3, fixed=f"{top}|{bottom}")
     rigid = np.diag(interface_stiffness(held, top, bottom))
     report("flexor_025, rigid interfaces", rigid, ansys)
     omega, _ = held.modes(6)

@@ -220,7 +220,7 @@ def whole_notch(notch, widths):
     mesh.Curve(6)
     held = {"x_bbnd": "pin|roller", "y_bbnd": "pin"}
     material = Material(name="unit", youngs_modulus=1e9, poissons_ratio=NU, density=1.0)
-    part = Continuum(mesh, material, order=6, thickness=1.0, held_components=held)
+    part = Continuum(mesh, material, order=6, thickness=1.0, fixed_components=held)
     y = ng.y / METRE - middle
     loads = []
     for force in np.eye(3):

@@ -23,7 +23,7 @@ import pytest
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import StageError
-from flexstage.elasticity.large_displacement import follow_drive
+from flexstage.elasticity.loaded import follow_drive
 from flexstage.fem import MeshSettings, plane_model
 from flexstage.fem.geometry import patches
 from flexstage.fem.stage_system import body_motion, body_path, drive_vector

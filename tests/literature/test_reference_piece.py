@@ -25,7 +25,7 @@ SOLID = {"compliance": 21.988e-6, "frequencies": (946.76, 8331.5, 9449.0), "stre
 def _plane(strain: str) -> tuple[Continuum, np.ndarray, float]:
     mesh = piece.plane_mesh(6, neck_size=0.6)
     part = Continuum(
-        mesh, piece.MATERIAL, order=6, thickness=piece.THICKNESS, held="left", strain=strain
+        mesh, piece.MATERIAL, order=6, thickness=piece.THICKNESS, fixed="left", strain=strain
     )
     reading = part.mean("right", (0.0, 1.0))
     u = part.solve(reading)
@@ -59,8 +59,8 @@ def _solid(
             mesh,
             piece.MATERIAL,
             order=order,
-            held="left",
-            held_components=dict.fromkeys(components, "middle"),
+            fixed="left",
+            fixed_components=dict.fromkeys(components, "middle"),
             copies=2,
         )
         for components in ("z", "xy")

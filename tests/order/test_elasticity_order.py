@@ -76,7 +76,7 @@ def test_a_linear_field_is_held_exactly(kind, order):
     mesh = solid_patch(kind) if solid else plane_patch()
     strain = ".*" if kind == "plane strain" else ""
     part = Continuum(
-        mesh, METAL, order=order, thickness=None if solid else B, strain=strain, held="left"
+        mesh, METAL, order=order, thickness=None if solid else B, strain=strain, fixed="left"
     )
     gradient = np.zeros((d, d))
     gradient[:, 0] = slope[:d]
@@ -158,7 +158,7 @@ def test_displacement_converges_with_order_plus_one_and_energy_with_twice_the_or
     )
     counts, far, energies = COUNTS[order], [], []
     for count in counts:
-        part = rectangle(count, order, strain=strain, held="left")
+        part = rectangle(count, order, strain=strain, fixed="left")
         load = part.force(".*", ng.CoefficientFunction(tuple(amplitude * b for b in body)))
         others = "right|top|bottom"
         load = load + amplitude * B * part.measure(boundary=others) * part.mean(others, push)
@@ -185,7 +185,7 @@ def test_eigenvalues_converge_with_twice_the_order(order):
     counts = {1: (6, 12, 24), 2: (4, 8, 16), 3: (2, 4, 8), 4: (2, 4, 6), 5: (1, 2, 3)}[order]
     errors = []
     for count in counts:
-        part = rectangle(count, order, held_components=sides)
+        part = rectangle(count, order, fixed_components=sides)
         omega, _ = part.modes(3, tolerance=1e-13)
         errors.append(omega**2 / exact - 1)
     # the first mode is a plain cosine, soon exact to rounding; the others bend more
@@ -224,7 +224,7 @@ def test_curved_sides_keep_the_order(order):
             mesh.Refine()
         mesh.Curve(order)
         part = Continuum(
-            mesh, METAL, order=order, thickness=B, held_components={"x": "left", "y": "bottom"}
+            mesh, METAL, order=order, thickness=B, fixed_components={"x": "left", "y": "bottom"}
         )
         push = -pressure * ng.specialcf.normal(2)
         u = part.solve(B * part.measure(boundary="bore") * part.mean("bore", push))

@@ -252,12 +252,12 @@ def by_flexstage(
     if levels is None:
         mesh = plane_mesh(order, **fineness)
         part = Continuum(
-            mesh, MATERIAL, order=order, thickness=THICKNESS, held="left", strain=strain
+            mesh, MATERIAL, order=order, thickness=THICKNESS, fixed="left", strain=strain
         )
     else:
         mesh = prism_mesh(order, **fineness, levels=levels)
         part = Continuum(
-            mesh, MATERIAL, order=order, held="left", held_components={"z": "middle"}, copies=2
+            mesh, MATERIAL, order=order, fixed="left", fixed_components={"z": "middle"}, copies=2
         )
     reading = part.mean("right", (0.0, 1.0))
     u = part.solve(reading)

@@ -183,7 +183,7 @@ def test_impossible_dimensions_get_one_sentence(
     with pytest.raises(StageError, match=culprit) as caught:
         BUILDERS[parameters](parameters(**changes))
     assert "\n" not in str(caught.value)
-    assert "got" in str(caught.value) or "leave that out" in str(caught.value)
+    assert "got" in str(caught.value) or "remove that" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["bridge", "rhombus", "bridge-xy", "scott-russell", "lever-chain"])

@@ -278,7 +278,7 @@ def test_a_stage_whose_axes_are_coupled_otherwise_than_the_nominal_one_is_no_num
 
 def test_what_a_batch_does_not_know_it_says() -> None:
     batch = assemble_batch(stage_arrays([design("parallelogram")]))
-    with pytest.raises(ModelError, match=r"knows no stroke of x.*transmission_ratio of x"):
+    with pytest.raises(ModelError, match=r"does not give stroke of x.*transmission_ratio of x"):
         batch_characteristics(batch, [("stroke", "x")])
     with pytest.raises(ModelError, match="is not of the topology of 'parallelogram'"):
         stage_arrays([design("parallelogram"), design("bridge")])

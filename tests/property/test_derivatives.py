@@ -17,8 +17,7 @@ from flexstage.lumped import (
     system_tangents,
 )
 from flexstage.stage import Stage
-from flexstage.stage.designs import DESIGNS, design
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import DESIGNS, StageTemplate, design
 from flexstage.studies.explore.family import Family, jacobian
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.variables import every_variable
@@ -255,7 +254,7 @@ def test_derivatives_are_those_of_one_stage_and_of_figures_that_are_known() -> N
     batch, slopes = system_tangents(tangents_of_necks(stage))
     with pytest.raises(ModelError, match="those of one stage, got 2 samples"):
         characteristic_derivatives(assemble_batch(stage_arrays([stage, stage])), slopes)
-    with pytest.raises(ModelError, match="knows no stroke of x"):
+    with pytest.raises(ModelError, match="does not give stroke of x"):
         characteristic_derivatives(batch, slopes, [("stroke", "x")])
     with pytest.raises(ModelError, match="step of parameter 'neck' must be positive"):
         parameter_tangents(lambda _: stage, 0.0, name="neck")

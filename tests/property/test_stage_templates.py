@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.base.errors import FlexstageError, StageError
 from flexstage.stage.designs import DESIGNS, find_stage
-from flexstage.stage.designs.template import StageTemplate, design_text, spelled_out_text
+from flexstage.stage.designs.source import StageTemplate, design_text, spelled_out_text
 from flexstage.studies.explore.family import Family
 from flexstage.studies.explore.variables import every_variable, variables_of
 

@@ -10,8 +10,8 @@ import pytest
 from flexstage.base.errors import StageError
 from flexstage.fem import superelement_model
 from flexstage.fem.condensed_bodies import changed_necks, neck_family
-from flexstage.fem.half_notch import neck_response
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.notch_block import neck_response
 from flexstage.fem.substructure import cut_free, in_space
 from flexstage.fem.superelement import BODIES, SuperelementModel
 from flexstage.hinges import CornerFilleted, Profile, RightCircular
@@ -187,11 +187,11 @@ def test_leaves_that_become_thinner() -> None:
 
 def test_what_does_not_change_is_taken(parallelogram: SuperelementModel, tmp_path: Path) -> None:
     same = superelement_model(parallelogram.stage, cache=tmp_path, near=parallelogram)
-    assert same.built == ()
+    assert same.newly_condensed == ()
     assert not list(tmp_path.rglob("*.arrays"))
     np.testing.assert_array_equal(same.joint.K, parallelogram.joint.K)
     touched = with_necks(parallelogram.stage, 1.02)
-    assert set(superelement_model(touched, cache=False, near=parallelogram).built) == set(
+    assert set(superelement_model(touched, cache=False, near=parallelogram).newly_condensed) == set(
         parallelogram.stage.hinges[0].bodies
     )
 
@@ -229,7 +229,7 @@ def test_another_notch_is_not_followed(parallelogram: SuperelementModel, profile
 def test_a_neck_that_does_not_fit_is_refused(parallelogram: SuperelementModel) -> None:
     """The roots take all of the ends of the legs: a thicker notch is wider than its leg."""
     made = with_necks(parallelogram.stage, 1.1, deeper=False)
-    with pytest.raises(StageError, match="does not grow"):
+    with pytest.raises(StageError, match="is not attached"):
         superelement_model(made, cache=False, near=parallelogram)
 
 

@@ -122,9 +122,9 @@ def test_help_is_a_word_too_and_hinges_say_how_a_profile_is_named(
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute with"),
+        (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute"),
         (("mass", "1e30 kg"), "body 'platform' has 1e+30 kg and 'left-leg' 0.00275 kg, too far"),
-        (("length_unit", "nm"), "hinge 'left-lower' does not grow from body 'base'"),
+        (("length_unit", "nm"), "hinge 'left-lower' is not attached to body 'base'"),
     ],
 )
 def test_what_no_model_computes_is_refused_before_any(
@@ -355,7 +355,7 @@ def test_a_stage_without_axes_says_what_is_missing(
     )
     assert run("analyse", "plate.yaml", "--model", "lumped") == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "No axis is named" in out
+    assert "The stage has no axis" in out
     # one body that nothing holds has three motions in the plane
     assert "3 of these modes, at 0 Hz" in out
     assert run("study", "plate.yaml") == 0

@@ -83,16 +83,19 @@ def test_commands_take_a_drawing_as_a_stage(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("check", "part.dxf"), "does not say the thickness of the plate: give --thickness"),
-        (("check", "part.dxf", "--thickness", "8 mm"), "does not say the material"),
+        (("check", "part.dxf"), "does not give the thickness of the plate: give --thickness"),
+        (("check", "part.dxf", "--thickness", "8 mm"), "does not give the material"),
         (("check", "part.dxf", *TOLD, "--set", "t=1 mm"), "'t'"),
-        (("check", "parallelogram", *TOLD), "what is said of a drawing belongs to one"),
+        (("check", "parallelogram", *TOLD), "options of a drawing apply to drawings only"),
         (("import", "part.dxf", "--contours", "layers=OUTLIN"), "did you mean 'OUTLINE'?"),
         (("import", "part.dxf", "--drive", "x: 1,2"), '--drive is "x: 12,4 -> 30,4; piezo'),
-        (("import", "part.dxf", "--drive", "x: 0,20 -> 0,40"), "drive 'x' stands on a body at"),
-        (("import", "part.dxf", "--probe", "x: 90,0 at 0 deg"), "where none is: the nearest is"),
-        (("import", "part.dxf", "--fixed", "frame"), "--fixed is a point on the body"),
-        (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "the drawing holds no neck"),
+        (("import", "part.dxf", "--drive", "x: 0,20 -> 0,40"), "drive 'x' reacts on a body at"),
+        (
+            ("import", "part.dxf", "--probe", "x: 90,0 at 0 deg"),
+            "there is none: the nearest is",
+        ),
+        (("import", "part.dxf", "--fixed", "frame"), "--fixed is a point on the fixed body"),
+        (("import", "part.dxf", "--contours", "neck_limit=0.1 mm"), "the drawing contains no neck"),
         (("import", "part.dwg"), "a drawing ends in .dxf, .step, .stp"),
     ],
 )
@@ -155,7 +158,7 @@ def test_a_solid_that_is_no_plate_is_refused(tmp_path: Path) -> None:
 
     path = tmp_path / "part.step"
     (Box((0, 0, 0), (30, 20, 5)) + Cylinder((10, 10, 5), Z, r=3, h=2)).WriteStep(str(path))
-    with pytest.raises(StageError, match="is no plate of one thickness"):
+    with pytest.raises(StageError, match="is not a plate of constant thickness"):
         find_stage(path, drawing=DrawingOptions(material="Al 7075-T6"))
 
 

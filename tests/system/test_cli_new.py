@@ -13,7 +13,7 @@ from flexstage.stage import stage_from_text, stage_to_text
 from flexstage.stage.designs import DESIGNS, StageParameter, design, find_stage, parameters_of
 from flexstage.stage.designs.parameters import Group, entries_of
 from flexstage.stage.designs.registry import PARAMETER_SETS
-from flexstage.stage.designs.template import design_text, spelled_out_text
+from flexstage.stage.designs.source import design_text, spelled_out_text
 from tests.system.test_stage_file import EXAMPLE
 
 

@@ -80,21 +80,21 @@ def test_a_free_part_has_no_modes_at_nothing(bar: str, capsys: pytest.CaptureFix
     ("words", "said"),
     [
         (["--hold", "top"], "has no face 'top'"),
-        (["--move", "x-max"], "name some to hold"),
-        (["--hold", "x-max", "--move", "x-max"], "cannot be held and moved"),
+        (["--move", "x-max"], "name faces to hold"),
+        (["--hold", "x-max", "--move", "x-max"], "cannot be fixed and moved"),
         (["--material", "unobtainium"], "unobtainium"),
         (["--size", "-1"], "'--size': must be above 0"),
         (["--interfaces", "soft"], "must be rigid, mean or both, got 'soft'"),
         (["--hold", "x-min", "--ratio", "x-max:y-min"], "between three faces, END:END:OUTPUT"),
         (["--hold", "x-min", "--ratio", "x-max:y-min:x-max"], "got one of them twice"),
-        (["--ratio", "x-max:x-min:y-max"], "name some to hold"),
+        (["--ratio", "x-max:x-min:y-max"], "name faces to hold"),
         (["--hold", "x-min", "--move", "x-max", "--at", "1,2"], "three lengths X,Y,Z"),
         (["--material", "E=70 GPa, nu=0.3"], "lacks rho"),
         (["--material", "E=70 GPa, nu=0.3, rho=2 g"], "rho of the material"),
         (["--material", "E=70 GPa, nu=0.7, rho=2700"], "poissons_ratio must lie between"),
         (["--material", "E=70 GPa, nu=steel, rho=2700"], "a plain number, got 'steel'"),
         (["--material", "E=70 GPa, nu=0.3, mass=3 g"], "each of the three once, got 'mass=3 g'"),
-        (["--material", "2=Invar 36"], "no solid '2' to give a material to: it has 1 body1"),
+        (["--material", "2=Invar 36"], "no solid '2' for the material: it has 1 body1"),
         (["--material", "Invar 36", "--material", "Ti-6Al-4V"], "both for all solids"),
         (["--solids", "2"], "has the solids 1 body1; got '2'"),
         (["--figure", "picture.txt"], "'--figure': the name must end in"),
@@ -249,7 +249,7 @@ def test_a_mesh_that_will_not_fit_is_refused_before_it_is_made(
     assert 0.3 < size < 1.5
     monkeypatch.setattr("flexstage.fem.part_estimate.memory_available", lambda: 1e3)
     assert run("part", bar, "--size", "6", "--hold", "x-min") == 2
-    assert "no size of elements makes it small enough" in capsys.readouterr().err
+    assert "no element size is large enough" in capsys.readouterr().err
     monkeypatch.undo()
     monkeypatch.setattr("flexstage.elasticity.resources.memory_available", lambda: 1e3)
     monkeypatch.setattr("flexstage.fem.part_estimate.memory_available", lambda: 1e3)

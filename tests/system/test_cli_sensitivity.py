@@ -15,7 +15,7 @@ from flexstage.quantities.section import Picture
 from flexstage.report.figures.sensitivity import draw_moving_necks, draw_sensitivities
 from flexstage.report.page import draw_picture, typeset
 from flexstage.report.sensitivity import sensitivity_table
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family, known_figures
 from flexstage.studies.explore.figures import figures_of, usual_figures
 from flexstage.studies.explore.sensitivity import hinge_variables, sensitivities, variables_by

@@ -5,7 +5,7 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family, evaluate, jacobian, known_figures
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.variables import variables_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import known_figures
 from flexstage.studies.explore.figures import Figure, Requirement, figure_of, requirement_of
 from flexstage.studies.explore.variables import every_variable, variables_of

@@ -12,9 +12,9 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem import MeshSettings, Refinement, StageModel
-from flexstage.fem.accuracy import RefinementStep
 from flexstage.fem.geometry import MOUNTING
 from flexstage.fem.sampling import Sampler
+from flexstage.fem.whole_stage import RefinementStep
 from flexstage.quantities.quantity import number
 from flexstage.quantities.section import Picture, Pictures
 from flexstage.report import report_html

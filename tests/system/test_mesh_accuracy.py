@@ -10,8 +10,8 @@ import pytest
 
 from flexstage.base import progress
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.fem import LADDERS, MeshSettings, plane_model, refine
-from flexstage.fem.accuracy import RefinementStep, estimate
+from flexstage.fem import REFINEMENT_MESHES, MeshSettings, plane_model, refine
+from flexstage.fem.whole_stage import RefinementStep, estimate
 from flexstage.stage.designs import design
 from flexstage.system import analyse
 from tests.meshed_stages import plane
@@ -22,7 +22,7 @@ QUANTITY = "natural_frequency_hz"
 
 @functools.cache
 def converged() -> float:
-    """The natural frequency of a mesh that is finer than any of the ladder [Hz]."""
+    """The natural frequency of a mesh that is finer than any of the refinement [Hz]."""
     best = plane_model(STAGE, MeshSettings(order=8, neck_size=0.3))
     return analyse(STAGE, best.system).characteristics.value(QUANTITY, "x")
 
@@ -33,7 +33,7 @@ def test_the_error_is_within_the_estimate_and_the_estimate_within_what_was_asked
     accuracy: float,
 ) -> None:
     # both refinements go through the same coarse meshes
-    found = refine(plane, LADDERS["plane"], accuracy=accuracy)
+    found = refine(plane, REFINEMENT_MESHES["plane"], accuracy=accuracy)
     true = converged()
     row = next(r for r in found.analysis.characteristics if r.quantity == QUANTITY)
     assert abs(row.value / true - 1.0) <= found.estimate <= accuracy
@@ -67,15 +67,15 @@ def test_what_cannot_be_reached_is_said() -> None:
     def build(s: MeshSettings):
         return plane_model(STAGE, s)
 
-    ladder = [MeshSettings(order=1, neck_size=2.0), MeshSettings(order=2, neck_size=2.0)]
+    meshes = [MeshSettings(order=1, neck_size=2.0), MeshSettings(order=2, neck_size=2.0)]
     with pytest.raises(ConvergenceError, match="leaves natural_frequency_hz uncertain by"):
-        refine(build, ladder, accuracy=1e-6)
+        refine(build, meshes, accuracy=1e-6)
     with pytest.raises(ModelError, match="must lie between 0 and 1"):
-        refine(build, ladder, accuracy=0.0)
+        refine(build, meshes, accuracy=0.0)
     with pytest.raises(ModelError, match="unknown quantity 'frequency'"):
-        refine(build, ladder, accuracy=0.1, quantity="frequency")
+        refine(build, meshes, accuracy=0.1, quantity="frequency")
     with pytest.raises(ModelError, match="gives no hysteresis_loop_width"):
-        refine(build, ladder, accuracy=0.1, quantity="hysteresis_loop_width")
+        refine(build, meshes, accuracy=0.1, quantity="hysteresis_loop_width")
     with pytest.raises(ModelError, match="order of a mesh must be 1 to 8, got 9"):
         MeshSettings(order=9)
 
@@ -83,7 +83,7 @@ def test_what_cannot_be_reached_is_said() -> None:
 def test_progress_never_goes_back() -> None:
     told: list[tuple[str, float]] = []
     with progress.listen(lambda what, done: told.append((what, done))):
-        refine(lambda s: plane_model(STAGE, s), LADDERS["plane"], accuracy=5e-3)
+        refine(lambda s: plane_model(STAGE, s), REFINEMENT_MESHES["plane"], accuracy=5e-3)
     done = [share for _, share in told]
     assert done == sorted(done)
     assert 0.0 <= done[0] <= done[-1] <= 1.0

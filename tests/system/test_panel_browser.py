@@ -190,7 +190,9 @@ def test_a_stage_is_designed_in_the_page(tmp_path: Path) -> None:
         page.locator(".drawings svg").nth(1).wait_for()
         # what is too thin to be cut is said, and marked on the drawing
         page.get_by_label("Value of leg.notch.neck_thickness").fill("0.15")
-        page.locator(".issue", has_text="less than the thinnest that can be cut").first.wait_for()
+        page.locator(
+            ".issue", has_text="below the minimum neck of the manufacturing process"
+        ).first.wait_for()
         settled(page)
         look.require_sound("design-compared")
         with page.expect_download() as waiting:

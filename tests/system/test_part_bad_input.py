@@ -107,10 +107,10 @@ def test_several_solids(tmp_path: Path) -> None:
     assert sorted(mesh.GetMaterials()) == sorted(both.bodies)
     held = both.boundary(both.select("x", "min"))
     end = both.boundary(both.select("x", "max"))
-    omega, _ = Bodies(mesh, of, order=2, held=held).modes(1)
+    omega, _ = Bodies(mesh, of, order=2, fixed=held).modes(1)
     assert 2e3 < omega[0] / (2.0 * math.pi) < 2e4
     with pytest.raises(ModelError, match="has no material"):
-        Bodies(mesh, {both.bodies[0]: STEEL}, order=1, held=held)
+        Bodies(mesh, {both.bodies[0]: STEEL}, order=1, fixed=held)
     assert end != held
 
 
@@ -177,7 +177,7 @@ def test_faces_by_name_by_point_and_by_axis(clamped: Part) -> None:
 def test_faces_of_a_mesh_are_those_of_the_part(clamped: Part) -> None:
     mesh = clamped.mesh(PartMesh(order=3, curvature=2.0))
     assert set(mesh.GetBoundaries()) == {face.name for face in clamped.faces}
-    body = Continuum(mesh, STEEL, order=1, held="clamp")
+    body = Continuum(mesh, STEEL, order=1, fixed="clamp")
     # all areas, to the mesh's curved sides
     for face in clamped.faces:
         found = body.measure(boundary=clamped.boundary(face.name))
@@ -189,7 +189,7 @@ def test_a_face_that_looks_inwards_is_no_end() -> None:
     ball = occ.Sphere((0, 0, 0), 4.0) - occ.Box((-5, -5, -5), (5, 5, 0))
     part = Part.from_shape(ball.solids[0])
     assert len(part.select("z", "min")) == 1
-    with pytest.raises(StageError, match=r"looks along \+z"):
+    with pytest.raises(StageError, match=r"with its normal along \+z"):
         part.select("z", "max")
 
 
@@ -212,7 +212,7 @@ def test_a_mesher_that_breaks_down_says_so_in_one_sentence(
     # a step of 0.1 um: the mesher writes outside its memory
     shape = plate() + occ.Cylinder((10, 5, 3.5), occ.Z, 3, 1e-4)
     part = Part.from_shape(shape.solids[0], source="'sliver.step'")
-    with pytest.raises(ModelError, match=r"broke down \((signal|status) \d+") as caught:
+    with pytest.raises(ModelError, match=r"crashed \((signal|status) \d+") as caught:
         part.mesh(PartMesh(order=1, thin=0.0), limit=60.0)
     assert one_sentence(str(caught.value))
     assert "'sliver.step': its narrowest face" in str(caught.value)
@@ -222,7 +222,9 @@ def test_a_mesher_that_breaks_down_says_so_in_one_sentence(
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of computing time")
 def test_a_mesher_without_end_is_given_up() -> None:
     part = Part.from_shape(plate(), source="'plate.step'")
-    with pytest.raises(ModelError, match=r"came to no end in 1 s of computing on 'plate") as caught:
+    with pytest.raises(
+        ModelError, match=r"did not finish within 1 s of computing time on 'plate"
+    ) as caught:
         part.mesh(PartMesh(order=1, size=0.15e-3, thin=0.0), limit=1.0)
     assert one_sentence(str(caught.value))
 
@@ -316,10 +318,10 @@ def test_interfaces_that_are_not_held_as_they_must_be() -> None:
     part = Part.from_shape(plate())
     ends = [part.boundary(part.select("x", end)) for end in ("max", "min")]
     mesh = part.mesh(PartMesh(order=1, thin=0.0))
-    clamped = Continuum(mesh, STEEL, order=2, held=ends[1])
-    with pytest.raises(ModelError, match="must be among the held boundaries"):
+    clamped = Continuum(mesh, STEEL, order=2, fixed=ends[1])
+    with pytest.raises(ModelError, match="must be among the fixed boundaries"):
         interface_stiffness(clamped, *ends)
-    with pytest.raises(ModelError, match="hangs free"):
+    with pytest.raises(ModelError, match="the part must be free"):
         interface_stiffness(clamped, *ends, rigid=False)
     with pytest.raises(ModelError, match="no part called 'lid'"):
         interface_stiffness(clamped, "lid", ends[1])
@@ -342,7 +344,7 @@ def test_interfaces_of_a_bar_are_those_of_a_beam() -> None:
     beam = {0: e * b * h / length, 2: 12.0 * e * inertia / length**3 / (1.0 + shear)}
     free = Continuum(mesh, STEEL, order=3, shift=(2e3 * math.pi) ** 2)
     mean = interface_stiffness(free, *ends, at=at, rigid=False)
-    held = Continuum(mesh, STEEL, order=3, held="|".join(ends))
+    held = Continuum(mesh, STEEL, order=3, fixed="|".join(ends))
     rigid = interface_stiffness(held, *ends, at=at)
     for k, expected in beam.items():
         assert mean[k, k] == pytest.approx(expected, rel=2e-3)

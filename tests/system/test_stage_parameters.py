@@ -295,8 +295,8 @@ def test_mirror_images_that_cannot_be_are_refused(old: str, new: str, sentence: 
 @pytest.mark.parametrize(
     ("entry", "sentence"),
     [
-        ("{of: [bar], count: 3}", "a pattern has either 'turn' or 'step'"),
-        ("{of: [bar], count: 3, turn: 3 deg, step: [1, 2]}", "has either 'turn' or 'step'"),
+        ("{of: [bar], count: 3}", "a pattern needs either 'turn' or 'step'"),
+        ("{of: [bar], count: 3, turn: 3 deg, step: [1, 2]}", "needs either 'turn' or 'step'"),
         ("{of: [bar], count: 1, step: [1, 2]}", "a whole number from 2 to 1000"),
         (
             "{of: [bar], count: 3, step: [1, 2], rename: {bar: [b]}}",

@@ -105,5 +105,5 @@ def test_words_that_set_nothing_are_refused(capsys: pytest.CaptureFixture[str]) 
 def test_the_name_of_a_design_is_no_parameter(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_text(FILE)
-    with pytest.raises(StageError, match="'based_on' of a design is no parameter"):
+    with pytest.raises(StageError, match="'based_on' of a design is not a parameter"):
         find_stage(path, {"based_on": "vgtu-mechanical"})

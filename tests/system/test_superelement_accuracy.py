@@ -16,10 +16,10 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
-from flexstage.fem.accuracy import fewer_modes
 from flexstage.fem.condensation import condense
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.substructure import cut_free
+from flexstage.fem.superelement import fewer_modes
 from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.studies.models import run_model

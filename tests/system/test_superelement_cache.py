@@ -97,7 +97,7 @@ def test_truncated_and_foreign_files_are_seen(tmp_path: Path) -> None:
 def test_a_damaged_body_is_built_again(tmp_path: Path) -> None:
     stage = hinged_bars()
     first = superelement_model(stage, COARSE, cache=fresh(tmp_path))
-    assert first.built == ("block", "lying", "standing")
+    assert first.newly_condensed == ("block", "lying", "standing")
     path = sorted(tmp_path.glob("*.arrays"))[1]
     for damage in ("flipped", "short", "empty"):
         data = bytearray(path.read_bytes())
@@ -105,8 +105,8 @@ def test_a_damaged_body_is_built_again(tmp_path: Path) -> None:
             data[len(data) // 2] ^= 0x10
         path.write_bytes({"flipped": bytes(data), "short": data[:-7], "empty": b""}[damage])
         again = superelement_model(stage, COARSE, cache=fresh(tmp_path))
-        assert len(again.built) == 1, damage
-        assert superelement_model(stage, COARSE, cache=fresh(tmp_path)).built == ()
+        assert len(again.newly_condensed) == 1, damage
+        assert superelement_model(stage, COARSE, cache=fresh(tmp_path)).newly_condensed == ()
         np.testing.assert_array_equal(again.system.K, first.system.K)
 
 
@@ -124,7 +124,7 @@ def test_only_changed_bodies_are_built_and_copies_once(
     # the two legs are copies
     assert len(calls) == len(stage.bodies) - 1 == 3
     warm = superelement_model(stage, COARSE, cache=tmp_path)
-    assert (len(calls), warm.built) == (3, ())
+    assert (len(calls), warm.newly_condensed) == (3, ())
     np.testing.assert_array_equal(warm.system.K, model.system.K)
     assert warm.system.stress is not None
     assert model.system.stress is not None
@@ -132,7 +132,7 @@ def test_only_changed_bodies_are_built_and_copies_once(
     np.testing.assert_array_equal(
         warm.system.stress.components(q), model.system.stress.components(q)
     )
-    assert superelement_model(stage, COARSE, cache=False).built == model.built
+    assert superelement_model(stage, COARSE, cache=False).newly_condensed == model.newly_condensed
     assert len(calls) == 6
 
 
@@ -140,7 +140,7 @@ def test_the_first_figures_and_those_from_disk_are_the_same(tmp_path: Path) -> N
     stage = hinged_bars()
     built = superelement_model(stage, COARSE, cache=fresh(tmp_path))
     read = superelement_model(stage, COARSE, cache=fresh(tmp_path))
-    assert (built.built, read.built) == (("block", "lying", "standing"), ())
+    assert (built.newly_condensed, read.newly_condensed) == (("block", "lying", "standing"), ())
 
     def everything(model: SuperelementModel) -> list[np.ndarray]:
         s = model.system
@@ -330,7 +330,7 @@ def test_a_stage_is_analysed_without_a_cache(
     with caplog.at_level(logging.WARNING):
         model = superelement_model(hinged_bars(), COARSE, cache=fresh(directory))
     assert modes(model.system, count=1).frequency_hz[0] > 100.0
-    assert len(model.built) == 3
+    assert len(model.newly_condensed) == 3
     # said once, not for each body
     (said,) = (r.getMessage() for r in caplog.records)
     assert "cannot be written" in said
@@ -343,9 +343,11 @@ def test_a_directory_that_is_only_read(tmp_path: Path) -> None:
     superelement_model(hinged_bars(), COARSE, cache=fresh(tmp_path))
     tmp_path.chmod(0o500)
     try:
-        assert superelement_model(hinged_bars(), COARSE, cache=fresh(tmp_path)).built == ()
+        assert (
+            superelement_model(hinged_bars(), COARSE, cache=fresh(tmp_path)).newly_condensed == ()
+        )
         other = superelement_model(hinged_bars(), COARSE, modes=1, cache=fresh(tmp_path))
-        assert len(other.built) == 3
+        assert len(other.newly_condensed) == 3
     finally:
         tmp_path.chmod(0o700)
 

@@ -87,7 +87,7 @@ def _result(recognised: "DrawnStage", files: list[Path]) -> dict[str, Any]:
             for hinge, neck in zip(stage.hinges, recognised.necks, strict=True)
         ],
         "blanks": list(recognised.blanks),
-        "left_out": dict(recognised.left_out),
+        "left_out": dict(recognised.excluded),
         "files": [str(f) for f in files],
     }
 
@@ -103,8 +103,8 @@ def _print(recognised: "DrawnStage", files: list[Path]) -> None:
     )
     display_table(screen, necks_table(recognised, caption))
     notes = []
-    if recognised.left_out:
-        ignored = ", ".join(f"{n} x {kind}" for kind, n in recognised.left_out)
+    if recognised.excluded:
+        ignored = ", ".join(f"{n} x {kind}" for kind, n in recognised.excluded)
         notes.append(f"ignored in the drawing: {ignored}")
     if recognised.blanks:
         notes.append(f"not stated in the drawing: {', '.join(recognised.blanks)}")

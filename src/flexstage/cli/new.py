@@ -66,7 +66,7 @@ def new(
         files = [] if folder is None else _draw(stages, folder)
         _list(PARAMETER_SETS, stages, files, json=json)
         return
-    from flexstage.stage.designs.template import design_text, spelled_out_text
+    from flexstage.stage.designs.source import design_text, spelled_out_text
 
     name = known_design(design)
     path = stage_file(out, f"{name}.yaml", force=force)

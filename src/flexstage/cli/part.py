@@ -108,11 +108,11 @@ def _print_analysis(screen: "Console", analysis: "PartAnalysis") -> None:
 
     from flexstage.quantities.quantity import number
 
-    support = f"fixed at {', '.join(analysis.held)}" if analysis.held else "free"
+    support = f"fixed at {', '.join(analysis.fixed)}" if analysis.fixed else "free"
     kinds = list(analysis.results)
     count = max(len(r.frequency_hz) for r in analysis.results.values())
     if count:
-        columns = kinds if analysis.held else ["frequency"]
+        columns = kinds if analysis.fixed else ["frequency"]
         rows = (
             (k + 1, *(number(float(r.frequency_hz[k])) for r in analysis.results.values()))
             for k in range(count)

@@ -1,7 +1,7 @@
 """Finite elements of a meshed part: exact shapes, linear elasticity, stress, finite displacements.
 
-The elements, the mesher and the factorisation are NGSolve's and Netgen's; what stands here gives
-them the words of an engineer, SI units, and loads and readings as plain arrays.
+The elements, the mesher and the factorisation are NGSolve's and Netgen's; this room adds an
+engineer's terms, SI units, and loads and readings as plain arrays.
 """
 
 from typing import TYPE_CHECKING
@@ -10,8 +10,13 @@ from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
     from flexstage.elasticity.continuum import AttachedMass, Continuum
-    from flexstage.elasticity.large_displacement import follow_drive, follow_load
-    from flexstage.elasticity.loaded import buckling, stress_stiffening, von_mises
+    from flexstage.elasticity.loaded import (
+        buckling,
+        follow_drive,
+        follow_load,
+        stress_stiffening,
+        von_mises,
+    )
     from flexstage.elasticity.resources import parallel
     from flexstage.elasticity.shapes import face
 

@@ -26,17 +26,17 @@ _TURNS = {2: [(0, 1)], 3: [(1, 2), (2, 0), (0, 1)]}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttachedMass:
-    """Something heavy that rides on a part and does not stiffen it."""
+    """A mass attached to a part that does not stiffen it."""
 
     motion: Array
-    """Its motions for each degree of freedom of the part, one a row [m or rad], shape (k, n)."""
+    """Motions for each degree of freedom of the part, one a row [m or rad], shape (k, n)."""
     inertia: Array
     """Mass or moment of inertia for each motion [kg or kg m^2], shape (k,)."""
 
 
-def inverse_of(form: ng.BilinearForm, kept: Any) -> ng.BaseMatrix:
-    """Factorise a condensed form in the unknowns that are kept; interiors of elements come back."""
-    inverse = form.mat.Inverse(kept, "sparsecholesky")
+def inverse_of(form: ng.BilinearForm, retained: Any) -> ng.BaseMatrix:
+    """Factorise a condensed form in its retained unknowns, with recovery of element interiors."""
+    inverse = form.mat.Inverse(retained, "sparsecholesky")
     one = ng.IdentityMatrix(form.space.ndof)
     outwards, inwards = one + form.harmonic_extension, one + form.harmonic_extension_trans
     return outwards @ inverse @ inwards + form.inner_solve
@@ -59,25 +59,26 @@ class Continuum:
     order : int
         Polynomial order of the displacement.
     thickness : float, optional
-        Thickness of a plane part [m]; for three dimensions leave it out.
+        Thickness of a plane part [m]; None in three dimensions.
     strain : str
         Regular expression of the regions in plane strain; the others are in plane stress.
-    held : str
-        Regular expression of the boundaries that are held.
-    held_components : Mapping
-        Regular expression of the boundaries that are held in one direction, by ``x``, ``y``, ``z``.
+    fixed : str
+        Regular expression of the fixed boundaries.
+    fixed_components : Mapping
+        Regular expression of the boundaries that are fixed in one direction, by ``x``, ``y``,
+        ``z``.
     copies : int
-        How often the meshed part is there: 2 where a half stands for a whole that is symmetric, or
-        the opposite, about a plane. Stiffness, mass and volume forces are those of the whole.
+        Number of copies of the meshed part: 2 where a half represents a part that is symmetric or
+        antisymmetric about a plane. Stiffness, mass and volume forces are those of the whole.
     shift : float
-        Adds this multiple of the mass matrix to the stiffness [rad^2/s^2], so that a part that
-        nothing holds can be solved; its modes are found all the same.
+        Adds this multiple of the mass matrix to the stiffness [rad^2/s^2], so that a free part can
+        be solved; its modes are still found.
 
     Raises
     ------
     ModelError
-        The thickness does not go with the dimension of the mesh, nothing holds the part and there
-        is no shift, or the stiffness cannot be factorised.
+        The thickness does not suit the dimension of the mesh, the part is free without a shift, or
+        the stiffness cannot be factorised.
 
     Notes
     -----
@@ -93,14 +94,14 @@ class Continuum:
         order: int,
         thickness: float | None = None,
         strain: str = "",
-        held: str = "",
-        held_components: Mapping[str, str] | None = None,
+        fixed: str = "",
+        fixed_components: Mapping[str, str] | None = None,
         copies: int = 1,
         shift: float = 0.0,
     ) -> None:
         if (thickness is None) != (mesh.dim == 3):
             raise ModelError(
-                "a plane mesh needs a thickness, and a mesh in three dimensions takes none"
+                "a plane mesh needs a thickness, and a mesh in three dimensions must have none"
             )
         self.mesh = mesh
         self.material = material
@@ -109,7 +110,7 @@ class Continuum:
         self.thickness = thickness
         self.shift = shift
         self._matrices: dict[str, Any] = {}  # stiffness and mass, whatever holds the part
-        self._hold(held, held_components or {})
+        self._set_supports(fixed, fixed_components or {})
         modulus, poisson = material.youngs_modulus, material.poissons_ratio
         self.shear_modulus = modulus / (2.0 * (1.0 + poisson))
         first = modulus * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
@@ -131,22 +132,22 @@ class Continuum:
         self._volume = self._measure / METRE**2
         self._density: Any = self._volume * material.density
 
-    def _hold(self, held: str, held_components: Mapping[str, str]) -> None:
-        parts = {f"dirichlet{c}": names for c, names in held_components.items()}
-        self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=held, **parts)
+    def _set_supports(self, fixed: str, fixed_components: Mapping[str, str]) -> None:
+        parts = {f"dirichlet{c}": names for c, names in fixed_components.items()}
+        self.space = ng.VectorH1(self.mesh, order=self.order, dirichlet=fixed, **parts)
         self.size: int = self.space.ndof
         self.free = np.array(self.space.FreeDofs(), dtype=bool)
         self._solver: ng.BaseMatrix | None = None
 
-    def held_otherwise(
-        self, held: str = "", held_components: Mapping[str, str] | None = None
+    def with_supports(
+        self, fixed: str = "", fixed_components: Mapping[str, str] | None = None
     ) -> "Continuum":
-        """Return the same part, held in another way, as the initialiser says.
+        """Return the same part with other supports, as in the initialiser.
 
-        What does not depend on that is assembled once for both, while either is in use.
+        Matrices that do not depend on them are assembled once for both, while either is in use.
         """
         other = copy(self)
-        other._hold(held, held_components or {})
+        other._set_supports(fixed, fixed_components or {})
         return other
 
     # ------------------------------------------------------------------ matrices
@@ -168,12 +169,12 @@ class Continuum:
         return form
 
     def factorise(self) -> None:
-        """Assemble and factorise the stiffness; `solve` does it where it was not done.
+        """Assemble and factorise the stiffness; `solve` does so if necessary.
 
         Raises
         ------
         ModelError
-            Nothing holds the part, or the stiffness cannot be factorised.
+            The part is free, or the stiffness cannot be factorised.
         """
         if self._solver is not None:
             return
@@ -190,9 +191,9 @@ class Continuum:
                 self._matrices["stiffness"] = form
             # kept, as the operators refer to it
             form = self._matrices["stiffness"]
-            kept = self.space.FreeDofs(True)
+            retained = self.space.FreeDofs(True)
             progress.update("factorisation", 0.5)
-            self._solver = inverse_of(form, kept)
+            self._solver = inverse_of(form, retained)
             self._right = form.mat.CreateColVector()
             self._left = form.mat.CreateColVector()
 
@@ -253,7 +254,7 @@ class Continuum:
         Raises
         ------
         ModelError
-            Nothing holds the part, or the solution is not finite.
+            The part is free, or the solution is not finite.
         """
         self.factorise()
         assert self._solver is not None
@@ -262,10 +263,10 @@ class Continuum:
         with parallel():
             self._right.FV().NumPy()[:] = np.where(self.free, load, 0.0)
             self._left.data = self._solver * self._right
-        found = self._left.FV().NumPy().copy()
-        if not np.isfinite(found).all():
-            raise ModelError("the stiffness is singular: a part of the mesh is held by nothing")
-        return found
+        solution = self._left.FV().NumPy().copy()
+        if not np.isfinite(solution).all():
+            raise ModelError("the stiffness is singular: a part of the mesh is unconstrained")
+        return solution
 
     def modes(
         self,
@@ -282,9 +283,9 @@ class Continuum:
         count : int
             How many.
         attached : sequence of AttachedMass
-            What rides on the part.
+            Masses attached to the part.
         respond : callable, optional
-            Displacement under a load, where more holds the part than `solve` knows of.
+            Displacement under a load, where the part has more constraints than for `solve`.
         tolerance : float
             Relative tolerance of the eigenvalues.
 
@@ -349,8 +350,8 @@ class Continuum:
     def _vector(self, direction: Sequence[float] | ng.CoefficientFunction) -> object:
         if isinstance(direction, ng.CoefficientFunction):
             return direction
-        given = tuple(float(c) for c in direction)[: self.dimension]
-        return ng.CoefficientFunction(given + (0.0,) * (self.dimension - len(given)))
+        components = tuple(float(c) for c in direction)[: self.dimension]
+        return ng.CoefficientFunction(components + (0.0,) * (self.dimension - len(components)))
 
     def measure(self, *, boundary: str = "", region: str = "") -> float:
         """Return the length or area of boundaries, or the area or volume of regions.
@@ -370,7 +371,7 @@ class Continuum:
         Raises
         ------
         ModelError
-            Nothing has such a name.
+            There is no such name.
         """
         where = self.mesh.Boundaries(boundary) if boundary else self.mesh.Materials(region)
         total = float(ng.Integrate(ng.CoefficientFunction(1.0), self.mesh, definedon=where))
@@ -386,7 +387,8 @@ class Continuum:
     ) -> Array:
         r"""Return the mean of a displacement over a boundary, :math:`\int w\,d^T u / \int w`.
 
-        The same vector is the load of a unit force along `direction` that is spread as `weight`.
+        The same vector is the load of a unit force along `direction` that is distributed as
+        `weight`.
 
         Parameters
         ----------
@@ -405,7 +407,7 @@ class Continuum:
         Raises
         ------
         ModelError
-            Nothing has such a name, or the weight is nothing there.
+            There is no such name, or the integral of the weight is zero.
         """
         self.measure(boundary=boundary)
         where = self.mesh.Boundaries(boundary)
@@ -416,7 +418,7 @@ class Continuum:
         return self._linear(integral * ng.ds(boundary, bonus_intorder=2)) / total
 
     def force(self, region: str, density: Sequence[float] | ng.CoefficientFunction) -> Array:
-        """Return the load of a force that is spread over regions.
+        """Return the load of a force that is distributed over regions.
 
         Parameters
         ----------
@@ -455,8 +457,7 @@ class Continuum:
     def thermal(self, change: ng.CoefficientFunction | float) -> Array:
         r"""Return the load of a change of temperature, :math:`\int\alpha T\,(C:I):\varepsilon(v)`.
 
-        In plane strain the thickness counts as free to grow with the temperature: only the strain
-        beyond that is held at nothing.
+        In plane strain the thickness is free to expand: only the strain beyond that is zero.
 
         Parameters
         ----------
@@ -510,8 +511,8 @@ class Continuum:
 
         def over(fields: Sequence[ng.CoefficientFunction | float]) -> Array:
             # together, as going over the elements takes longer than the fields
-            given = ng.CoefficientFunction(tuple(fields))
-            return np.array(ng.Integrate(given, self.mesh, definedon=where, order=exact))
+            function = ng.CoefficientFunction(tuple(fields))
+            return np.array(ng.Integrate(function, self.mesh, definedon=where, order=exact))
 
         volume, *firsts = over([1.0, *x])
         if volume <= 0.0:
@@ -555,7 +556,7 @@ class Continuum:
         """
         place = [c * METRE for c in at]
         if not self.mesh.Contains(*place):
-            raise ModelError(f"there is no material at {tuple(at)} m, so nothing moves there")
+            raise ModelError(f"there is no material at {tuple(at)} m, so there is no displacement")
         mapped = self.mesh(*place)
         element = self.mesh[ng.ElementId(ng.VOL, mapped.nr)]
         row = np.zeros(self.size)
@@ -597,7 +598,7 @@ class Continuum:
         u : numpy.ndarray
             Displacements, shape (n,).
         change : ngsolve.CoefficientFunction or float
-            Change of temperature that goes with them [K].
+            Change of temperature with them [K].
 
         Returns
         -------

@@ -1,7 +1,7 @@
-"""Work in a process of its own: a library that ends its process there ends nothing else.
+"""Calls in a process of their own, so that a library that aborts does not end the program.
 
-`python -P own_process.py GIVEN ANSWER` is that process. It imports nothing of the package before
-it knows what to do.
+`python -P own_process.py ARGUMENTS RESULT` is that process. It imports nothing of the package
+before it has read its task.
 """
 
 import os
@@ -20,23 +20,23 @@ _WAITS = 3.0  # time on the clock, in times of the computing time, before a proc
 
 
 class BrokenDownError(Exception):
-    """The process ended before it had answered; the text says how, as in "it broke down"."""
+    """The process ended without a result; the text is a predicate, such as "crashed"."""
 
 
 def in_own_process(
     work: Callable[..., Any],
-    *given: Any,
+    *arguments: Any,
     seconds: float | None = None,
     memory: float | None = None,
 ) -> Any:
-    """Return what a function of a module gives, called in a process of its own on one thread.
+    """Return the result of a function of a module, called in a process of its own on one thread.
 
-    What the function is given, returns and raises is pickled; what it prints is dropped. It may
-    take so much computing time [s] and memory [byte], where the system can tell.
+    Arguments, result and exceptions are pickled; its output is discarded. Computing time [s] and
+    memory [byte] are limited, where the system can do so.
     """
     with tempfile.TemporaryDirectory() as folder:
         task, answer = Path(folder) / "given", Path(folder) / "answer"
-        task.write_bytes(pickle.dumps((seconds, memory, pickle.dumps((work, given)))))
+        task.write_bytes(pickle.dumps((seconds, memory, pickle.dumps((work, arguments)))))
         one = {f"{name}_NUM_THREADS": "1" for name in ("NGS", "OMP", "OPENBLAS", "MKL")}
         try:
             ended = subprocess.run(
@@ -62,21 +62,21 @@ def in_own_process(
 
 def _ending(status: int, seconds: float | None) -> str:
     if seconds is not None and status == -_signal("SIGXCPU"):
-        return f"came to no end in {seconds:.0f} s of computing"
+        return f"did not finish within {seconds:.0f} s of computing time"
     if status == -_signal("SIGKILL"):
-        return "was killed, as the system does where memory ends,"
+        return "was killed, probably for lack of memory,"
     try:
-        return f"broke down (signal {-status}, {signal.Signals(-status).name})"
+        return f"crashed (signal {-status}, {signal.Signals(-status).name})"
     except ValueError:
-        return f"broke down (status {status})"
+        return f"crashed (status {status})"
 
 
 def _signal(name: str) -> int:
     return int(getattr(signal, name, 1 << 30))  # one that no process ends by, where there is none
 
 
-def _main(given: str, answer: str) -> None:
-    seconds, memory, task = pickle.loads(Path(given).read_bytes())
+def _main(arguments_path: str, answer: str) -> None:
+    seconds, memory, task = pickle.loads(Path(arguments_path).read_bytes())
     if sys.platform != "win32":
         import resource
 
@@ -90,7 +90,7 @@ def _main(given: str, answer: str) -> None:
     try:
         work, arguments = pickle.loads(task)
         result = (True, work(*arguments))
-    except Exception as error:  # noqa: BLE001 - whoever asked is told of any
+    except Exception as error:  # noqa: BLE001 - the caller receives any
         if type(error).__module__ == "builtins":  # raised by mistake, and to be found there
             error.add_note(traceback.format_exc())
         result = (False, error)

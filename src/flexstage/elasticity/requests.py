@@ -1,4 +1,4 @@
-"""What is asked of a part that was drawn elsewhere; here, where nothing is loaded to know it."""
+"""The request for an analysis of a part from a STEP file; it needs no finite elements."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
@@ -8,7 +8,7 @@ from flexstage.files.ranges import POSITIVE, Range, Whole, Written
 from flexstage.files.request import Request
 from flexstage.quantities.units import Length, parse
 
-#: What a part is made of where nothing is said.
+#: Default material of a part.
 DEFAULT_MATERIAL = "Al 7075-T6"
 
 
@@ -38,7 +38,7 @@ def _write_ratio(groups: tuple[tuple[str, ...], ...]) -> str:
     return ":".join(",".join(names) for names in groups)
 
 
-#: Faces by name; ``x-min``, ``z-max`` and so on stand for the plane faces at that end of a part.
+#: Faces by name; ``x-min``, ``z-max`` and so on are the plane faces at that end of a part.
 Faces = Annotated[tuple[str, ...], Written("FACES", commas=True)]
 _Point = Annotated[tuple[float, ...], Written("X,Y,Z", read=_read_point, write=_write_point)]
 _Ratio = Annotated[
@@ -77,8 +77,8 @@ class PartRequest(Request):
     the drive is computed, with one end fixed.
     """
     interfaces: Literal["rigid", "mean", "both"] = "both"
-    """Fixed, moved and pushed faces are rigid, or deform and count by their mean motion, fixed and
-    moved ones by that of each group that touches.
+    """Fixed, moved and pushed faces are rigid, or deformable with their mean motion prescribed,
+    fixed and moved ones for each group that touches.
     """
     order: Annotated[int, Range(low=0, high=8)] = 3
     """Order of the elements; 0 lists the faces only."""

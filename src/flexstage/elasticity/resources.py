@@ -1,4 +1,4 @@
-"""What this computer has left: cores for as many threads, and memory, asked before it is taken."""
+"""Free resources of this computer: idle cores for threads, and available memory."""
 
 import math
 import os
@@ -10,14 +10,14 @@ from pathlib import Path
 from flexstage.base.errors import ModelError
 
 _WATCHED = 0.1  # shortest time over which the use of the cores is counted [s]
-_KEPT = 1.0  # what was counted is asked for again after this time [s]
+_VALID = 1.0  # counts are renewed after this time [s]
 _OLD = 5.0  # what the cores did over a longer time than this does not tell what they do now [s]
 _ROOM = 0.3  # part of a core that others may use while it still counts as free
 _TICK = 1.0 / float(os.sysconf("SC_CLK_TCK")) if hasattr(os, "sysconf") else 0.01
 
 
 def _now() -> tuple[float, float, float]:
-    """Return the time, what this process and its children used of it, and what nobody used [s]."""
+    """Return wall time, computing time of this process and its children, and idle time [s]."""
     return time.monotonic(), sum(os.times()[:4]), _idle()
 
 
@@ -28,15 +28,15 @@ def _cores() -> set[int]:
 
 
 def _idle() -> float:
-    """Return for how long the cores of this process did nothing since the start [s]; else nan."""
+    """Return the idle time of the cores of this process since the start [s]; nan if unknown."""
     mine = {f"cpu{k}" for k in _cores()}
     rows = [line.split() for line in _read("/proc/stat").splitlines()]
-    found = [float(row[4]) + float(row[5]) for row in rows if row and row[0] in mine]
-    return _TICK * sum(found) if found else math.nan
+    idle = [float(row[4]) + float(row[5]) for row in rows if row and row[0] in mine]
+    return _TICK * sum(idle) if idle else math.nan
 
 
 def _quota() -> float:
-    """Return how many cores the control group of this process may use."""
+    """Return the number of cores that the control group of this process may use."""
     words = _read("/sys/fs/cgroup/cpu.max").split()
     return int(words[0]) / int(words[1]) if len(words) == 2 and words[0] != "max" else math.inf
 
@@ -49,12 +49,12 @@ def _read(path: str) -> str:
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return max(1, math.ceil(min(len(_cores()), _quota())))
 
 
 class _Watch:
-    """What was counted last, and whether threads are at work."""
+    """Last counts, and whether threads are active."""
 
     def __init__(self) -> None:
         self.before = _now()
@@ -66,26 +66,26 @@ _watch = _Watch()
 
 
 def free_cores() -> int:
-    """Return how many cores are idle, or used by this process itself: at least one.
+    """Return the number of cores that are idle, or used by this process itself: at least one.
 
-    All that the process may run on count where the system does not tell their use.
+    All cores of the process count where the system does not report their use.
 
     Notes
     -----
-    Validity: Linux. What others use is counted over the time since the last question, at least
-    0.1 s; who begins to compute later is not seen before the next one.
+    Validity: Linux. The use by others is counted over the time since the last call, at least 0.1 s;
+    a program that starts later is not seen before the next call.
     """
     passed = time.monotonic() - _watch.before[0]
-    if _watch.free and passed < _KEPT:
+    if _watch.free and passed < _VALID:
         return _watch.free
     if not _WATCHED < passed < _OLD:
         _watch.before = _now()
         time.sleep(_WATCHED)
     now = _now()
-    wall, own, idle = (b - a for a, b in zip(_watch.before, now, strict=True))
+    wall, used, idle = (b - a for a, b in zip(_watch.before, now, strict=True))
     most = min(float(len(_cores())), _quota())
-    found = most if math.isnan(idle) else min(most, (own + idle) / wall)
-    _watch.before, _watch.free = now, max(1, int(found + _ROOM))
+    cores = most if math.isnan(idle) else min(most, (used + idle) / wall)
+    _watch.before, _watch.free = now, max(1, int(cores + _ROOM))
     return _watch.free
 
 
@@ -93,14 +93,14 @@ def free_cores() -> int:
 def parallel(most: int | None = None) -> Iterator[None]:
     """Let the finite elements in this block use the cores that are free.
 
-    Threads of the finite elements wait by turning in circles. Where other programs want the cores
-    too, such a wait lasts until a thread that was put aside has its turn again, and there are
-    thousands of them: with eight others on two cores two threads took many times as long as one.
+    Threads of the finite elements wait actively. Where other programs use the cores too, such a
+    wait lasts until a suspended thread runs again, and there are thousands of them: with eight
+    others on two cores two threads took many times as long as one.
 
     Parameters
     ----------
     most : int, optional
-        How many threads at most; where not given, what ``NGS_NUM_THREADS`` says in the environment.
+        Largest number of threads; where not given, ``NGS_NUM_THREADS`` of the environment.
 
     Yields
     ------
@@ -111,8 +111,8 @@ def parallel(most: int | None = None) -> Iterator[None]:
         return
     import ngsolve as ng
 
-    given = os.environ.get("NGS_NUM_THREADS", "")
-    limit = most if most is not None else int(given) if given.isdigit() else None
+    setting = os.environ.get("NGS_NUM_THREADS", "")
+    limit = most if most is not None else int(setting) if setting.isdigit() else None
     _watch.active = True
     try:
         ng.SetNumThreads(limit if limit == 1 else min(free_cores(), limit or len(_cores())))
@@ -125,10 +125,10 @@ def parallel(most: int | None = None) -> Iterator[None]:
 # Peak resident memory of `Continuum.factorise` and `Continuum.modes`, less that of the mesh,
 # measured with sparse Cholesky:
 #   triangles, orders 2 to 4, 34 000 to 535 000 unknowns: 1750 to 2010 bytes an unknown;
-#   cubes of tetrahedra, orders 2 to 4, 5 000 to 97 000: 282 to 344 bytes n^(4/3), nearly alike for
-#   all orders (nested dissection of a block, George 1973);
-#   bars of 6 : 2 : 1, orders 3 and 4: 188 and 216 bytes n^(4/3), for which `_shape` says 205;
-#   plates of one layer of prisms, order 3: 6570, order 4: 8470 and 9400 bytes an unknown.
+#   cubes of tetrahedra, orders 2 to 4, 5 000 to 97 000: 282 to 344 bytes n^(4/3), nearly the same
+# for all orders (nested dissection of a block, George 1973); bars of 6 : 2 : 1, orders 3 and 4: 188
+# and 216 bytes n^(4/3), for which `_shape` says 205; plates of one layer of prisms, order 3: 6570,
+# order 4: 8470 and 9400 bytes an unknown.
 _PLANE = 2.0e3
 _BLOCK = 330.0
 _LAYER = 2.35e3
@@ -143,7 +143,7 @@ def memory_needed(
     box: Sequence[float] | None = None,
     layered: bool = False,
 ) -> float:
-    """Estimate the memory that factorisation and modes take.
+    """Estimate the memory for factorisation and modes.
 
     It is in bytes, for `unknowns` degrees of freedom. `box` are the sides of the box about a part
     in three dimensions, in any unit: slender parts need less than a cube, which is taken where it
@@ -151,8 +151,8 @@ def memory_needed(
 
     Notes
     -----
-    Validity: within 25 % of what was measured for triangles, blocks, bars and plates of one layer;
-    parts whose unknowns crowd in a few necks need down to half of it.
+    Validity: within 25 % of measurements for triangles, blocks, bars and plates of one layer;
+    parts with most unknowns in a few necks need down to half of it.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def memory_needed(
 
 
 def _shape(box: Sequence[float] | None) -> float:
-    """Return what a box needs over what a cube of as many unknowns needs.
+    """Return the memory of a box over that of a cube with as many unknowns.
 
     The widest separators, with an area of the two shorter sides, take the square of their unknowns
     each, and the longest side holds as many of them as it is longer than they are wide.
@@ -181,12 +181,13 @@ def _shape(box: Sequence[float] | None) -> float:
 
 
 def memory_available() -> float:
-    """Return the memory that this process may still take [byte]; infinity where nothing tells.
+    """Return the memory that this process may still use [byte]; infinity if unknown.
 
-    It is the least of what the computer has free and what the limits of its control group leave.
+    It is the lesser of the free memory of the computer and the remainder of the limits of its
+    control group.
     """
-    found = [_free_memory(), *_group_limits()]
-    return min(found)
+    limits = [_free_memory(), *_group_limits()]
+    return min(limits)
 
 
 def _free_memory() -> float:
@@ -201,7 +202,7 @@ def _free_memory() -> float:
 
 
 def _group_limits() -> list[float]:
-    """Return what each limit of the control groups that can be seen from inside leaves."""
+    """Return the remainder of each limit of the visible control groups."""
     left = []
     for limit, used in (
         ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
@@ -210,9 +211,9 @@ def _group_limits() -> list[float]:
             "/sys/fs/cgroup/memory/memory.usage_in_bytes",
         ),
     ):
-        most, taken = _read(limit).strip(), _read(used).strip()
-        if most.isdigit() and taken.isdigit():
-            left.append(float(most) - float(taken))
+        most, used_memory = _read(limit).strip(), _read(used).strip()
+        if most.isdigit() and used_memory.isdigit():
+            left.append(float(most) - float(used_memory))
     return left
 
 

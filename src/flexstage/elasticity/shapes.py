@@ -16,7 +16,7 @@ _FLAT = 1e-10
 
 
 def turns_left(points: Sequence[tuple[float, float]], bulges: Sequence[float] = ()) -> bool:
-    """Tell whether a closed line runs counter-clockwise.
+    """Return whether a closed line runs counter-clockwise.
 
     The bulges are as of `face`.
     """

@@ -1,4 +1,4 @@
-"""Reads STEP files by the geometry kernel, and says what is wrong with those that it cannot."""
+"""STEP files by the geometry kernel, with messages on unreadable ones."""
 
 import shutil
 import tempfile
@@ -15,8 +15,8 @@ _MEMORY = (3e9, 5e8)  # memory that it may take, and more for each megabyte [byt
 _MEND = "export it again as AP203 or AP214"
 
 
-def of_step(path: Path, work: Callable[..., Any], *more: Any) -> Any:
-    """Return what a function of a module finds in the shapes of a STEP file.
+def in_step_file(path: Path, work: Callable[..., Any], *more: Any) -> Any:
+    """Return the result of a function of a module for the shapes of a STEP file.
 
     It is called with a shape in millimetres, and `more`, in a process of its own: on a damaged file
     the geometry kernel may end its process, and on its shapes too.
@@ -26,25 +26,24 @@ def of_step(path: Path, work: Callable[..., Any], *more: Any) -> Any:
     data = path.read_bytes()
     if not data.lstrip().startswith(b"ISO-10303-21;"):
         raise StageError(
-            f"'{path}' is not a STEP file: one starts with 'ISO-10303-21;', this with "
+            f"'{path}' is not a STEP file: it must start with 'ISO-10303-21;', but starts with "
             f"{data.lstrip()[:16]!r}"
         )
     if b"END-ISO-10303-21" not in data[-4096:]:
         raise StageError(
-            f"'{path}' ends before its last line 'END-ISO-10303-21;': it was not copied or "
-            "exported whole"
+            f"'{path}' ends before its last line 'END-ISO-10303-21;': the file is incomplete"
         )
     seconds, memory = (base + each * len(data) / 1e6 for base, each in (_SECONDS, _MEMORY))
     try:
-        return in_own_process(_found, path, work, *more, seconds=seconds, memory=memory)
+        return in_own_process(_result_of, path, work, *more, seconds=seconds, memory=memory)
     except BrokenDownError as error:
         raise StageError(
-            f"the geometry kernel {error} on the STEP file '{path}': the file is damaged, or holds "
-            f"what the kernel does not know; {_MEND}"
+            f"the geometry kernel {error} on the STEP file '{path}': the file is damaged, or has "
+            f"content that the kernel does not support; {_MEND}"
         ) from None
 
 
-def _found(path: Path, work: Callable[..., Any], *more: Any) -> Any:
+def _result_of(path: Path, work: Callable[..., Any], *more: Any) -> Any:
     from netgen.meshing import NgException
     from netgen.occ import OCCGeometry
 

@@ -7,15 +7,21 @@ from flexstage.base.errors import NO_FINITE_ELEMENTS, ModelError
 from flexstage.base.lazy import import_on_use
 
 if TYPE_CHECKING:
-    from flexstage.fem.accuracy import LADDERS, Refinement, RefinementStep, refine
     from flexstage.fem.mesh import MeshSettings
     from flexstage.fem.model import StageModel, UncoupledProblem
     from flexstage.fem.stroke import follow_stroke
     from flexstage.fem.superelement import superelement_model
-    from flexstage.fem.whole_stage import plane_model, solid_model
+    from flexstage.fem.whole_stage import (
+        REFINEMENT_MESHES,
+        Refinement,
+        RefinementStep,
+        plane_model,
+        refine,
+        solid_model,
+    )
 
 __all__ = [
-    "LADDERS",
+    "REFINEMENT_MESHES",
     "MeshSettings",
     "Refinement",
     "RefinementStep",

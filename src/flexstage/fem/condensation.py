@@ -1,6 +1,6 @@
 """A body condensed to its interfaces, floating or held: flexibility, modes, stress.
 
-Its interfaces are moved one by one, and the tractions in them tell; its softest modes are found by
+The tractions for unit motions of its interfaces give its stiffness; its softest modes are found by
 block Lanczos iteration.
 """
 
@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import ngsolve as ng
 import numpy as np
@@ -27,16 +28,35 @@ from flexstage.fem.geometry import (
     notch_region,
     stage_faces,
 )
-from flexstage.fem.half_notch import REACH, NotchBlock, neck_tractions, stress_of_necks
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
-from flexstage.fem.mesh import MESHER, sound_mesh
-from flexstage.fem.neck_motions import LOADS, edge_means, motion_rows, neck_mix, neck_motions
+from flexstage.fem.layered_plate import LayeredPlate
+from flexstage.fem.mesh import MESHER, mesh_without_slivers
+from flexstage.fem.necks import (
+    IN_PLANE,
+    LOADS,
+    CutNeck,
+    constraint_matrix,
+    edge_means,
+    neck_mix,
+    neck_motions,
+)
+from flexstage.fem.notch_block import (
+    ENRICHMENT_RADIUS,
+    NECK_POWERS,
+    NotchBlock,
+    neck_stress,
+    neck_tractions,
+)
+from flexstage.fem.plane_integrals import PlaneIntegrals
 from flexstage.fem.stage_system import drive_vector, rigid_regions
-from flexstage.fem.substructure import BODY, CutNeck, PointReading, Substructure
+from flexstage.fem.substructure import BODY, PointReading, Substructure
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.stage import MassProperties, mass_properties
+from flexstage.stage.contour import Root, hinge_root
 
 _STEPS = 60
+_NEAR = 1e-9  # two points are one [m]
+# A body is wider than a root by this much of the root's height, or as good as not.
+_WIDER = 0.5
 _DEPENDENT = 1e-13  # mass that rounding leaves of displacements that others make up
 
 
@@ -56,12 +76,12 @@ def softest_modes(
     mass_times : callable
         Multiplies displacements by the mass matrix.
     start : Array
-        Loads to begin with, shape (n, b), which excite all modes that are wanted.
+        Loads to begin with, shape (n, b), which excite all required modes.
     count : int
         Number of modes.
     settled : float
-        By how much the squares of frequencies may change in the last step, in parts of them. They
-        are off by less than a tenth of it then, as a rule.
+        Largest relative change of the squares of frequencies in the last step. As a rule their
+        error is less than a tenth of it then.
 
     Returns
     -------
@@ -104,37 +124,39 @@ def softest_modes(
         flexible = np.block([[flexible, new[:at]], [new[:at].T, new[at:]]])
         flexible = 0.5 * (flexible + flexible.T)
         if len(flexible) >= count:
-            found = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
-            if np.all(np.abs(found - last) <= settled * found):
+            lowest = 1.0 / np.linalg.eigvalsh(flexible)[: -count - 1 : -1]
+            if np.all(np.abs(lowest - last) <= settled * lowest):
                 values, turn = np.linalg.eigh(flexible)
                 values, turn = values[: -count - 1 : -1], turn[:, : -count - 1 : -1]
                 # by one more iteration than the basis, these are orthogonal in K
                 return 1.0 / values, np.hstack(answers) @ (turn / values)
-            last = found
+            last = lowest
         block, heavy = answer, mass_times(answer)
     raise ConvergenceError(f"the {count} lowest modes were not found in {_STEPS} steps")
 
 
 def independent(mass: Array) -> Array:
-    """Return combinations of displacements with unit mass; dependent ones are left out."""
+    """Return combinations of displacements with unit mass, without dependent ones."""
     size = 1.0 / np.sqrt(np.diag(mass))
     values, vectors = np.linalg.eigh(0.5 * (mass + mass.T) * np.outer(size, size))
-    kept = values > _DEPENDENT * values.max(initial=0.0)
-    return size[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    retained = values > _DEPENDENT * values.max(initial=0.0)
+    return size[:, None] * vectors[:, retained] / np.sqrt(values[retained])
 
 
-_ALIKE = 1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+_COINCIDENT = (
+    1e11  # two interfaces are one if a unit force on both in turn moves them so little apart
+)
 _SPRING = 1e3  # as many times as stiff as the mesh is there
 _SETTLED = 1e-3  # of the squares of frequencies, from one step to the next
 _BLOCK = 8  # loads that the search for modes starts with
 
 
-class Constrained:
+class PrescribedDisplacement:
     r"""A body whose interface motions q = P u are given.
 
-    A floating body is solved for balanced loads alone, up to its rigid motions R, whatever holds
-    it: the flexibility with inertia relief. Interface forces and rigid motion are then found
-    together, with :math:`X = K^+ P^T`, :math:`G = P X`, :math:`A = P R`:
+    A floating body is solved for balanced loads alone, up to its rigid motions R, independently of
+    its supports: the flexibility with inertia relief. Interface forces and rigid motion are then
+    found together, with :math:`X = K^+ P^T`, :math:`G = P X`, :math:`A = P R`:
 
     .. math:: \begin{bmatrix} G & A\\ A^T & 0\end{bmatrix}
               \begin{bmatrix}\lambda\\ a\end{bmatrix}
@@ -174,7 +196,7 @@ class Constrained:
         G = P @ X
         G = 0.5 * (G + G.T)
         A = P @ self._balance[0]
-        # rows scaled alike, and rigid motions like them: metres and radians become comparable
+        # rows and rigid motions scaled equally: metres and radians become comparable
         self._row = 1.0 / np.sqrt(np.diag(G))
         A = A * self._row[:, None]
         if floating and (len(A) < 3 or np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max()) < 3):
@@ -187,16 +209,16 @@ class Constrained:
         none = np.zeros((A.shape[1], A.shape[1]))
         saddle = np.block([[G * np.outer(self._row, self._row), A], [A.T, none]])
         self._saddle = np.linalg.inv(saddle) if len(A) else np.zeros((0, 0))
-        if np.abs(self._saddle).max(initial=0.0) > _ALIKE:
+        if np.abs(self._saddle).max(initial=0.0) > _COINCIDENT:
             raise ModelError(
                 "two drives touch a body at the same place in the same direction, so that their "
-                "patches move alike: move one of them"
+                "patches have the same motion: move one of them"
             )
 
     def loose(self, load: Array) -> Array:
         """Return the response to the balanced part of loads, free of rigid motions.
 
-        Of a body that is held, the response to all of the load.
+        Of a fixed body, the response to the full load.
         """
         rigid, weighted = self._balance
         u = self._factor.solve(load - weighted @ (rigid.T @ load))
@@ -206,8 +228,8 @@ class Constrained:
         """Interface forces and rigid motion that close a gap and balance the loads."""
         m = len(self._row)
         right = np.concatenate((self._row[:, None] * gap, self._column[:, None] * moment))
-        found = self._saddle @ right if m else np.zeros_like(right)
-        return self._row[:, None] * found[:m], self._column[:, None] * found[m:]
+        solution = self._saddle @ right if m else np.zeros_like(right)
+        return self._row[:, None] * solution[:m], self._column[:, None] * solution[m:]
 
     def interface_shapes(self) -> tuple[Array, Array]:
         """Return displacements for unit motions of the interfaces, and the stiffness.
@@ -218,14 +240,14 @@ class Constrained:
         force, rigid = self._multipliers(np.eye(m), np.zeros((self._balance[0].shape[1], m)))
         return self.X @ force + self._balance[0] @ rigid, 0.5 * (force + force.T)
 
-    def held(self, load: Array) -> Array:
-        """Return the response to loads with the interfaces held."""
+    def fixed_response(self, load: Array) -> Array:
+        """Return the response to loads with fixed interfaces."""
         u = self.loose(load)
         force, rigid = self._multipliers(-self.P @ u, -self._balance[0].T @ load)
         return u + self.X @ force + self._balance[0] @ rigid
 
     def modes(self, count: int) -> tuple[Array, Array]:
-        """Return the lowest modes with the interfaces held.
+        """Return the lowest modes with fixed interfaces.
 
         Squares of their angular frequencies [rad^2/s^2], shape (count,), and shapes with these as
         modal stiffness, shape (n, count).
@@ -234,7 +256,7 @@ class Constrained:
             return np.zeros(0), np.zeros((self.part.size, 0))
         mass_times = self.part.mass_times
         start = mass_times(np.random.default_rng(0).standard_normal((self.part.size, _BLOCK)))
-        return softest_modes(self.held, mass_times, start, count, _SETTLED)
+        return softest_modes(self.fixed_response, mass_times, start, count, _SETTLED)
 
     def reduced(self, loads: Array, count: int) -> tuple[Array, Array, int]:
         """Return the coordinates of the body: interfaces, modes, responses to loads inside it.
@@ -250,25 +272,25 @@ class Constrained:
         return np.column_stack((T, modes, U)), stiffness, len(stiff)
 
     def responses(self, loads: Array, squares: Array, modes: Array) -> tuple[Array, Array]:
-        """Return responses to loads with held interfaces, less the part that modes have in them.
+        """Return responses to loads with fixed interfaces, less the contribution of the modes.
 
         Loads are one a row here, shape (k, n). Returns displacements, shape (n, k), and their
         stiffness, shape (k, k).
         """
-        whole = self.held(loads.T)
+        full_response = self.fixed_response(loads.T)
         share = modes.T @ loads.T
         rest = share / squares[:, None]
-        stiff = whole.T @ loads.T - share.T @ rest
-        return whole - modes @ rest, 0.5 * (stiff + stiff.T)
+        stiff = full_response.T @ loads.T - share.T @ rest
+        return full_response - modes @ rest, 0.5 * (stiff + stiff.T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Condensed:
     r"""A body in a few coordinates, :math:`u = T q + \Phi \eta + U p`.
 
-    The coordinates are the motions of its interfaces (those of `Freedom` for each neck, then 1 for
-    each patch), its modes with held interfaces, and its responses to loads inside it with held
-    interfaces.
+    The coordinates are the motions of its interfaces (those of `InterfaceDofs` for each neck, then
+    one for each patch), its modes with fixed interfaces, and its responses to loads inside it with
+    fixed interfaces.
     """
 
     stiffness: Array
@@ -276,9 +298,9 @@ class Condensed:
     mass: Array
     """Mass of the coordinates, shape (r, r)."""
     loads: Array
-    """Forces on the coordinates, shape (l, r), of each of `Freedom.loads` and of a unit force at
-    each reading. So the first three rows are the mean motion of the body at its centre of mass too,
-    in its plane displacement x, y and rotation, and the last ones the readings.
+    """Forces on the coordinates, shape (l, r), of each of `InterfaceDofs.loads` and of a unit force
+    at each reading. So the first three rows are the mean motion of the body at its centre of mass
+    too, in its plane displacement x, y and rotation, and the last ones the readings.
     """
     reactions: Array
     """Forces that hold the interfaces while the other coordinates move, shape (i, r - i)."""
@@ -302,8 +324,8 @@ class Condensed:
     """Elements of the mesh."""
     unknowns: int
     """Unknowns of the mesh."""
-    held: str
-    """What holds the body, in words."""
+    supports: str
+    """Supports of the body, as text."""
 
     @property
     def motion(self) -> Array:
@@ -322,29 +344,29 @@ class Condensed:
 
     @property
     def modes(self) -> slice:
-        """Which coordinates are modes."""
+        """Indices of the coordinates that are modes."""
         return slice(self.interfaces, self.stiffness.shape[0] - len(self.loads))
 
     @property
     def inner(self) -> slice:
-        """Which coordinates are responses to loads inside the body."""
+        """Indices of the coordinates that are responses to loads inside the body."""
         return slice(self.stiffness.shape[0] - len(self.loads), self.stiffness.shape[0])
 
 
 def condense(part: Substructure) -> Condensed:
-    r"""Condense a body of a plate to the mean motions of its necks, as `part.through` has it.
+    r"""Condense a body of a plate to the mean motions of its necks, by `part.through`.
 
     The motions of a neck are those of a beam: along and across its hinge and rotation, in space
     each with the lowest functions through the thickness, and the displacement through the plate and
     its slope over the neck. Each is the mean that does work with its traction, uniform and linear
     along the hinge and parabolic across; with these tractions go others without resultant, of
-    higher powers over the neck and of the other functions, so that the neck stays plane where it
-    must (`flexstage.fem.neck_motions.neck_mix`). With the rows P of these means, the body under
+    higher powers over the neck and of the other functions, so that the neck stays plane where
+    required (`flexstage.fem.necks.neck_mix`). With the rows P of these means, the body under
     interface forces obeys
 
     .. math:: K u = P^T\lambda, \quad P u = q, \quad K_c = \partial\lambda/\partial q
 
-    and `flexstage.fem.condensation.Constrained` solves it, floating bodies as well as held ones.
+    and `PrescribedDisplacement` solves it, for free bodies as well as fixed ones.
 
     The matrices are for the `REFERENCE` material and the thickness of `part.through`.
 
@@ -352,19 +374,19 @@ def condense(part: Substructure) -> Condensed:
     -----
     R. J. Guyan, AIAA J. 3 (1965) 380, and R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313,
     with means in place of single displacements. Validity: exact but for the shape of the traction
-    in the necks, which is that of notches whose two halves are alike for about a neck's thickness.
+    in the necks, which is that of notches whose two halves are equal for about a neck's thickness.
     """
     return condensed_with_shapes(part)[0]
 
 
 def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, Array]:
-    """Condense a body; return besides its unknowns, and their displacement for each coordinate."""
+    """Condense a body; also return its plate, and the displacement for each coordinate."""
     tractions = [_tractions(part, neck) for neck in part.necks] if part.through.in_space else None
     with MESHER:
-        ready = _prepared(part, tractions)
-    plate, loads = ready.plate, ready.loads
+        body_on_mesh = _prepared(part, tractions)
+    plate, loads = body_on_mesh.plate, body_on_mesh.loads
     mixed = None if tractions else partial(_mixed, part, plate.plane.order)
-    body = Constrained(plate, ready.rows, mixed, floating=not part.held)
+    body = PrescribedDisplacement(plate, body_on_mesh.rows, mixed, floating=not part.fixed)
     basis, K, interfaces = body.reduced(loads, part.modes)
     mass = basis.T @ plate.mass_times(basis)
     loads = loads @ basis
@@ -375,17 +397,76 @@ def condensed_with_shapes(part: Substructure) -> tuple[Condensed, LayeredPlate, 
         reactions=reactions(K, mass, loads, interfaces),
         **stress_of_necks(part)._asdict(),
         interfaces=interfaces,
-        inertia=(ready.properties.mass, *ready.properties.centre, ready.properties.inertia),
+        inertia=(
+            body_on_mesh.properties.mass,
+            *body_on_mesh.properties.centre,
+            body_on_mesh.properties.inertia,
+        ),
         elements=int(plate.plane.mesh.ne),
         # of a plane model with those that are held
         unknowns=plate.size if part.through.in_space else 2 * plate.plane.width,
-        held=ready.held,
+        supports=body_on_mesh.supports,
     )
     return condensed, plate, basis
 
 
+class StressOfNecks(NamedTuple):
+    """Stress of all half notches of a body, as in `flexstage.fem.condensation.Condensed`."""
+
+    stress: Array
+    neck: NDArray[np.int64]
+    point: NDArray[np.int64]
+    seam: NDArray[np.int64]
+
+
+def stress_of_necks(part: Substructure) -> StressOfNecks:
+    """Return the stress of the half notches of a body by unit forces on them.
+
+    Effects of a body on a notch beyond these forces are omitted (Saint-Venant).
+    """
+    stage = part.stage()
+    stresses, owner, points, seams, used = [], [], [], [], 0
+    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
+        half = neck_stress(notch_block_of(part, i, hinge_root(stage, hinge, neck.which)))
+        stress = half.of_half(neck.which, neck.direction)
+        levels, places, components, _ = stress.shape
+        level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
+        # the ends of the neck, where the other half begins
+        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
+        stresses.append(stress.reshape(levels * places, components, -1))
+        owner.append(np.full(levels * places, i))
+        points.append((used + half.point + count * level).ravel())
+        seams.append((ends * (level + 1)).ravel())
+        used += count * levels
+    nothing = np.zeros(0, dtype=np.int64)
+    return StressOfNecks(
+        np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
+        *(
+            np.concatenate((nothing, *numbers)).astype(np.int64)
+            for numbers in (owner, points, seams)
+        ),
+    )
+
+
+def notch_block_of(part: Substructure, number: int, root: Root) -> NotchBlock:
+    """Return the half notch at a neck of a body, with its root on it."""
+    neck = part.necks[number]
+    return NotchBlock(
+        profile=neck.profile,
+        wide=any(
+            math.dist(end, corner) > _WIDER * neck.profile.root_height
+            for end, corner in zip(root.ends, root.edge, strict=True)
+        ),
+        plane=neck.plane,
+        through=part.through,
+        mesh=part.mesh,
+        poissons_ratio=part.poissons_ratio,
+        powers=max(part.mesh.order, NECK_POWERS),
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Ready:
+class _MeshedBody:
     """A body on its mesh, before anything is factorised."""
 
     plate: LayeredPlate
@@ -394,18 +475,18 @@ class _Ready:
     loads: Array
     """Loads inside it, shape (l, n)."""
     properties: MassProperties
-    """Its mass."""
-    held: str
-    """What holds it, in words."""
+    """Mass properties of the body."""
+    supports: str
+    """Supports of the body, as text."""
 
 
 @lru_cache(maxsize=2)
 def _meshed(part: Substructure) -> tuple[StageFaces, PlaneIntegrals, list[Array]]:
     """Mesh a body, for all its motions: its faces, integrals over its plane, means over necks."""
     faces = stage_faces(part.stage(), [BODY])
-    mesh = sound_mesh(part.stage(), faces, part.mesh)
+    mesh = mesh_without_slivers(part.stage(), faces, part.mesh)
     plane = PlaneIntegrals(
-        mesh, order=part.mesh.order, held=MOUNTING if part.held else "", strain=_strained(part)
+        mesh, order=part.mesh.order, fixed=MOUNTING if part.fixed else "", strain=_strained(part)
     )
     return faces, plane, edge_means(mesh, part.mesh.order, part.necks)
 
@@ -415,7 +496,7 @@ def _strained(part: Substructure) -> str:
     return either(names)
 
 
-def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
+def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _MeshedBody:
     through, stage = part.through, part.stage()
     in_plane = ThroughThickness(thickness=part.thickness)
     faces, plane, means = _meshed(replace(part, through=in_plane, readings=(), modes=0))
@@ -427,16 +508,18 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             (
                 exactly(notch_region(str(i), n.which)),
                 n.at,
-                n.profile.length / 2.0 + REACH * n.profile.root_height,
+                n.profile.length / 2.0 + ENRICHMENT_RADIUS * n.profile.root_height,
             )
             for i, n in enumerate(part.necks)
         ],
     )
-    passed, rest, _, _ = neck_motions(through, plane.order)
+    motions = neck_motions(through, plane.order).every
     rows = [np.zeros((0, plate.size))]
-    for neck, own, mix in zip(part.necks, means, tractions or [None] * len(means), strict=True):
+    for neck, neck_means, mix in zip(
+        part.necks, means, tractions or [None] * len(means), strict=True
+    ):
         direction = math.cos(neck.direction), math.sin(neck.direction)
-        rows.append(motion_rows(plate, own, (*passed, *rest), direction, mix))
+        rows.append(constraint_matrix(plate, neck_means, motions, direction, mix))
     # the thickness of the part is one for its mesh; it weighs as much as it is thick
     properties = mass_properties(replace(stage, thickness=through.thickness))[BODY]
     motion = plate.motion(rigid_regions(stage, BODY), properties.centre)
@@ -453,17 +536,17 @@ def _prepared(part: Substructure, tractions: Sequence[Array] | None) -> _Ready:
             _reading_row(flat, r, properties.centre, motion, plate.middle) for r in part.readings
         )
         loads = [*motion, *thermal, *readings]
-    return _Ready(
+    return _MeshedBody(
         plate=plate,
         rows=np.concatenate(rows),
         loads=np.array(loads),
         properties=properties,
-        held=faces.held,
+        supports=faces.supports,
     )
 
 
 def _tractions(part: Substructure, neck: CutNeck) -> Array:
-    """Return what makes up each motion of a neck in space: of the half notch alone."""
+    """Return the composition of each motion of a neck in space: of the half notch alone."""
     half = NotchBlock(
         profile=neck.profile,
         wide=False,
@@ -477,8 +560,8 @@ def _tractions(part: Substructure, neck: CutNeck) -> Array:
 
 
 def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
-    """Return what makes up each motion of an interface in a plane model: of the body itself."""
-    each = sum(map(len, neck_motions(part.through, degree)[:2]))
+    """Return the composition of each motion of an interface in a plane model: of the body."""
+    each = len(neck_motions(part.through, degree).every)
     count = len(part.necks)
     blocks = [
         neck_mix(flexibility[each * i :, each * i :], part.through, degree) for i in range(count)
@@ -489,8 +572,8 @@ def _mixed(part: Substructure, degree: int, flexibility: Array) -> Array:
 def reactions(stiffness: Array, mass: Array, loads: Array, interfaces: int) -> Array:
     """Return the forces that hold the interfaces while the other coordinates move.
 
-    A mode is held against its inertia, the response to a load inside the body against the load,
-    less what the modes have of it.
+    A mode needs them against its inertia, the response to a load inside the body against the load,
+    less the contribution of the modes.
     """
     m, inner = interfaces, len(stiffness) - len(loads)
     squares, coupling = np.diag(stiffness)[m:inner], mass[:m, m:inner]
@@ -504,10 +587,10 @@ def _reading_row(
     motion: Array,
     lifted: Callable[[Array], Array],
 ) -> Array:
-    """Displacement of a point, or rotation of the body.
+    """Return the displacement of a point, or the rotation of the body, as a row.
 
-    Where there is no material, it is that of what rides on the mean motion. `lifted` makes a row of
-    the part of one of the plane continuum.
+    Where there is no material, the point follows the mean motion of the body. `lifted` converts a
+    row of the plane continuum to one of the part.
     """
     if reading.direction is None:
         return motion[2]

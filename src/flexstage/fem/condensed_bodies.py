@@ -1,6 +1,7 @@
-"""All bodies of a stage condensed, each once, or found in the cache.
+"""Condensation of all bodies of a stage, each once, or from the cache.
 
-A body whose necks alone become thicker or thinner is made of the known one: the change is local.
+A body of which only the necks become thicker or thinner follows from the known one: the change is
+local.
 """
 
 import math
@@ -18,17 +19,17 @@ from scipy.linalg import block_diag
 from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import HingeError, StageError
-from flexstage.fem.condensation import Condensed, condense
-from flexstage.fem.half_notch import NotchBlock, half_of, neck_response, notch_of
-from flexstage.fem.neck_motions import freedom
-from flexstage.fem.substructure import REFERENCE, Substructure
+from flexstage.fem.condensation import Condensed, condense, notch_block_of
+from flexstage.fem.layered_plate import REFERENCE
+from flexstage.fem.necks import interface_dofs
+from flexstage.fem.notch_block import NotchBlock, neck_response, notch_of
+from flexstage.fem.substructure import Substructure
 from flexstage.files.cache.cache import Cache, open_cache
 from flexstage.files.cache.memory import pack, unpack
 from flexstage.hinges import Profile
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Hinge
-from flexstage.stage.contour import half_notch
-from flexstage.stage.hinge_attachment import TOLERANCE, Root, hinge_root, root_line
+from flexstage.stage.contour import TOLERANCE, Root, half_notch, hinge_root, root_line
 
 # Largest ratio of the thicknesses of a neck; a body with another is condensed anew.
 _FARTHEST = 1.15
@@ -40,22 +41,22 @@ class ChangedNeck:
     """A neck that is thicker or thinner than before."""
 
     number: int
-    """Which of the body's necks."""
+    """Number of the neck of the body."""
     thicker: float
-    """Its thickness over what it was."""
+    """Thickness over the former one."""
     gain: float
     """Mass that half of the notch gains [kg], of the `REFERENCE` material."""
     halves: tuple[NotchBlock, ...]
-    """Half of the notch with a block of the body, with necks from the thinnest to the thickest that
-    is followed; the one in the middle is as it was.
+    """Half of the notch with a block of the body, with necks from the thinnest to the thickest of
+    the family; the one in the middle is unchanged.
     """
 
 
 def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck]:
-    """Return the necks in whose thickness alone two bodies differ; none where there is more.
+    """Return the necks if two bodies differ in their thickness alone; else none.
 
-    Thicknesses that differ by more than is followed are more, too, and so is a neck that does not
-    fit: what is wrong with it is said by who condenses the body anew.
+    There are none either if a thickness is outside the family, or if a neck does not fit: the
+    condensation of the body then reports the error.
     """
     if len(before.necks) != len(after.necks):
         return []
@@ -66,25 +67,25 @@ def changed_necks(before: Substructure, after: Substructure) -> list[ChangedNeck
     if replace(after, necks=same) != before:
         return []
     try:
-        found = [
+        changes = [
             _changed_neck(before, new.profile, i)
             for i, (old, new) in enumerate(zip(before.necks, after.necks, strict=True))
             if old != new
         ]
     except (HingeError, StageError):
         return []
-    return [neck for neck in found if neck is not None] if None not in found else []
+    return [neck for neck in changes if neck is not None] if None not in changes else []
 
 
 def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNeck | None:
-    """Return how a neck changes; nothing where another notch than that is followed."""
+    """Return the change of a neck; None where the family has no such notch."""
     old, thick = before.necks[number].profile, new.neck_thickness
     thicker = thick / old.neck_thickness
     if not 1.0 / _FARTHEST < thicker < _FARTHEST:
         return None
     # the contour moves outward with the neck, or the cut is less deep from a mouth that stays
-    made = _outward if _outward(old, thick) == new else with_neck_thickness
-    if made(old, thick) != new:
+    change_of_profile = _outward if _outward(old, thick) == new else with_neck_thickness
+    if change_of_profile(old, thick) != new:
         return None
     hinge, root = _root(before, number)
     ends = root_line(replace(hinge, profile=new), before.necks[number].which)
@@ -96,7 +97,7 @@ def _changed_neck(before: Substructure, new: Profile, number: int) -> ChangedNec
         number=number,
         thicker=thicker,
         gain=REFERENCE.density * before.through.thickness * (_area(new) - _area(old)),
-        halves=_halves(before, number, made),
+        halves=_halves(before, number, change_of_profile),
     )
 
 
@@ -106,20 +107,22 @@ def _outward(profile: Profile, thickness: float) -> Profile:
 
 @lru_cache(maxsize=1024)
 def _root(part: Substructure, number: int) -> tuple[Hinge, Root]:
-    """Return a hinge of a body and where it grows from it."""
+    """Return a hinge of a body and its root on it."""
     stage = part.stage()
     return stage.hinges[number], hinge_root(stage, stage.hinges[number], part.necks[number].which)
 
 
 @lru_cache(maxsize=1024)
 def _halves(
-    part: Substructure, number: int, made: Callable[[Profile, float], Profile]
+    part: Substructure, number: int, change_of_profile: Callable[[Profile, float], Profile]
 ) -> tuple[NotchBlock, ...]:
     # a wide block for narrow bodies too: its far end is farther from the notch than theirs
-    half = half_of(part, number, _root(part, number)[1])
+    half = notch_block_of(part, number, _root(part, number)[1])
     half = replace(half, wide=True, powers=part.mesh.order)
     old = half.profile
-    profiles = [made(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()]
+    profiles = [
+        change_of_profile(old, math.exp(x) * old.neck_thickness) if x else old for x in _nodes()
+    ]
     # one block for all of them, as wide as the thickest needs
     grows = profiles[-1].root_height - old.root_height > TOLERANCE
     widest = profiles[-1] if grows else None
@@ -141,16 +144,16 @@ def _nodes() -> Array:
 
 
 class NeckFamily:
-    r"""Half notches that differ in the thickness of their neck: those of a `ChangedNeck`.
+    r"""Half notches that differ in the thickness of their necks: those of a `ChangedNeck`.
 
     Of a flexibility F with the square roots :math:`s_i = \sqrt{F_{ii}}` polynomials of the
     logarithm of thickness go through :math:`\log s_i` and :math:`F_{ij}/s_i s_j`; the largest
-    stress for each force on the neck is taken as a power of thickness, whose exponent is linear in
+    stress for each force on the neck is a power of thickness, whose exponent is linear in
     that logarithm.
 
     Notes
     -----
-    Validity: between its members a flexibility is within 2e-5, which is what meshes differ by.
+    Validity: between its members a flexibility is within 2e-5, which is the scatter between meshes.
     """
 
     def __init__(self, members: Sequence[tuple[Array, Array]], lengthwise: NDArray[np.bool_]):
@@ -165,10 +168,10 @@ class NeckFamily:
         self.as_it_was = flexibility[_MEMBERS // 2]
 
     def at(self, thicker: float) -> tuple[Array, Array]:
-        """Return what a neck adds that is so many times as thick as that in the middle.
+        """Return flexibility and stress of a neck, by its thickness over that in the middle.
 
-        The flexibility of the motions of the neck, shape (e, e), and how many times larger the
-        stress is for each force on it, shape (e,).
+        The flexibility of the motions of the neck, shape (e, e), and the factor on the stress for
+        each force on it, shape (e,).
         """
         share = math.log(thicker) ** np.arange(_MEMBERS) @ self.weights
         size = np.exp(share @ self.size)
@@ -185,9 +188,9 @@ class NeckFamily:
 def neck_family(halves: Sequence[NotchBlock]) -> NeckFamily:
     """Return the family of half notches."""
     like = halves[_MEMBERS // 2].profile
-    found = [neck_response(half, like) for half in halves]
-    members = [(f, np.abs(stress.stress).max(axis=(0, 1, 2))) for f, stress in found]
-    return NeckFamily(members, found[0][1].lengthwise)
+    responses = [neck_response(half, like) for half in halves]
+    members = [(f, np.abs(stress.stress).max(axis=(0, 1, 2))) for f, stress in responses]
+    return NeckFamily(members, responses[0][1].lengthwise)
 
 
 def with_other_necks(
@@ -207,9 +210,9 @@ def with_other_necks(
     Parameters
     ----------
     condensed : Condensed
-        The body as it was.
+        The body before the change.
     part : Substructure
-        The body as it was.
+        The body before the change.
     necks : sequence
         The necks that change, each with its family.
 
@@ -220,45 +223,45 @@ def with_other_necks(
 
     Notes
     -----
-    Validity: what the change of a neck does is local (Saint-Venant), so that it is the same in the
-    block as in the body. With all necks of the stages of the study thinner by 5 %, on fine meshes
-    the two lowest frequencies and the stiffness are within 0.001 % of those of bodies condensed
-    anew, the next two frequencies within 0.006 %, stress 0.2 %. What a notch weighs more or less
-    rides on the mean motion of its body, and modes that the body has between held necks stay: of
-    leaves between light levers, thinner by 5 % (`lever-chain`), the first mode is 0.03 % off, those
-    in which leaves swing between their ends are 2 to 7 % high.
+    Validity: the effect of a change of a neck is local (Saint-Venant), so that it is the same in
+    the block as in the body. With all necks of the stages of the study thinner by 5 %, on fine
+    meshes the two lowest frequencies and the stiffness are within 0.001 % of those of bodies
+    condensed anew, the next two frequencies within 0.006 %, stress 0.2 %. The change of mass of a
+    notch follows the mean motion of its body, and the modes of the body between fixed necks stay:
+    of leaves between light levers, thinner by 5 % (`lever-chain`), the first mode is 0.03 % off,
+    those in which leaves swing between their ends are 2 to 7 % high.
     """
     m, r = condensed.interfaces, len(condensed.stiffness)
-    way = freedom(part.through)
+    way = interface_dofs(part.through)
     each = len(way.necks)
     size = np.ones(r)  # of the coordinates, in those that they were before
     changes, scales = [], []
     for neck, family in necks:
-        own = np.arange(each * neck.number, each * (neck.number + 1))
-        size[own[way.turning]] = neck.thicker
+        of_necks = np.arange(each * neck.number, each * (neck.number + 1))
+        size[of_necks[way.turning]] = neck.thicker
         after, scale = family.at(neck.thicker)
-        change = after - family.as_it_was * np.outer(size[own], size[own])
+        change = after - family.as_it_was * np.outer(size[of_necks], size[of_necks])
         changes.append(family.of_side(part.necks[neck.number].which, change))
         scales.append(scale)
     K = (condensed.stiffness / np.outer(size, size))[:m, :m]
-    held = condensed.reactions / size[:m, None]
+    reactions = condensed.reactions / size[:m, None]
     # of the necks that change alone
-    own = np.concatenate([each * neck.number + np.arange(each) for neck, _ in necks])
+    of_necks = np.concatenate([each * neck.number + np.arange(each) for neck, _ in necks])
     more = np.asarray(block_diag(*changes))
-    Y = np.linalg.solve(np.eye(own.size) + more @ K[np.ix_(own, own)], more)
+    Y = np.linalg.solve(np.eye(of_necks.size) + more @ K[np.ix_(of_necks, of_necks)], more)
     Y = 0.5 * (Y + Y.T)
-    moved = Y @ np.hstack((K[own], held[own]))
+    moved = Y @ np.hstack((K[of_necks], reactions[of_necks]))
     basis = np.eye(r)
-    basis[own] -= moved
+    basis[of_necks] -= moved
     basis /= size[:, None]
     stiffness = condensed.stiffness.copy()
-    stiffness[:m, :m] = K - K[own].T @ moved[:, :m]
-    stiffness[m:, m:] += held[own].T @ moved[:, m:]
+    stiffness[:m, :m] = K - K[of_necks].T @ moved[:, :m]
+    stiffness[m:, m:] += reactions[of_necks].T @ moved[:, m:]
     loads = condensed.loads @ basis
     mass = basis.T @ condensed.mass @ basis
-    whole, x, y, turning = condensed.inertia
+    total_mass, x, y, turning = condensed.inertia
     for neck, _ in necks:
-        # what a notch gains rides on the mean motion of the body
+        # the added mass of a notch follows the mean motion of the body
         riding = way.read((x, y), part.necks[neck.number].at) @ loads[:3]
         mass += neck.gain * riding.T @ riding
     stress = condensed.stress.copy()
@@ -269,9 +272,9 @@ def with_other_necks(
         stiffness=0.5 * (stiffness + stiffness.T),
         mass=0.5 * (mass + mass.T),
         loads=loads,
-        reactions=held - K[own].T @ moved[:, m:],
+        reactions=reactions - K[of_necks].T @ moved[:, m:],
         stress=stress,
-        inertia=(whole + sum(n.gain for n, _ in necks), x, y, turning),
+        inertia=(total_mass + sum(n.gain for n, _ in necks), x, y, turning),
     )
 
 
@@ -284,10 +287,10 @@ def condense_all(
     cache: Cache | Path | str | bool | None,
     near: Sequence[tuple[Substructure, Condensed]] = (),
 ) -> tuple[list[Condensed], list[int]]:
-    """Condense bodies, each only once, or find them in the cache; say which were new.
+    """Condense bodies, each only once, or find them in the cache; also return which were new.
 
-    `near` are bodies that are known, one for each if they are any: what is the same is taken from
-    there, and one of which necks alone differ follows from it.
+    `near` are known bodies, one for each, or none: an equal body is reused, and one of which only
+    necks differ follows from it.
     """
     ready: dict[Substructure, Condensed] = dict(near)
     changes: dict[Substructure, tuple[Substructure, list[ChangedNeck]]] = {}
@@ -302,12 +305,14 @@ def condense_all(
         progress.subtask(0.5 if changes else 1.0, 1.0),
         ThreadPoolExecutor(_threads()) as workers,
     ):
-        for i, (own, family) in enumerate(zip(halves, workers.map(_family, halves), strict=True)):
+        for i, (family_halves, family) in enumerate(
+            zip(halves, workers.map(_family, halves), strict=True)
+        ):
             progress.update("necks", i / len(halves))
-            families[own] = family
+            families[family_halves] = family
     for part, (before, necks) in changes.items():
-        known = [(neck, families[neck.halves]) for neck in necks]
-        ready[part] = with_other_necks(ready[before], before, known)
+        with_families = [(neck, families[neck.halves]) for neck in necks]
+        ready[part] = with_other_necks(ready[before], before, with_families)
     new = [*new, *changes]
     return [ready[part] for part in parts], [parts.index(part) for part in new]
 
@@ -320,7 +325,7 @@ def _condense_missing(
     ready: dict[Substructure, Condensed],
     cache: Cache | Path | str | bool | None,
 ) -> list[Substructure]:
-    """Add those that are not ready yet, from the cache or condensed; return the latter."""
+    """Add missing bodies, from the cache or condensed; return the latter."""
     store = open_cache(cache)
     missing: dict[Substructure, str] = {}
     for part in dict.fromkeys(parts):
@@ -335,22 +340,22 @@ def _condense_missing(
     # the largest first, so that no thread waits long for another at the end
     largest_first = sorted(missing, key=lambda part: -len(part.necks))
     with ThreadPoolExecutor(_threads()) as workers:
-        made = workers.map(condense, largest_first)
-        for i, (part, found) in enumerate(zip(largest_first, made, strict=True)):
+        results = workers.map(condense, largest_first)
+        for i, (part, condensed) in enumerate(zip(largest_first, results, strict=True)):
             progress.update("bodies", i / len(missing))
-            ready[part] = found
+            ready[part] = condensed
             if store is not None:
-                store.store(missing[part], pack(found)[0])
+                store.store(missing[part], pack(condensed)[0])
     if store is not None and missing:
         store.trim()
     return list(missing)
 
 
 def _threads() -> int:
-    """Return how many bodies are condensed side by side, by threads that share the mesher.
+    """Return the number of bodies condensed in parallel, by threads that share the mesher.
 
-    Where the linear algebra has threads of its own there is one: several that each start others
-    take five times as long. The commands give it one (`flexstage.cli`).
+    Where the linear algebra has threads of its own there is one: nested threads take five times as
+    long. The commands limit linear algebra to one thread (`flexstage.cli`).
     """
     single = any(os.environ.get(f"{name}_NUM_THREADS") == "1" for name in ("OPENBLAS", "OMP"))
     return min(os.cpu_count() or 1, _THREADS) if single else 1

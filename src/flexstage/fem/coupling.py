@@ -12,9 +12,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.fem.condensation import Condensed, independent, softest_modes
-from flexstage.fem.neck_motions import Freedom, freedom
+from flexstage.fem.layered_plate import REFERENCE
+from flexstage.fem.necks import InterfaceDofs, interface_dofs
 from flexstage.fem.stage_system import Ports, lifted_probes, side_by_side
-from flexstage.fem.substructure import REFERENCE, Placed
+from flexstage.fem.substructure import Placed
 from flexstage.stage import Stage
 from flexstage.system.mechanical import STANDARD_GRAVITY
 from flexstage.system.stress_map import StressByForces, StressMap, StressOfForces
@@ -28,7 +29,7 @@ _SAME = 1e-8  # what is left of a response that others make up
 class BodyLoads:
     """A load on the stage: for each body the sizes of its own loads, for the reference material.
 
-    Without a unit it is not of the stage, but what a drive or a probe adds inside a body.
+    Without a unit it is not a load of the stage, but one by a drive or a probe inside a body.
     """
 
     unit: str
@@ -37,14 +38,14 @@ class BodyLoads:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WholeBody:
-    """Mass of a body with what rides on it."""
+    """Mass of a body with its extra masses."""
 
     mass: float
     centre: tuple[float, float]
 
 
 def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]:
-    """How much more than the reference stiffness, mass and expansion are."""
+    """Return stiffness, mass and expansion over those of the reference."""
     # a plane model is condensed with a thickness near that of the stage, one in space with its own
     thickness = stage.thickness / placed.part.through.thickness
     material = stage.material
@@ -56,16 +57,16 @@ def reference_scales(stage: Stage, placed: Placed) -> tuple[float, float, float]
 
 
 def own_centre(placed: Placed, condensed: Condensed) -> tuple[float, float]:
-    """Centre of a body without what rides on it, in the plane of the stage."""
+    """Return the centre of a body without its extra masses, in the plane of the stage."""
     _, x, y, _ = condensed.inertia
     return placed.origin[0] + x, placed.origin[1] + y
 
 
 def whole_body(placed: Placed, condensed: Condensed, heavy: float) -> WholeBody:
-    """Return mass and centre of a body with what rides on it."""
+    """Return mass and centre of a body with its extra masses."""
     x, y = own_centre(placed, condensed)
-    own = heavy * condensed.inertia[0]
-    parts = [(own, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
+    body_mass = heavy * condensed.inertia[0]
+    parts = [(body_mass, x, y), *((e.mass, *e.at) for e in placed.body.extra_masses)]
     mass = sum(m for m, _, _ in parts)
     centre = sum(m * px for m, px, _ in parts) / mass, sum(m * py for m, _, py in parts) / mass
     return WholeBody(mass=mass, centre=centre)
@@ -76,15 +77,15 @@ def stage_loads(
     placed: Sequence[Placed],
     condensed: Sequence[Condensed],
     wholes: Sequence[WholeBody],
-    way: Freedom,
+    way: InterfaceDofs,
 ) -> dict[str, BodyLoads]:
-    """Return what loads the stage, on each body in the sizes of its own loads, by name."""
+    """Return the loads of the stage by name, on each body in terms of its own loads."""
     stiff, heavy, expand = reference_scales(stage, placed[0])
-    found = {}
+    loads = {}
 
     def load(key: str, unit: str = "") -> list[Array]:
         parts = [np.zeros(len(c.loads)) for c in condensed]
-        found[key] = BodyLoads(unit=unit, parts=parts)
+        loads[key] = BodyLoads(unit=unit, parts=parts)
         return parts
 
     for i, axis in enumerate(way.axes):
@@ -109,7 +110,7 @@ def stage_loads(
             for sizes, p, c in zip(load(f"probe {name}"), placed, condensed, strict=True):
                 if p.body.name == body:
                     sizes[:3] += way.read(own_centre(p, c), place)[0] / stiff
-        return found
+        return loads
     for drive in stage.drives:
         offset = reaction_offset(drive.at, drive.direction)
         for b, p in enumerate(placed):
@@ -120,11 +121,11 @@ def stage_loads(
             for k, uses in enumerate(p.readings):
                 size = sum(s for name, s in uses if name == probe.name) / stiff
                 sizes[len(way.loads) + k] += size
-    return found
+    return loads
 
 
 def reaction_offset(at: tuple[tuple[float, float], tuple[float, float]], direction: float) -> float:
-    """How far the reacting point of a drive lies beside its line, to the left [m]."""
+    """Return the offset of the reacting point of a drive from its line, to the left [m]."""
     aside = (-math.sin(direction), math.cos(direction))
     offset = sum(c * (q - p) for c, p, q in zip(aside, *at, strict=True))
     return offset if abs(offset) > 1e-9 else 0.0
@@ -135,17 +136,17 @@ def _stands(placed: Placed, drive: str) -> bool:
 
 
 def inner_responses(loads: Mapping[str, BodyLoads], condensed: Sequence[Condensed]) -> list[Array]:
-    """Find what the loads do inside the bodies: coordinates of the whole stage.
+    """Return the responses inside the bodies to the loads, as coordinates of the stage.
 
-    Returns for each body how much of each of its own responses is in them, shape (l, s).
+    Returns for each body the share of each of its own responses in them, shape (l, s).
     """
     shapes, gram, energy, work = [], 0.0, 0.0, 0.0
     for b, c in enumerate(condensed):
         parts = np.array([load.parts[b] for load in loads.values()]).reshape(-1, len(c.loads))
-        own = np.einsum("ij,ij->i", parts @ c.stiffness[c.inner, c.inner], parts)
+        energies = np.einsum("ij,ij->i", parts @ c.stiffness[c.inner, c.inner], parts)
         force = parts @ c.loads[:, c.modes]
-        energy = energy + own
-        work = work + own + np.sum(force**2 / np.diag(c.stiffness)[c.modes], axis=1)
+        energy = energy + energies
+        work = work + energies + np.sum(force**2 / np.diag(c.stiffness)[c.modes], axis=1)
         gram = gram + parts @ c.mass[c.inner, c.inner] @ parts.T
         shapes.append(parts.T)
     acts = np.flatnonzero(np.asarray(energy) > _NOTHING * np.asarray(work))
@@ -155,8 +156,8 @@ def inner_responses(loads: Mapping[str, BodyLoads], condensed: Sequence[Condense
     size = 1.0 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * np.outer(size, size))
     mean = math.sqrt(sum(c.inertia[0] for c in condensed))
-    kept = size[:, None] * vectors[:, values > _SAME] * mean
-    return [w @ kept for w in shapes]
+    independent = size[:, None] * vectors[:, values > _SAME] * mean
+    return [w @ independent for w in shapes]
 
 
 # Stages of fewer coordinates than this for each mode are solved densely; squares of frequencies of
@@ -169,28 +170,28 @@ class Joint:
     """The bodies of a stage, joined."""
 
     blocks: tuple[tuple[Array, Array], ...]
-    """Stiffness and mass of each of its motions that know nothing of one another."""
+    """Stiffness and mass of each of its decoupled motions."""
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
     ports: Ports
-    """What acts on the coordinates, and what is read of them."""
+    """Drives, probes, bodies and loads in these coordinates."""
     shares: tuple[tuple[NDArray[np.intp], Array], ...]
-    """For each body which coordinates move it, shape (c,), and its own coordinates for them, shape
-    (r, c).
+    """For each body the coordinates that move it, shape (c,), and its own coordinates for them,
+    shape (r, c).
     """
 
     @property
     def K(self) -> Array:
         """Stiffness, shape (n, n)."""
-        return _whole([K for K, _ in self.blocks])
+        return _block_diagonal([K for K, _ in self.blocks])
 
     @property
     def M(self) -> Array:
         """Mass, shape (n, n)."""
-        return _whole([M for _, M in self.blocks])
+        return _block_diagonal([M for _, M in self.blocks])
 
 
-def _whole(blocks: list[Array]) -> Array:
+def _block_diagonal(blocks: list[Array]) -> Array:
     return blocks[0] if len(blocks) == 1 else np.asarray(block_diag(*blocks))
 
 
@@ -201,12 +202,12 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 
     Notes
     -----
-    The halves of a notch share the three coordinates of its neck. What a load does inside the
-    bodies while their interfaces are held is one more coordinate of the whole stage for each load,
-    so that statics under loads are exact inside the bodies too.
+    The halves of a notch share the three coordinates of its neck. The response inside the bodies to
+    a load, with fixed interfaces, is one more coordinate of the stage for each load, so that
+    statics under loads are exact inside the bodies too.
     """
     stiff, heavy, _ = reference_scales(stage, placed[0])
-    way = freedom(placed[0].part.through)
+    way = interface_dofs(placed[0].part.through)
     names, index = _coordinates(stage, placed, condensed, way)
     wholes = [whole_body(p, c, heavy) for p, c in zip(placed, condensed, strict=True)]
     loads = stage_loads(stage, placed, condensed, wholes, way)
@@ -215,33 +216,35 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
     names += [f"inside {k + 1} [m]" for k in range(inner.size)]
     n = len(names)
     K, M = np.zeros((n, n)), np.zeros((n, n))
-    whole = [key for key, load in loads.items() if load.unit]
-    forces = np.zeros((len(whole), n))
+    stage_load_names = [key for key, load in loads.items() if load.unit]
+    forces = np.zeros((len(stage_load_names), n))
     lifted = lifted_probes(stage) if way.out_of_plane else {}
     probes = {name: np.zeros(n) for name in (lifted or (p.name for p in stage.probes))}
     shares, bodies = [], {}
     for b, (p, c) in enumerate(zip(placed, condensed, strict=True)):
         at = np.concatenate((index[b], inner))
-        own = np.zeros((c.stiffness.shape[0], at.size))
-        own[: index[b].size, : index[b].size] = np.eye(index[b].size)
-        own[c.inner, index[b].size :] = inside[b]
-        shares.append((at, own))
+        local = np.zeros((c.stiffness.shape[0], at.size))
+        local[: index[b].size, : index[b].size] = np.eye(index[b].size)
+        local[c.inner, index[b].size :] = inside[b]
+        shares.append((at, local))
         where = np.ix_(at, at)
         K[where] += stiff * _responding(c.stiffness, inside[b])
         M[where] += heavy * _responding(c.mass, inside[b])
         acting = np.hstack((c.loads[:, : index[b].size], c.loads[:, c.inner] @ inside[b]))
         for extra in () if p.body.fixed else p.body.extra_masses:
-            riding = way.carried(acting[:3], own_centre(p, c), extra.at)
+            riding = way.transferred(acting[:3], own_centre(p, c), extra.at)
             M[where] += riding.T @ (way.inertia(extra)[:, None] * riding)
-        forces[:, at] += stiff * np.array([loads[key].parts[b] for key in whole]) @ acting
+        forces[:, at] += (
+            stiff * np.array([loads[key].parts[b] for key in stage_load_names]) @ acting
+        )
         for reading, uses in zip(acting[len(way.loads) :], p.readings, strict=True):
             for name, sign in uses:
                 probes[name][at] += sign * reading
         for name, (body, place) in lifted.items():
             if body == p.body.name:
-                probes[name][at] += way.carried(acting[:3], own_centre(p, c), place)[0]
+                probes[name][at] += way.transferred(acting[:3], own_centre(p, c), place)[0]
         motion = np.zeros((3, n))
-        motion[:, at] = way.carried(acting[:3], own_centre(p, c), wholes[b].centre)
+        motion[:, at] = way.transferred(acting[:3], own_centre(p, c), wholes[b].centre)
         bodies[p.body.name] = wholes[b].centre, motion
     return Joint(
         blocks=((K, M),),
@@ -250,7 +253,9 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
             drives=_drives(stage, placed, index, bodies, n),
             probes=probes,
             bodies=bodies,
-            loads={key: (f, loads[key].unit) for key, f in zip(whole, forces, strict=True)},
+            loads={
+                key: (f, loads[key].unit) for key, f in zip(stage_load_names, forces, strict=True)
+            },
         ),
         shares=tuple(shares),
     )
@@ -259,30 +264,32 @@ def join(stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed])
 def _responding(matrix: Array, inside: Array) -> Array:
     """Return a matrix of a body whose last coordinates, the inner ones, respond to loads."""
     first = len(matrix) - len(inside)
-    found = np.empty((first + inside.shape[1], first + inside.shape[1]))
-    found[:first, :first] = matrix[:first, :first]
-    found[:first, first:] = matrix[:first, first:] @ inside
-    found[first:, :first] = found[:first, first:].T
-    found[first:, first:] = inside.T @ matrix[first:, first:] @ inside
-    return found
+    extended = np.empty((first + inside.shape[1], first + inside.shape[1]))
+    extended[:first, :first] = matrix[:first, :first]
+    extended[:first, first:] = matrix[:first, first:] @ inside
+    extended[first:, :first] = extended[:first, first:].T
+    extended[first:, first:] = inside.T @ matrix[first:, first:] @ inside
+    return extended
 
 
 def _coordinates(
-    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: Freedom
+    stage: Stage, placed: Sequence[Placed], condensed: Sequence[Condensed], way: InterfaceDofs
 ) -> tuple[list[str], list[NDArray[np.intp]]]:
-    """Name the coordinates; for each body say which are its own."""
+    """Return the names of the coordinates, and those of each body."""
     names = [f"hinge {h.name} {motion}" for h in stage.hinges for motion in way.necks]
     each = len(way.necks)
     index = []
     for p, c in zip(placed, condensed, strict=True):
-        own = [each * i + k for i in p.hinges for k in range(each)]
+        neck_numbers = [each * i + k for i in p.hinges for k in range(each)]
         new = []
         for patch in p.patches:
             uses = " and ".join(f"{drive} {('push', 'react')[which]}" for drive, which in patch)
             new.append(f"patch {uses} [m]")
         count = c.modes.stop - c.modes.start
         new += [f"body {p.body.name} mode {i + 1} [kg^0.5 m]" for i in range(count)]
-        index.append(np.array([*own, *range(len(names), len(names) + len(new))], dtype=np.intp))
+        index.append(
+            np.array([*neck_numbers, *range(len(names), len(names) + len(new))], dtype=np.intp)
+        )
         names += new
     return names, index
 
@@ -294,22 +301,22 @@ def _drives(
     bodies: Mapping[str, tuple[tuple[float, float], Array]],
     n: int,
 ) -> dict[str, Array]:
-    found = {d.name: np.zeros(n) for d in stage.drives}
-    each = len(freedom(placed[0].part.through).necks)
-    for p, own in zip(placed, index, strict=True):
+    vectors = {d.name: np.zeros(n) for d in stage.drives}
+    each = len(interface_dofs(placed[0].part.through).necks)
+    for p, local in zip(placed, index, strict=True):
         first = each * len(p.hinges)
         for k, uses in enumerate(p.patches):
             for name, which in uses:
-                found[name][own[first + k]] += 1.0 if which == 0 else -1.0
+                vectors[name][local[first + k]] += 1.0 if which == 0 else -1.0
                 drive = stage.drive(name)
                 if which == 1 and (offset := reaction_offset(drive.at, drive.direction)):
                     # the point on the line, to the right of the patch, is moved on by a turn
-                    found[name] -= offset * bodies[p.body.name][1][2]
-    return found
+                    vectors[name] -= offset * bodies[p.body.name][1][2]
+    return vectors
 
 
 def stacked(joints: Sequence[Joint]) -> Joint:
-    """Put motions side by side that know nothing of each other."""
+    """Combine decoupled motions."""
     sizes = [len(j.coordinates) for j in joints]
     offsets = np.cumsum([0, *sizes])
     return Joint(
@@ -320,7 +327,9 @@ def stacked(joints: Sequence[Joint]) -> Joint:
             for name in j.coordinates
         ),
         ports=side_by_side([j.ports for j in joints], sizes),
-        shares=tuple((at + offsets[k], own) for k, j in enumerate(joints) for at, own in j.shares),
+        shares=tuple(
+            (at + offsets[k], local) for k, j in enumerate(joints) for at, local in j.shares
+        ),
     )
 
 
@@ -331,7 +340,7 @@ def joined_stress(
     condensed: Sequence[Condensed],
     basis: Array,
 ) -> StressMap:
-    """Stress of all notches; at the ends of a neck its two halves meet in one point."""
+    """Return the stress of all notches; at the ends of a neck its two halves meet in one point."""
     scale = stage.material.youngs_modulus / REFERENCE.youngs_modulus
     # the motions in space know nothing of each other, but stress the same places
     ways = len(condensed) // len(stage.bodies)
@@ -340,13 +349,13 @@ def joined_stress(
     shares = []
     owner, point = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
     at, used = 0, 2 * levels * len(stage.hinges)
-    for k, (p, c, (index, own)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
+    for k, (p, c, (index, local)) in enumerate(zip(placed, condensed, joint.shares, strict=True)):
         at %= count or 1
         here = slice(at, at + c.neck.size)
         if not c.neck.size:
             continue
         each = c.stress.shape[2]
-        forces = scale * c.forces(own @ basis[index])
+        forces = scale * c.forces(local @ basis[index])
         ends = np.searchsorted(c.neck, np.arange(len(p.hinges) + 1))
         for i, (first, end) in enumerate(pairwise(ends.tolist())):
             carried = forces[each * i : each * (i + 1)]
@@ -369,7 +378,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the lowest modes of a stage and its static responses to drives, probes and loads.
 
     Returns the frequencies of the new coordinates [rad/s], shape (r,), of which the first `count`
-    are natural ones; what they move, with unit modal mass, shape (n, r); and which of them are
+    are natural ones; their shapes, with unit modal mass, shape (n, r); and which of them are
     modes, shape (r,).
     """
     try:
@@ -384,7 +393,7 @@ def lowest(joint: Joint, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         omega, modes = _softest(K, M, factor, count)
     except np.linalg.LinAlgError as error:
         raise ModelError(
-            "a body has no mass or hangs on nothing, so the stage has no natural frequencies"
+            "a body has no mass or is not attached, so the stage has no natural frequencies"
         ) from error
     ports = joint.ports
     vectors = [
@@ -417,8 +426,10 @@ def _softest(K: Array, M: Array, factor: tuple[Array, bool], count: int) -> tupl
     if n < _FEW * count:
         # the largest eigenvalues of M against K: those asked for alone, and the softest modes,
         # which are the largest here, to all digits
-        wanted = (n - count, n - 1)
-        inverses, shapes = eigh(M, K, subset_by_index=wanted, driver="gvx", check_finite=False)
+        range_of_modes = (n - count, n - 1)
+        inverses, shapes = eigh(
+            M, K, subset_by_index=range_of_modes, driver="gvx", check_finite=False
+        )
         omega = 1.0 / np.sqrt(inverses[::-1])
         return omega, shapes[:, ::-1] * omega
     squares, modes = softest_modes(

@@ -17,7 +17,7 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.stage import Body, Circle, Drive, Hinge, Loop, Stage
 from flexstage.stage.checks import ON_BODY
 from flexstage.stage.contour import body_contour, inner_notch
-from flexstage.stage.curve import beside_line
+from flexstage.stage.curve import line_coordinates
 
 _SYNTAX = frozenset("^$\\.*+?()[]{}|")  # characters that mean something in an expression
 
@@ -26,7 +26,7 @@ MOUNTING = "mounting"
 
 
 def body_region(body: str) -> str:
-    """Return the name of the region of a body, its half notches left out."""
+    """Return the name of the region of a body without its half notches."""
     return f"body {body}"
 
 
@@ -70,15 +70,15 @@ def either(names: Iterable[str]) -> str:
 Point = tuple[float, float]
 _NEAR = 1e-9  # two points are one [m]
 
-#: Part of a notch, from the neck on, that can be in plane strain [1]. The rest of it belongs to its
-#: body; it deforms little, and where a notch runs out along the edge of the body, a region that
-#: ended there would have a corner without an angle.
+#: Part of a notch, from the neck on, that can be in plane strain [1]. The remainder belongs to its
+#: body; it deforms little, and where a notch ends tangent to the edge of the body, a region that
+#: ended there would have a cusp.
 STRAINED = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivePatch:
-    """Where a drive touches a body."""
+    """Patch of a drive on a body."""
 
     drive: str
     """Name of the drive."""
@@ -101,58 +101,62 @@ class StageFaces:
     shape: TopoDS_Shape
     """The faces, glued; regions and edges are named as in `flexstage.fem.geometry`."""
     patches: tuple[DrivePatch, ...]
-    """Where drives touch them."""
-    held: str
-    """What holds the fixed bodies, in words; empty where none is fixed."""
+    """Patches of the drives on them."""
+    supports: str
+    """Supports of the fixed bodies, as text; empty where none is fixed."""
 
 
 def patches(drive: Drive, bodies: Iterable[Body]) -> tuple[DrivePatch, ...]:
     """Return the patches of a drive on some bodies.
 
-    Those of its two patches whose body is among them.
+    These are those of its two patches whose body is among them.
     """
     by_name = {b.name: b for b in bodies}
-    found = []
+    drive_patches = []
     for which, name in enumerate((drive.pushes, drive.reacts)):
         if name in by_name:
             at = drive.at[which]
             ends = _stretch(by_name[name], at, drive.patch_half_width)
-            found.append(DrivePatch(drive=drive.name, which=which, body=name, at=at, ends=ends))
-    return tuple(found)
+            drive_patches.append(
+                DrivePatch(drive=drive.name, which=which, body=name, at=at, ends=ends)
+            )
+    return tuple(drive_patches)
 
 
 def _stretch(body: Body, at: Point, half_width: float) -> tuple[Point, Point] | None:
-    """Find the stretch of the straight edge that a point lies on or beside, about its foot."""
-    found: list[tuple[float, tuple[Point, Point]]] = []
+    """Find the part of a straight edge about the foot of a point on it or near it."""
+    candidates: list[tuple[float, tuple[Point, Point]]] = []
     for loop in (body.outline, *(h for h in body.holes if isinstance(h, Loop))):
         for a, b, bulge in loop.segments():
             length = math.dist(a, b)
             if bulge or length < _NEAR:
                 continue
-            along, aside, (ux, uy) = beside_line(at, a, b)
+            along, aside, (ux, uy) = line_coordinates(at, a, b)
             # as far to either side, so that the resultant goes through the point
             w = min(half_width, along, length - along)
             if abs(aside) < ON_BODY and w > _NEAR:
                 x, y = (at[0] + aside * uy, at[1] - aside * ux) if abs(aside) > _NEAR else at
                 ends = (x - w * ux, y - w * uy), (x + w * ux, y + w * uy)
-                found.append((abs(aside), ends))
-    return min(found)[1] if found else None
+                candidates.append((abs(aside), ends))
+    return min(candidates)[1] if candidates else None
 
 
 def _with_points(loop: Loop, extra: Iterable[Point]) -> Loop:
     """Add points that lie on straight segments of a loop as corners."""
     points: list[Point] = []
     bulges: list[float] = []
-    wanted = list(extra)
+    added = list(extra)
     for a, b, bulge in loop.segments():
         points.append(a)
         bulges.append(bulge)
         length = math.dist(a, b)
         if bulge or length < _NEAR:
             continue
-        beside = [(*beside_line(p, a, b)[:2], p) for p in wanted]
+        on_segment = [(*line_coordinates(p, a, b)[:2], p) for p in added]
         inside = sorted(
-            (s, p) for s, aside, p in beside if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
+            (s, p)
+            for s, aside, p in on_segment
+            if _NEAR < s < length - _NEAR and abs(aside) < _NEAR
         )
         for _, p in inside:
             if math.dist(p, points[-1]) > _NEAR:
@@ -170,8 +174,8 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
         shape = shape - face(loop.points, loop.bulges)
     if len(shape.faces) != 1:
         raise StageError(
-            f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: "
-            "see what 'flexstage check' says about it"
+            f"body '{body.name}' is in {len(shape.faces)} pieces once its holes are cut: run "
+            "'flexstage check'"
         )
     shape = shape.faces[0]
     shape.name = body_region(body.name)
@@ -181,16 +185,16 @@ def _body_face(stage: Stage, body: Body, extra: list[Point]) -> TopoDS_Shape:
 def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces:
     """Return the faces of a stage: one for each body and one for each half notch.
 
-    Of some bodies alone, each with the half notches that it owns, where their names are given. Of a
-    whole stage it is an error too that nothing holds a body.
+    Of some bodies alone, each with its half notches, where their names are given. Of the entire
+    stage, a body without support is an error too.
     """
     if bodies is None:
         _require_held(stage)
-    kept = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
-    names = {b.name for b in kept}
-    touched = tuple(p for d in stage.drives for p in patches(d, kept))
+    selected = [b for b in stage.bodies if bodies is None or b.name in set(bodies)]
+    names = {b.name for b in selected}
+    touched = tuple(p for d in stage.drives for p in patches(d, selected))
     extra = [end for p in touched if p.ends is not None for end in p.ends]
-    shapes = [_body_face(stage, b, extra) for b in kept]
+    shapes = [_body_face(stage, b, extra) for b in selected]
     halves: list[tuple[Hinge, int]] = [
         (h, i) for h in stage.hinges for i in (0, 1) if h.bodies[i] in names
     ]
@@ -205,8 +209,8 @@ def stage_faces(stage: Stage, bodies: Iterable[str] | None = None) -> StageFaces
             f"bodies or notches of stage '{stage.name}' overlap: {len(shapes)} faces became "
             f"{len(glued.faces)} when they were joined; run 'flexstage check' for details"
         )
-    held = _name_edges(stage, glued, kept, touched, halves)
-    return StageFaces(shape=glued, patches=touched, held=held)
+    supports = _name_edges(stage, glued, selected, touched, halves)
+    return StageFaces(shape=glued, patches=touched, supports=supports)
 
 
 def _middle(edge: TopoDS_Shape) -> Point:
@@ -222,7 +226,7 @@ def _name_edges(
     touched: tuple[DrivePatch, ...],
     halves: list[tuple[Hinge, int]],
 ) -> str:
-    """Give every edge that means something its name; say what holds the fixed bodies."""
+    """Name the edges of necks, notches, patches and supports; return the supports as text."""
     by_face = {f.name: f for f in glued.faces}
     for hinge, which in halves:
         cut = STRAINED * hinge.profile.length / 2.0
@@ -233,14 +237,14 @@ def _name_edges(
             elif abs(abs(start) - cut) > _NEAR or abs(abs(end) - cut) > _NEAR:
                 edge.name = surface_edge(hinge.name)
         for edge in by_face[body_region(hinge.bodies[which])].edges:
-            if not edge.name and _beside(hinge, edge):
+            if not edge.name and _on_outer_notch(hinge, edge):
                 edge.name = surface_edge(hinge.name)
-    held = []
+    supports = []
     for body in bodies:
-        own = by_face[body_region(body.name)]
+        body_face = by_face[body_region(body.name)]
         for patch in (p for p in touched if p.body == body.name and p.ends is not None):
             a, b = patch.ends  # type: ignore[misc]
-            for edge in own.edges:
+            for edge in body_face.edges:
                 if not _between(_middle(edge), a, b):
                     continue
                 if edge.name:
@@ -250,12 +254,12 @@ def _name_edges(
                     )
                 edge.name = patch_edge(patch.drive, patch.which)
         if body.fixed:
-            held.append(_hold(stage, body, own))
-    return "; ".join(dict.fromkeys(held))
+            supports.append(_name_supports(stage, body, body_face))
+    return "; ".join(dict.fromkeys(supports))
 
 
 def _require_held(stage: Stage) -> None:
-    """Refuse a stage of which a part can float away: its stiffness could not be factorised."""
+    """Refuse a stage with a body without support: its stiffness could not be factorised."""
     reached = {b.name for b in stage.bodies if b.fixed}
     if not reached:
         raise StageError(
@@ -284,8 +288,8 @@ def _along(hinge: Hinge, edge: TopoDS_Shape) -> tuple[float, float]:
     return hinge.from_plane(a)[0], hinge.from_plane(b)[0]
 
 
-def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
-    """Tell whether an edge is of the outer part of a notch, between its cut and its root."""
+def _on_outer_notch(hinge: Hinge, edge: TopoDS_Shape) -> bool:
+    """Return whether an edge is of the outer part of a notch, between its cut and its root."""
     half, height = hinge.profile.length / 2.0, hinge.profile.root_height
     cut = STRAINED * half
     for p in chain(_ends(edge), map(_middle, [edge])):  # most edges fail at an end
@@ -294,27 +298,27 @@ def _beside(hinge: Hinge, edge: TopoDS_Shape) -> bool:
             return False
     first, last = _along(hinge, edge)
     middle = abs(hinge.from_plane(_middle(edge))[0])
-    # the cut lies across, and so does an edge of the body beside the root
+    # the cut lies across, and so does an edge of the body next to the root
     return not abs(first - last) < _NEAR or cut + _NEAR < middle < half - _NEAR
 
 
 def _between(p: Point, a: Point, b: Point) -> bool:
-    along, aside, _ = beside_line(p, a, b)
+    along, aside, _ = line_coordinates(p, a, b)
     return abs(aside) < _NEAR and 0.0 < along < math.dist(a, b)
 
 
-def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
-    """Name the edges that hold a fixed body: its mounting holes, or else its outer edges."""
+def _name_supports(stage: Stage, body: Body, body_face: TopoDS_Shape) -> str:
+    """Name the supported edges of a fixed body: its mounting holes, or else its outer edges."""
     if body.mounting_holes:
-        for edge in own.edges:
+        for edge in body_face.edges:
             x, y = _middle(edge)
             for hole in body.mounting_holes:
                 if abs(math.hypot(x - hole.centre[0], y - hole.centre[1]) - hole.radius) < _NEAR:
                     edge.name = MOUNTING
         return "fixed bodies held at their mounting holes"
-    # Where no holes are described it is held all around, but for the edges that a notch grows
-    # from and those beside them: they must be free to give way to the root. The line at which the
-    # body and the inner part of a notch meet is no edge of the stage.
+    # Without holes it is supported all around, except for the edges with a notch and those next to
+    # them, which must be free to deform at the root. The line at which the body and the inner part
+    # of a notch meet is no edge of the stage.
     roots: list[Point] = []
     hinges = [h for h in stage.hinges if body.name in h.bodies]
     for hinge in hinges:
@@ -324,7 +328,7 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
                 roots.append(hinge.to_plane(side * hinge.profile.length / 2.0, 0.0))
     clear = max((h.profile.root_height for h in hinges), default=0.0)
     count = 0
-    for edge in own.edges:
+    for edge in body_face.edges:
         if edge.name or any(_in_notch(h, _middle(edge)) for h in hinges):
             continue
         if all(_distance_to(edge, p) > clear for p in roots):
@@ -332,8 +336,8 @@ def _hold(stage: Stage, body: Body, own: TopoDS_Shape) -> str:
             count += 1
     if not count:
         raise StageError(
-            f"the fixed body '{body.name}' has no mounting hole, and no edge away from its notches "
-            "to hold it by: give it mounting_holes"
+            f"the fixed body '{body.name}' has no mounting hole, and no edge away from its "
+            "notches that could support it: give it mounting_holes"
         )
     return "fixed bodies without mounting holes held at their edges away from the notches"
 
@@ -349,6 +353,6 @@ def _distance_to(edge: TopoDS_Shape, p: Point) -> float:
     length = math.dist(a, b)
     if length < _NEAR:
         return math.dist(_middle(edge), p)
-    along, _, (ux, uy) = beside_line(p, a, b)
+    along, _, (ux, uy) = line_coordinates(p, a, b)
     along = min(max(along, 0.0), length)
     return math.dist(p, (a[0] + along * ux, a[1] + along * uy))

@@ -1,4 +1,4 @@
-"""How stiff a part is between its faces, and how one moves with others."""
+"""Stiffness of a part between its faces, and motion of a face by others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ def _check(continuum: Continuum, boundary: str) -> None:
     continuum.measure(boundary=boundary)
 
 
-def afford(continuum: Continuum) -> None:
-    """Refuse a mesh that is too large for the memory, while its stiffness is not factorised yet."""
+def require_memory_of(continuum: Continuum) -> None:
+    """Refuse a mesh that is too large for the memory, before its stiffness is factorised."""
     if continuum._solver is None:
         low, high = continuum.mesh.ngmesh.bounding_box
         sides = [high[c] - low[c] for c in range(3)]
@@ -62,22 +62,22 @@ def interface_motion(continuum: Continuum, boundary: str, at: Sequence[float]) -
 def interface_stiffness(
     continuum: Continuum,
     moving: str | Sequence[str],
-    held: str | Sequence[str],
+    fixed: str | Sequence[str],
     *,
     at: Sequence[float] = (0.0, 0.0, 0.0),
     rigid: bool = True,
 ) -> Array:
-    r"""Return the stiffness of interfaces of a part, moved as one, while others are held.
+    r"""Return the stiffness of interfaces of a part, moved as one, while others are fixed.
 
     A *rigid* interface moves as a stiff plate would that is welded to it. A *mean* interface is
-    free to deform, and what is held, moved and loaded is its mean motion: forces are spread over it
-    as a rigid motion is. The part between rigid interfaces is always the stiffer.
+    free to deform, and its mean motion is fixed, moved or loaded: forces are distributed over it as
+    a rigid motion is. The part between rigid interfaces is always the stiffer.
 
     Forces [N] and moments about the point `at` [N m] over displacements [m] and rotations [rad],
-    shape (6, 6). `moving` and `held` are regular expressions, one for each interface: of several
-    mean ones each has the motion that is asked for, or none. For rigid interfaces all must be among
-    the held boundaries of the part; for mean ones nothing may be held, and a `shift` must be given,
-    of any size below its lowest natural frequency.
+    shape (6, 6). `moving` and `fixed` are regular expressions, one for each interface: of several
+    mean ones each has the required motion, or none. Rigid interfaces must be among the fixed
+    boundaries of the part; for mean ones no boundary may be fixed, and a `shift` must be given, of
+    any size below its lowest natural frequency.
 
     Examples
     --------
@@ -95,13 +95,13 @@ def interface_stiffness(
     >>> round(float(k[2, 2] * (20e-3) ** 3 / (12 * 68.9e9 * 2e-12)), 2)
     0.97
     """
-    moved, fixed = _each(moving), _each(held)
-    for name in (*moved, *fixed):
+    moved, fixed_names = _each(moving), _each(fixed)
+    for name in (*moved, *fixed_names):
         _check(continuum, name)
-    afford(continuum)
+    require_memory_of(continuum)
     if rigid:
-        return _rigid_stiffness(continuum, [("|".join(moved), at)], "|".join(fixed))
-    return _between_mean(continuum, moved, fixed, at)
+        return _rigid_stiffness(continuum, [("|".join(moved), at)], "|".join(fixed_names))
+    return _between_mean(continuum, moved, fixed_names, at)
 
 
 def _each(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -109,24 +109,24 @@ def _each(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _rigid_stiffness(
-    continuum: Continuum, moving: Sequence[tuple[str, Sequence[float]]], held: str
+    continuum: Continuum, moving: Sequence[tuple[str, Sequence[float]]], fixed: str
 ) -> Array:
     """Return the stiffness of rigid interfaces about a point each, shape (6 k, 6 k)."""
     free = np.array(continuum.space.FreeDofs(), dtype=bool)
-    taken = np.zeros(free.size, dtype=int)
-    for name in (*(name for name, _ in moving), held):
+    owners = np.zeros(free.size, dtype=int)
+    for name in (*(name for name, _ in moving), fixed):
         on = np.array(continuum.space.GetDofs(continuum.mesh.Boundaries(name)), dtype=bool)
         if (free & on).any():
-            names = "|".join((*(name for name, _ in moving), held))
+            names = "|".join((*(name for name, _ in moving), fixed))
             raise ModelError(
-                "a rigid interface must be among the held boundaries of the part: make the "
-                f"continuum with held='{names}'"
+                "a rigid interface must be among the fixed boundaries of the part: create the "
+                f"continuum with fixed='{names}'"
             )
-        taken += on
-    if taken.max(initial=0) > 1:
+        owners += on
+    if owners.max(initial=0) > 1:
         raise ModelError(
-            f"two of the rigid interfaces {', '.join((*(name for name, _ in moving), held))} touch "
-            "each other, so neither can move alone: choose faces that are apart, or mean interfaces"
+            f"two of the rigid interfaces {', '.join((*(name for name, _ in moving), fixed))} "
+            "touch each other, so neither can move alone: choose separate faces, or mean interfaces"
         )
     columns, forces = [], []
     for name, at in moving:
@@ -134,9 +134,9 @@ def _rigid_stiffness(
         for motion in rigid_fields(at):
             prescribed = ng.GridFunction(continuum.space)
             prescribed.Set(motion, definedon=where)
-            given = prescribed.vec.FV().NumPy().copy()
-            total = given - continuum.solve(_stiffness_times(continuum, given))
-            columns.append(given)
+            displacement = prescribed.vec.FV().NumPy().copy()
+            total = displacement - continuum.solve(_stiffness_times(continuum, displacement))
+            columns.append(displacement)
             forces.append(_stiffness_times(continuum, total))
     stiffness = np.array(columns) @ np.array(forces).T
     return 0.5 * (stiffness + stiffness.T)
@@ -144,7 +144,7 @@ def _rigid_stiffness(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionRatio:
-    """How an interface of a part moves while two others are pushed apart, or together."""
+    """Motion of an interface of a part while two others are pushed apart, or together."""
 
     direction: Array
     """Unit vector from the second of the two to the first, along which they move, shape (3,)."""
@@ -157,7 +157,7 @@ class MotionRatio:
 
     @property
     def ratio(self) -> float:
-        """Length of the displacement of the third one over what the two move apart [1]."""
+        """Displacement of the third one over the relative displacement of the two [1]."""
         return float(np.linalg.norm(self.motion[:3]))
 
 
@@ -165,15 +165,15 @@ def interface_ratio(
     continuum: Continuum,
     apart: tuple[str, str],
     output: str,
-    held: str | Sequence[str],
+    fixed: str | Sequence[str],
     *,
     rigid: bool = True,
 ) -> MotionRatio:
-    """Return how an interface moves while two others are pushed apart by opposite forces.
+    """Return the motion of an interface while two others are pushed apart by opposite forces.
 
     All are regular expressions: `apart` the ends of a drive, along the line through whose centroids
-    the forces act, `output` the one whose motion is wanted. The part, and several that are held,
-    are as of `interface_stiffness`; rigid interfaces are all of them, and must not touch.
+    the forces act, `output` the one that is measured. The part, and several fixed interfaces, are
+    as in `interface_stiffness`; all interfaces must be rigid in that case, and must not touch.
 
     Examples
     --------
@@ -195,23 +195,25 @@ def interface_ratio(
     >>> (found.motion[:3] * 9.0 / 2.0).round(2) + 0.0
     array([ 0.  ,  0.  , -0.33])
     """
-    fixed = _each(held)
-    for name in (*apart, output, *fixed):
+    fixed_names = _each(fixed)
+    for name in (*apart, output, *fixed_names):
         _check(continuum, name)
-    afford(continuum)
+    require_memory_of(continuum)
     first, second, end = (_centroid(continuum, name) for name in (*apart, output))
     direction = np.subtract(first, second)
     length = float(np.linalg.norm(direction))
     if not length > 0.0:
-        raise ModelError(f"the interfaces {apart[0]} and {apart[1]} have one centroid: no ratio")
+        raise ModelError(
+            f"the interfaces {apart[0]} and {apart[1]} have the same centroid, so there is no ratio"
+        )
     direction /= length
     if rigid:
         moving = [(apart[0], first), (apart[1], second), (output, end)]
-        stiffness = _rigid_stiffness(continuum, moving, "|".join(fixed))
+        stiffness = _rigid_stiffness(continuum, moving, "|".join(fixed_names))
         force = np.concatenate([direction, [0.0] * 3, -direction, [0.0] * 9])
-        found = np.linalg.solve(stiffness, force)
-        opened = float(direction @ (found[:3] - found[6:9]))
-        motion = found[12:]
+        solution = np.linalg.solve(stiffness, force)
+        opened = float(direction @ (solution[:3] - solution[6:9]))
+        motion = solution[12:]
     else:
         _require_floating(continuum)
         pull = direction @ (
@@ -219,7 +221,7 @@ def interface_ratio(
             - interface_motion(continuum, apart[1], second)[:3]
         )
         u = _floating(continuum, pull)
-        base, *others = (interface_motion(continuum, name, end) for name in fixed)
+        base, *others = (interface_motion(continuum, name, end) for name in fixed_names)
         if others:  # kept where the first is, by forces between them
             between = np.vstack([other - base for other in others])
             answers = np.column_stack([_floating(continuum, row) for row in between])
@@ -241,52 +243,52 @@ def _centroid(continuum: Continuum, boundary: str) -> tuple[float, ...]:
 def _stiffness_times(continuum: Continuum, u: Array) -> Array:
     """Return K u element by element, because the assembled matrix is condensed."""
     form = continuum._form()
-    given = ng.GridFunction(continuum.space)
-    given.vec.FV().NumPy()[:] = u
-    result = given.vec.CreateVector()
+    displacement = ng.GridFunction(continuum.space)
+    displacement.vec.FV().NumPy()[:] = u
+    result = displacement.vec.CreateVector()
     with parallel():
-        form.Apply(given.vec, result)
+        form.Apply(displacement.vec, result)
     return result.FV().NumPy().copy()
 
 
 def _require_floating(continuum: Continuum) -> None:
     if not continuum.shift or not all(continuum.space.FreeDofs()):
         raise ModelError(
-            "between mean interfaces a part hangs free: make the continuum with a shift and "
-            "nothing held"
+            "with mean interfaces the part must be free: create the continuum with a shift and "
+            "no fixed boundary"
         )
 
 
 def _between_mean(
-    continuum: Continuum, moving: Sequence[str], held: Sequence[str], at: Sequence[float]
+    continuum: Continuum, moving: Sequence[str], fixed: Sequence[str], at: Sequence[float]
 ) -> Array:
     _require_floating(continuum)
     # Unit loads on one interface and their reactions on another are in balance, so that they have a
     # static answer, up to a rigid motion, without any support.
-    first, *others = (interface_motion(continuum, name, at) for name in (*held, *moving))
+    first, *others = (interface_motion(continuum, name, at) for name in (*fixed, *moving))
     apart = np.vstack([other - first for other in others])
     compliance = apart @ np.column_stack([_floating(continuum, row) for row in apart])
     stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
     # those that are held stay where the first of them is, and those that move have one motion
-    n, still = len(moving), 6 * (len(held) - 1)
+    n, still = len(moving), 6 * (len(fixed) - 1)
     blocks = stiffness[still:, still:].reshape(n, 6, n, 6)
     return np.asarray(blocks.sum(axis=(0, 2)), dtype=float)
 
 
-def interface_modes(continuum: Continuum, held: Sequence[str], count: int) -> tuple[Array, Array]:
-    r"""Return the natural modes of a part whose interfaces are held in the mean.
+def interface_modes(continuum: Continuum, fixed: Sequence[str], count: int) -> tuple[Array, Array]:
+    r"""Return the natural modes of a part whose interfaces are fixed in the mean.
 
-    The mean motion of each interface is kept at nothing by forces that are spread over it; the
+    The mean motion of each interface is zero by forces that are distributed over it; the
     interface itself may deform. With P the mean motions and :math:`A = (K + sM)^{-1}`,
-    the operator that is iterated is :math:`A - A P^T (P A P^T)^{-1} P A`.
+    the iterated operator is :math:`A - A P^T (P A P^T)^{-1} P A`.
 
     Returns omega [rad/s], shape (count,), and shapes with phi^T M phi = 1, shape (n, count), of a
     part with a shift.
     """
-    for name in held:
+    for name in fixed:
         _check(continuum, name)
-    afford(continuum)
-    motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in held])
+    require_memory_of(continuum)
+    motion = np.vstack([interface_motion(continuum, name, (0.0, 0.0, 0.0)) for name in fixed])
     moved = continuum.solve(motion.T)
     inner = np.linalg.inv(motion @ moved)
 
@@ -298,7 +300,7 @@ def interface_modes(continuum: Continuum, held: Sequence[str], count: int) -> tu
 
 
 def _floating(continuum: Continuum, load: Array) -> Array:
-    """Solve K u = f for a free part and loads in balance, undoing the mass of the shift."""
+    """Solve K u = f for a free part and balanced loads, without the mass of the shift."""
     rigid = _rigid_basis(continuum)
     weighted = continuum.mass_times(rigid)
 
@@ -315,8 +317,8 @@ def _floating(continuum: Continuum, load: Array) -> Array:
             return u  # at the tolerance, or at the level of rounding
         last = change
     raise ConvergenceError(
-        "the answer of the free part did not settle: give a shift well below the square of its "
-        "lowest natural angular frequency"
+        "the solution of the free part did not converge: give a shift well below the square of "
+        "its lowest natural angular frequency"
     )
 
 

@@ -3,164 +3,41 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.elasticity.shapes import METRE
-from flexstage.fem.fronts import FrontalFactor, Fronts
+from flexstage.fem.plane_integrals import SINGULAR, FrontalFactor, PlaneIntegrals, factorised
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.quantities.material import Material
 
 _AT_ONCE = 1024  # blocks of the stiffness
 _ROUNDING = 1e-12  # of two functions' integral, in parts of what it could be
 
-_SINGULAR = (
-    "the stiffness of a body is singular, as a part of it hangs by next to nothing or can "
-    "move freely: look at `flexstage check`, and for thin walls about holes"
+#: Reference material: stiffness and mass are proportional to modulus, density and expansion, so
+#: that one condensation serves every material of the same Poisson's ratio.
+REFERENCE = Material(
+    name="reference",
+    youngs_modulus=1e11,
+    poissons_ratio=0.0,
+    density=1e4,
+    thermal_expansion=1e-5,
 )
-
-
-def factorised(stiffness: sp.csc_matrix, *, ordered: bool = True) -> SuperLU:
-    """Factorise the stiffness of a part; what next to nothing holds has none that can be.
-
-    `ordered` says whether its unknowns come in the order in which they are to be eliminated.
-    """
-    try:
-        return splu(
-            stiffness,
-            permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        if "singular" not in str(error):
-            raise
-        raise ModelError(_SINGULAR) from None
-
-
-class PlaneIntegrals:
-    """Integrals over the plane of a part, which all motions of the plate share.
-
-    `strain` is the regular expression of the regions in plane strain, for a plane model.
-    """
-
-    def __init__(self, mesh: ng.Mesh, *, order: int, held: str, strain: str = "") -> None:
-        self.mesh, self.order = mesh, order
-        #: 1 in regions in plane strain, 0 elsewhere; None where there is no such region.
-        self.strained: ng.CoefficientFunction | None = None
-        if strain:
-            wide = mesh.Materials(strain).Mask()
-            self.strained = ng.CoefficientFunction(
-                [float(wide[i]) for i in range(len(mesh.GetMaterials()))]
-            )
-        self.scalar = ng.H1(mesh, order=order, dirichlet=held)
-        self.width = int(self.scalar.ndof)
-        # at once, as the mesh is used by one thread at a time
-        #: Shape functions in the order in which a plate eliminates them; rows, columns and values
-        #: of the integrals of their derivatives, by rows and columns in this order.
-        self.order_of_elimination, self.pattern = self._integrals()
-        #: Factors of the shape functions that make up 1, x and y [m], shape (n, 3).
-        self.places = self._places()
-
-    def _integrals(
-        self,
-    ) -> tuple[NDArray[np.intp], tuple[NDArray[np.int64], NDArray[np.int64], Array]]:
-        """Return the order of elimination, and integrals of derivatives of shape functions.
-
-        Values 3 m + n are of derivative m of the test function and n of the trial function, in
-        metres; the third is no derivative. Nine more are of the regions in plane strain alone, if
-        there are any. Rows, columns and values have shapes (k,), (k,) and (9, k) or (18, k).
-
-        The order of the shape functions is one for all fields on them, found in a twentieth of the
-        time.
-        """
-        p, q = self.scalar.TnT()
-        tests = (ng.Grad(q)[0], ng.Grad(q)[1], q)
-        trials = (ng.Grad(p)[0], ng.Grad(p)[1], p)
-        weights = (1.0,) if self.strained is None else (1.0, self.strained)
-        pairs = [(m, n) for m in range(3) for n in range(m, 3)]
-        found: dict[tuple[int, int, int], Array] = {}
-        columns = ends = np.zeros(0, dtype=np.intp)
-        for (w, weight), (m, n) in product(enumerate(weights), pairs):
-            if w and n == 2:  # plane strain adds nothing to what is no derivative
-                continue
-            form = ng.BilinearForm(self.scalar)
-            form += weight * tests[m] * trials[n] * ng.dx
-            form.Assemble()
-            values, *places = (np.asarray(a) for a in form.mat.CSR())
-            found[w, m, n] = METRE ** -((m == 2) + (n == 2)) * values
-            columns, ends = (a.astype(np.intp) for a in places)
-        rows = np.repeat(np.arange(self.width), np.diff(ends))
-        mass = sp.csc_matrix((found[0, 2, 2], columns, ends))
-        order = np.argsort(factorised(mass, ordered=False).perm_c)
-        rank = np.argsort(order)
-        # a matrix that is turned has its entries in order, and the pattern is that of the transpose
-        turned = sp.coo_matrix((np.arange(rows.size), (rank[rows], rank[columns]))).tocsc()
-        by, across = (np.asarray(a.data, dtype=np.intp) for a in (turned.tocsr(), turned))
-        planes = np.zeros((9 * len(weights), by.size))
-        for (w, m, n), integral in found.items():
-            planes[9 * w + 3 * m + n] = integral[by]
-            if n != m:
-                planes[9 * w + 3 * n + m] = integral[across]
-        return order, (rows[by], columns[by], planes)
-
-    @cached_property
-    def fronts(self) -> Fronts:
-        """The fronts in which a plate with many fields is eliminated."""
-        rank = np.argsort(self.order_of_elimination)
-        rows, columns, _ = self.pattern
-        return Fronts(rank[rows], rank[columns], self.width)
-
-    def _places(self) -> Array:
-        one = np.zeros(self.width)
-        one[: self.mesh.nv] = 1.0  # the shape functions of the vertices make up a constant
-        place = ng.GridFunction(ng.H1(self.mesh, order=self.order, dim=2))
-        place.Set(ng.CoefficientFunction((ng.x / METRE, ng.y / METRE)))
-        return np.column_stack((one, place.vec.FV().NumPy().reshape(-1, 2)))
-
-    def inside(
-        self, notches: Sequence[tuple[str, tuple[float, float], float]]
-    ) -> NDArray[np.bool_]:
-        """Tell which unknowns lie in notches alone: all elements that share them do.
-
-        Of each notch its region, its centre [m], and how far from there it reaches [m].
-        """
-        elements = list(self.mesh.Elements(ng.VOL))
-        corners = [[self.mesh[v].point for v in e.vertices] for e in elements]
-        middles = np.mean(corners, axis=1) / METRE
-        index = np.array([e.index for e in elements])
-        near = np.zeros(len(elements), dtype=bool)
-        for region, (x, y), reach in notches:
-            near |= np.hypot(middles[:, 0] - x, middles[:, 1] - y) <= reach
-            near |= np.array(self.mesh.Materials(region).Mask(), dtype=bool)[index]
-        found = np.ones(self.width, dtype=bool)
-        for e in (e for e, within in zip(elements, near, strict=True) if not within):
-            found[list(self.scalar.GetDofNrs(ng.ElementId(e)))] = False
-        return found
-
-    def linear(self, integrand: Callable[[Any], Any], region: str = ".*") -> Array:
-        """Assemble an integral over regions of the plane [mm^2] with the scalar test function."""
-        form = ng.LinearForm(self.scalar)
-        form += integrand(self.scalar.TestFunction()) * ng.dx(region, bonus_intorder=2)
-        form.Assemble()
-        return form.vec.FV().NumPy().copy()
 
 
 class LayeredPlate:
     """A part of a plate on a mesh of its plane, with functions through its thickness.
 
     Its fields are those of `ThroughThickness.components`, on the scalar space of the mesh. Fields
-    of notches alone vanish in the bodies, which begin some way from the mouths of the notches; of
-    each notch `notches` gives the region, the centre [m] and how far from there they reach [m].
-    Unknowns are what nothing holds: side by side the fields of each unknown of the scalar space,
-    and these in order of elimination.
+    of notches alone vanish in the bodies beyond a radius about each notch; `notches` gives the
+    region, the centre [m] and that radius [m] of each. Unknowns are the free ones: the fields of
+    each unknown of the scalar space are adjacent, in order of elimination.
     """
 
     def __init__(
@@ -197,15 +74,15 @@ class LayeredPlate:
     def numbers(self, where: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the unknowns of fields at some places of the scalar space, shape (f, len(where)).
 
-        Of what is no unknown it is -1.
+        It is -1 where there is no unknown.
         """
         return self._numbers[:, where]
 
     def expanded(self, u: Array) -> Array:
         """Return the fields of displacements, shape (n, k) to (f, w, k)."""
-        found = np.zeros((self._numbers.size, u.shape[1]))
-        found[self._field_and_place] = u
-        return found.reshape(*self._numbers.shape, u.shape[1])
+        fields = np.zeros((self._numbers.size, u.shape[1]))
+        fields[self._field_and_place] = u
+        return fields.reshape(*self._numbers.shape, u.shape[1])
 
     # ------------------------------------------------------------------ matrices
 
@@ -216,7 +93,7 @@ class LayeredPlate:
 
     @property
     def lame(self) -> tuple[float, float]:
-        """First Lamé constant, and what it is more by in regions in plane strain [Pa].
+        """First Lamé constant, and its increase in regions in plane strain [Pa].
 
         Plane stress is three-dimensional elasticity with another one.
         """
@@ -252,8 +129,8 @@ class LayeredPlate:
         # functions that are orthogonal leave rounding, which would fill the matrix
         size = np.sqrt(np.einsum("aamm->am", through))
         largest = size[:, None, :, None] * size[None, :, None, :]
-        found = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
-        return np.moveaxis(found, 0, 2).reshape(len(parts), len(parts), -1)
+        products = np.where(np.abs(through) > _ROUNDING * largest, factors * through, 0.0)
+        return np.moveaxis(products, 0, 2).reshape(len(parts), len(parts), -1)
 
     @property
     def stiffness(self) -> sp.csc_matrix:
@@ -263,7 +140,7 @@ class LayeredPlate:
                   + G\,(\partial_l u_k\,\partial_l v_k + \partial_l u_k\,\partial_k v_l)
         """
         of_row, of_column, _ = self.plane.pattern
-        # rows of one place follow one another and are equally long, one block beside the other
+        # rows of one place are consecutive and equally long, one block after the other
         height, first = self._heights
         width = height[of_column]
         length = np.bincount(of_row, width, self.plane.width).astype(np.intp)
@@ -285,32 +162,32 @@ class LayeredPlate:
 
     @property
     def _heights(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Of each place how many unknowns it has, and the first of them."""
+        """Number of unknowns of each place, and the first of them."""
         return np.count_nonzero(self._numbers >= 0, axis=0), self._numbers[self._fields[0]]
 
     def _blocks(
-        self, taken: NDArray[np.intp]
+        self, entries: NDArray[np.intp]
     ) -> Iterator[tuple[NDArray[np.intp], Array, NDArray[np.intp], NDArray[np.intp]]]:
-        """Go through blocks of the stiffness, of two places each, that are taken of the pattern.
+        """Yield blocks of the stiffness, of two places each, for entries of the pattern.
 
-        Some of the same shape at a time, so that what is between stays in the processor's memory:
-        which of those that are taken, the blocks, and the numbers of their rows and columns.
+        They come in groups of one shape, so that intermediate results stay in the processor's
+        cache: numbers of the entries, the blocks, and the numbers of their rows and columns.
         """
         through = self._through[np.ix_(self._fields, self._fields)]
         of_row, of_column, planes = self.plane.pattern
         height, _ = self._heights
-        high, wide = height[of_row[taken]], height[of_column[taken]]
+        high, wide = height[of_row[entries]], height[of_column[entries]]
         for a, b in product(np.unique(height[height > 0]).tolist(), repeat=2):
             every = np.flatnonzero((high == a) & (wide == b))
             factors = through[:a, :b].reshape(a * b, -1).T
             for some in np.split(every, range(_AT_ONCE, every.size, _AT_ONCE)):
-                blocks = (planes[:, taken[some]].T @ factors).reshape(-1, a, b)
+                blocks = (planes[:, entries[some]].T @ factors).reshape(-1, a, b)
                 yield some, blocks, np.arange(a)[:, None], np.arange(b)
 
     def factorised(
         self, springs: NDArray[np.intp] | None = None, stiffer: float = 1.0
     ) -> SuperLU | FrontalFactor:
-        """Factorise the stiffness, with springs at some unknowns that make it so much stiffer."""
+        """Factorise the stiffness, with springs at some unknowns that multiply their stiffness."""
         at = np.zeros(0, dtype=np.intp) if springs is None else springs
         if not self.through.in_space:  # two fields are too few for dense fronts
             stiffness = self.stiffness
@@ -321,25 +198,25 @@ class LayeredPlate:
         height, first = (a[self.plane.order_of_elimination] for a in self._heights)
         turned = np.argsort(fronts.rank)
         factor = FrontalFactor(fronts, first[turned], height[turned])
-        for some, block, rows, columns in self._blocks(fronts.taken):
+        for some, block, rows, columns in self._blocks(fronts.entries):
             start, apart = factor.start[some, None, None], factor.apart[some, None, None]
             factor.data[start + apart * rows + columns] = block
         factor.data[factor.diagonal[at]] *= stiffer
         try:
             factor.factorise()
         except np.linalg.LinAlgError:
-            raise ModelError(_SINGULAR) from None
+            raise ModelError(SINGULAR) from None
         return factor
 
     @cached_property
     def _mass(self) -> sp.csr_matrix:
-        """Mass matrix [kg]; functions are orthonormal, so that fields do not share any."""
+        """Mass matrix [kg]; functions are orthonormal, so that fields are not coupled."""
         rows, columns, planes = self.plane.pattern
         row, column = self._numbers[:, rows], self._numbers[:, columns]
-        kept = (row >= 0) & (column >= 0)
-        values = np.broadcast_to(self.material.density * planes[8], kept.shape)
+        free = (row >= 0) & (column >= 0)
+        values = np.broadcast_to(self.material.density * planes[8], free.shape)
         shape = (self.size, self.size)
-        return sp.csr_matrix((values[kept], (row[kept], column[kept])), shape=shape)
+        return sp.csr_matrix((values[free], (row[free], column[free])), shape=shape)
 
     def mass_times(self, u: Array) -> Array:
         """Multiply displacements, shape (n,) or (n, k), by the mass matrix [kg]."""
@@ -350,16 +227,16 @@ class LayeredPlate:
     def spread(self, direction: int, row: Array, through: Callable[[Array], Array]) -> Array:
         r"""Return :math:`\int r(x, y)\,f(z)\,u_i`, of a row on the scalar space, shape (n,).
 
-        The row is one of means over the plane or a line of it; f is a function of the distance from
+        The row is one of means over the plane or a line in it; f is a function of the distance from
         the middle plane [m], even or odd as the displacement is.
         """
         z, weights = self.through.rule
-        found = np.zeros((len(self.through.components), self.plane.width))
+        fields = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == direction:
-                own = self.through.functions[kind].values[k]
-                found[i] = np.sum(own * through(z) * weights) * row
-        return self.gathered(found)
+                function = self.through.functions[kind].values[k]
+                fields[i] = np.sum(function * through(z) * weights) * row
+        return self.gathered(fields)
 
     def mean(self, row: Array) -> Array:
         """Return the mean through the thickness of a row of a plane continuum, shape (n,)."""
@@ -370,13 +247,13 @@ class LayeredPlate:
         )
 
     def middle(self, row: Array) -> Array:
-        """Return what a row of a plane continuum says of the middle plane, shape (n,)."""
-        found = np.zeros((len(self.through.components), self.plane.width))
+        """Return a row of a plane continuum for the middle plane, shape (n,)."""
+        fields = np.zeros((len(self.through.components), self.plane.width))
         values = self.through.values_at(np.zeros(1))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d < 2:
-                found[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
-        return self.gathered(found)
+                fields[i] = values[kind][0][k, 0] * row.reshape(2, -1)[d]
+        return self.gathered(fields)
 
     @property
     def _motions(self) -> tuple[tuple[tuple[int, tuple[float, float, float], int], ...], ...]:
@@ -410,7 +287,7 @@ class LayeredPlate:
 
     @property
     def pins(self) -> NDArray[np.intp]:
-        """Three unknowns that hold it if nothing else does."""
+        """Three unknowns that support it if it is free."""
         x, y = self.plane.places[: self.plane.mesh.nv, 1:].T
         first = [d for d, _, _ in self.through.components].index
         # a vertex, and others from turning about it
@@ -460,8 +337,8 @@ class LayeredPlate:
     def thermal(self, plane: ng.CoefficientFunction | float, power: int) -> Array:
         r"""Return the load :math:`\int\alpha T (3\lambda + 2G)\nabla\cdot v` of T(x, y) z^p.
 
-        In a plane model 2 stands for 3, and the thickness of what is in plane strain counts as free
-        to grow with the temperature.
+        In a plane model the factor is 2 in place of 3, and the thickness of regions in plane strain
+        is free to expand.
         """
         (lame, more), dimension = self.lame, 3 if self.through.in_space else 2
         pressure = dimension * lame + 2.0 * self.shear_modulus
@@ -475,10 +352,10 @@ class LayeredPlate:
         along = sum(self.spread(d, slopes[d], lambda s: s**power) for d in (0, 1))
         if not self.through.in_space:
             return np.asarray(pressure * along)
-        whole = self.plane.linear(lambda v: plane * v) / METRE**2
+        uniform = self.plane.linear(lambda v: plane * v) / METRE**2
         across = np.zeros((len(self.through.components), self.plane.width))
         for i, (d, kind, k) in enumerate(self.through.components):
             if d == 2:
                 slope = self.through.functions[kind].slopes[k]
-                across[i] = np.sum(slope * z**power * weights) * whole
+                across[i] = np.sum(slope * z**power * weights) * uniform
         return pressure * (along + self.gathered(across))

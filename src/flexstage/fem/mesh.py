@@ -18,16 +18,16 @@ from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import StageFaces, body_region, surface_edge
 from flexstage.stage import Loop, Stage
 
-#: Below it an element is a sliver that spoils the figures of its neighbourhood [1].
+#: Least shape of an element; below it a sliver makes its neighbourhood inaccurate [1].
 SLIVER = 0.15
 _TRIES = 6
 
-# At a corner that points into a body the stress has no bound, and the mesh is what the body's
-# stiffness is wrong by: largest element there, in plate thicknesses, and the least turn [rad].
+# At a corner that points into a body the stress is singular, and the mesh dominates the error of
+# the body's stiffness: largest element there, in plate thicknesses, and the least turn [rad].
 _AT_CORNER, _TURN = 0.1, 0.3
 _GROWTH = 0.35  # of an element, by its distance from the small ones [1]
 
-#: The mesher and its meshes are used by one thread at a time; matrices are factorised side by side.
+#: Lock of the mesher and its meshes for one thread at a time; matrices are factorised in parallel.
 MESHER = threading.RLock()
 
 #: Boundary on the middle plane of a stage, where a half of its thickness is meshed.
@@ -36,12 +36,12 @@ MIDDLE = "middle"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshSettings:
-    """How fine a mesh is.
+    """Settings of a mesh.
 
     Raises
     ------
     ModelError
-        A figure is out of its range.
+        A setting is out of its range.
     """
 
     order: int = 4
@@ -49,11 +49,11 @@ class MeshSettings:
     neck_size: float = 0.8
     """Largest element along the surface of a notch, in neck thicknesses [1]."""
     grading: float = 0.6
-    """How fast elements grow away from the necks, 0.1 (slowly) to 1 [1]."""
+    """Growth of elements away from the necks, 0.1 (slow) to 1 [1]."""
     size: float = 2.0
     """Largest element, in plate thicknesses [1]."""
     layers: int = 1
-    """Layers of prisms through half the thickness; of a plane mesh it says nothing."""
+    """Layers of prisms through half the thickness; not used in a plane mesh."""
 
     def __post_init__(self) -> None:
         require_within(
@@ -67,13 +67,13 @@ class MeshSettings:
 
 
 def require_within(settings: object, **ranges: tuple[float, float]) -> None:
-    """Refuse figures of a mesh that are out of their ranges."""
+    """Refuse settings of a mesh that are out of their ranges."""
     for name, (low, high) in ranges.items():
         if not low <= (value := getattr(settings, name)) <= high:
             raise ModelError(f"{name} of a mesh must be {low:g} to {high:g}, got {value!r}")
 
 
-#: Sizes that are tried, over the one that is asked for, until the plate is filled with prisms.
+#: Factors on the requested size, tried in turn until the plate is filled with prisms.
 _SIZES = (1.0, 0.85, 1.15)
 
 
@@ -98,22 +98,22 @@ def _generate(
         for z in levels:
             rules.RestrictH(x, y, z, size)
     try:
-        # a plane is meshed by one thread: others that wait for it would keep the cores busy
+        # a plane is meshed by one thread: waiting threads would keep the cores busy
         with parallel(1 if dimension == 2 else None):
-            made = geometry.GenerateMesh(rules)
+            netgen_mesh = geometry.GenerateMesh(rules)
     except Exception as error:  # the mesher raises its own class, and RuntimeError
         raise ModelError(
             f"the mesher could not mesh the part ({str(error).strip() or 'no reason given'}): "
             "look for slivers and overlaps with 'flexstage check'"
         ) from error
-    mesh = ng.Mesh(made)
+    mesh = ng.Mesh(netgen_mesh)
     if mesh.ne == 0:
         raise ModelError("the mesher made no element: the part has no area")
     return mesh
 
 
-def _afford(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
-    """Refuse elements so small that already their number does not fit in memory."""
+def _require_room(stage: Stage, faces: StageFaces, settings: MeshSettings, dimension: int) -> None:
+    """Refuse elements so small that their number alone does not fit in memory."""
     largest = settings.size * stage.thickness * METRE
     area = sum(f.mass for f in faces.shape.faces)
     # no triangle is larger than an equilateral one, and the necks only add to them
@@ -134,30 +134,30 @@ def corner_sizes(stage: Stage, faces: StageFaces) -> Sizes:
     """Return the sizes of elements at the corners that point into bodies."""
     there = {f.name for f in faces.shape.faces}
     size = _AT_CORNER * stage.thickness * METRE
-    found = []
+    sizes = []
     for body in stage.bodies:
         if body_region(body.name) in there:
             loops = [(body.outline, 1.0), *((h, -1.0) for h in body.holes if isinstance(h, Loop))]
             for loop, side in loops:
-                found += [
+                sizes += [
                     ((METRE * x, METRE * y), size)
                     for (x, y), turn in _turns(loop)
                     if side * turn < -_TURN
                 ]
-    return found
+    return sizes
 
 
 def _turns(loop: Loop) -> list[tuple[tuple[float, float], float]]:
-    """Return by how much a loop turns at its corners, positive where they point outwards [rad]."""
+    """Return the turn of a loop at its corners, positive where they point outwards [rad]."""
     segments = loop.segments()
     area = sum(a[0] * b[1] - a[1] * b[0] for a, b, _ in segments)
-    found = []
+    turns = []
     for (a, b, bent), (_, c, bends) in zip(segments, segments[1:] + segments[:1], strict=True):
         before = math.atan2(b[1] - a[1], b[0] - a[0]) + 2.0 * math.atan(bent)
         after = math.atan2(c[1] - b[1], c[0] - b[0]) - 2.0 * math.atan(bends)
         turn = math.remainder(after - before, 2.0 * math.pi)
-        found.append((b, math.copysign(turn, turn * area)))
-    return found
+        turns.append((b, math.copysign(turn, turn * area)))
+    return turns
 
 
 def plane_mesh(
@@ -166,9 +166,9 @@ def plane_mesh(
     """Mesh the plane of a stage with curved triangles.
 
     It is in millimetres, with regions and boundaries named as in `flexstage.fem.geometry`; `sizes`
-    are of elements at further places than notches and corners.
+    are of elements at places other than notches and corners.
     """
-    _afford(stage, faces, settings, 2)
+    _require_room(stage, faces, settings, 2)
     _refine(stage, faces, settings)
     return face_mesh(faces.shape, stage.thickness, settings, [*corner_sizes(stage, faces), *sizes])
 
@@ -176,7 +176,7 @@ def plane_mesh(
 def face_mesh(
     shape: TopoDS_Shape, thickness: float, settings: MeshSettings, sizes: Sizes = ()
 ) -> ng.Mesh:
-    """Mesh a face, of a plate as thick as is said [m], with curved triangles."""
+    """Mesh a face of a plate of some thickness [m] with curved triangles."""
     mesh = _generate(shape, 2, settings.size * thickness, settings.grading, sizes)
     mesh.Curve(settings.order)
     return mesh
@@ -185,24 +185,24 @@ def face_mesh(
 def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the upper half of a stage's thickness with layers of curved prisms.
 
-    The plane z = 0 is the middle of the plate; whatever a stage does is symmetric about it or the
-    opposite, so that two half models hold the whole answer.
+    The plane z = 0 is the middle of the plate; the motion of a stage is symmetric or antisymmetric
+    about it, so that two half models suffice.
 
     It is in millimetres; the boundary `MIDDLE` lies on z = 0, the others are named as the edges
-    that they grow from.
+    from which they are extruded.
     """
-    _afford(stage, faces, settings, 3)
+    _require_room(stage, faces, settings, 3)
     _refine(stage, faces, settings)
     height = 0.5 * stage.thickness * METRE / settings.layers
     slabs = [
         faces.shape.Move(Vec(0.0, 0.0, k * height)).Extrude(Vec(0.0, 0.0, height))
         for k in range(settings.layers)
     ]
-    whole = slabs[0] if len(slabs) == 1 else Glue(slabs)
-    # What lies over one another is meshed alike, with prisms between: the two level faces of each
-    # solid, however many bodies share a centre. Layers are slabs of their own: splitting prisms
-    # afterwards would lose the curvature of their sides.
-    for solid in whole.solids:
+    solid_stack = slabs[0] if len(slabs) == 1 else Glue(slabs)
+    # The two level faces of each solid have the same mesh, with prisms between, however many bodies
+    # share a centre. Layers are slabs of their own: splitting prisms afterwards would lose the
+    # curvature of their sides.
+    for solid in solid_stack.solids:
         below, above = sorted(_level_faces(solid, height), key=lambda f: f.center.z)
         layer = round(below.center.z / height)
         if layer == 0:
@@ -210,14 +210,13 @@ def prism_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Me
         below.Identify(above, f"layer {layer}", IdentificationType.CLOSESURFACES)
     for share in _SIZES:
         largest = share * settings.size * stage.thickness
-        mesh = _generate(whole, 3, largest, settings.grading, corner_sizes(stage, faces))
+        mesh = _generate(solid_stack, 3, largest, settings.grading, corner_sizes(stage, faces))
         if all(e.type == ng.ET.PRISM for e in mesh.Elements(ng.VOL)):
             break
     else:
         raise ModelError(
-            "the mesher did not fill the plate with prisms, at three sizes of the elements: take "
-            "the model in the plane or the superelements, or look for slivers with 'flexstage "
-            "check'"
+            "the mesher did not fill the plate with prisms, at three sizes of the elements: use "
+            "the plane model or the superelements, or look for slivers with 'flexstage check'"
         )
     mesh.Curve(settings.order)
     return mesh
@@ -239,22 +238,22 @@ def shapes(mesh: ng.Mesh) -> Array:
     return (2.0 * np.linalg.det(map_) / np.sum(map_**2, axis=(2, 3))).min(axis=1)
 
 
-def sound_mesh(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
+def mesh_without_slivers(stage: Stage, faces: StageFaces, settings: MeshSettings) -> ng.Mesh:
     """Mesh the plane of a stage, again where the mesher left slivers.
 
     Now and then the mesher closes a gap between fine and coarse elements with a fan of slivers.
-    Along them it is told then how elements grow.
+    Sizes along them then prescribe the growth of elements.
 
-    It is the first mesh without a sliver of some tries, or else the best.
+    It is the first mesh without a sliver in a few tries, or else the best.
     """
     sizes: list[tuple[tuple[float, float], float]] = []
     best, least = None, -math.inf
     for _ in range(_TRIES):
         mesh = plane_mesh(stage, faces, settings, sizes)
-        found = shapes(mesh)
-        if best is None or found.min() > least:
-            best, least = mesh, float(found.min())
-        bad = np.flatnonzero(found < SLIVER)
+        qualities = shapes(mesh)
+        if best is None or qualities.min() > least:
+            best, least = mesh, float(qualities.min())
+        bad = np.flatnonzero(qualities < SLIVER)
         if not bad.size:
             break
         sizes += _graded(mesh, bad)
@@ -273,10 +272,10 @@ def _graded(mesh: ng.Mesh, slivers: NDArray[np.intp]) -> Sizes:
         short = float(lengths[far])
         start = np.delete(corners, far, axis=0).mean(axis=0)
         along = corners[far] - start
-        whole = math.hypot(*along)
+        length = math.hypot(*along)
         reach = short
-        while reach < whole:
-            x, y = (start + along * (reach / whole)).tolist()
+        while reach < length:
+            x, y = (start + along * (reach / length)).tolist()
             sizes.append(((x, y), short + _GROWTH * reach))
             reach *= 1.5
     return sizes

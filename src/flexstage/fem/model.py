@@ -40,11 +40,11 @@ _DEPENDENT = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UncoupledProblem:
-    """Motion in the plane of a stage, or out of it: a continuum and what coordinates move it.
+    """Motion in the plane of a stage, or out of it: a continuum and its coordinates.
 
-    A model in the plane has one. In three dimensions there are two that know nothing of each other:
-    motion in the plane, which is symmetric about the middle of the plate, and motion out of it,
-    which is the opposite. Each is solved on the upper half of the plate.
+    A model in the plane has one. In three dimensions there are two decoupled ones: motion in the
+    plane, which is symmetric about the middle of the plate, and motion out of it, which is
+    antisymmetric. Each is solved on the upper half of the plate.
     """
 
     continuum: Continuum
@@ -52,9 +52,9 @@ class UncoupledProblem:
     basis: Array
     """Displacement of the continuum for each coordinate of the system, shape (n, r)."""
     out_of_plane: bool
-    """Whether it is the motion out of the plane."""
+    """True if it is the motion out of the plane."""
     points: NeckPoints
-    """Where the stress of the notches is looked for."""
+    """Points of the stress of the notches."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,13 +66,13 @@ class StageModel:
     system: MechanicalSystem
     """The system that it was projected on."""
     mesh_settings: MeshSettings
-    """How fine the mesh is."""
+    """Settings of the mesh."""
     unknowns: int
     """Number of unknowns of one problem, the largest system that is factorised."""
     elements: int
     """Number of elements of the mesh."""
     solved: Callable[[], tuple[UncoupledProblem, ...]] = field(repr=False, compare=False)
-    """Gives `problems`; where the rest was read from a cache, by solving the stage again."""
+    """Returns `problems`; solves the stage again if the other fields are from a cache."""
 
     __repr__ = short_repr
 
@@ -118,7 +118,7 @@ def _loads(
     out_of_plane: bool,
 ) -> dict[str, tuple[Array, str]]:
     """Loads on the whole stage of this problem, by name, with the unit that they are for."""
-    found: dict[str, tuple[Array, str]] = {}
+    loads: dict[str, tuple[Array, str]] = {}
     for axis, direction in (
         (("z", (0.0, 0.0, 1.0)),)
         if out_of_plane
@@ -131,13 +131,13 @@ def _loads(
         for rider in attached:
             i = "xyz".index(axis)
             weight = weight + STANDARD_GRAVITY * rider.inertia[i] * rider.motion[i]
-        found[f"gravity {axis}"] = (weight, "g")
+        loads[f"gravity {axis}"] = (weight, "g")
     if stage.material.thermal_expansion is not None:
         for name, change in _temperature(stage, masses).items():
             if name.endswith("z") == out_of_plane:
                 unit = "K/m" if "gradient" in name else "K"
-                found[name] = (continuum.thermal(change), unit)
-    return found
+                loads[name] = (continuum.thermal(change), unit)
+    return loads
 
 
 def assemble(
@@ -153,8 +153,8 @@ def assemble(
     """Project continua of a stage on one system.
 
     Each of `continua` is a continuum, the number of its modes, and whether it moves out of the
-    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies
-    give way under drives that react on them.
+    plane. `choices` are those that change the figures; with `supports` ``elastic`` fixed bodies are
+    compliant under drives that react on them.
     """
     masses = mass_properties(stage)
     uncoupled: list[_UncoupledSystem] = []
@@ -204,7 +204,7 @@ def assemble(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _UncoupledSystem:
-    """What one continuum gives to the system, in its own coordinates."""
+    """Contribution of one continuum to the system, in its own coordinates."""
 
     continuum: Continuum
     omega: Array
@@ -298,13 +298,13 @@ def project(
     rest = response - shapes @ within
     stiff_rest = _effective(continuum, loads) - modal_mass @ (omega[:, None] ** 2 * within)
     mass_rest = _mass(continuum, attached, rest)
-    own = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
+    self_mass = np.einsum("ij,ij->j", response, _mass(continuum, attached, response))
     left = np.einsum("ij,ij->j", rest, mass_rest)
-    kept = np.flatnonzero(left > _DEPENDENT * own)
-    if not kept.size:
+    independent = np.flatnonzero(left > _DEPENDENT * self_mass)
+    if not independent.size:
         return omega, shapes, np.ones(count, dtype=bool)
-    size = np.sqrt(left[kept])
-    rest, mass_rest, stiff_rest = (a[:, kept] / size for a in (rest, mass_rest, stiff_rest))
+    size = np.sqrt(left[independent])
+    rest, mass_rest, stiff_rest = (a[:, independent] / size for a in (rest, mass_rest, stiff_rest))
     gram = rest.T @ mass_rest
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     good = values > _DEPENDENT * values.max()

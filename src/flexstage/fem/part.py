@@ -1,4 +1,4 @@
-"""Any STEP file as an elastic part: its solids, its faces by name, its mesh."""
+"""A part from a STEP file: its solids, its faces by name, its mesh."""
 
 import math
 import pickle
@@ -15,7 +15,7 @@ from netgen.occ import Glue, OCCGeometry, TopoDS_Shape, Vertex, gp_Pnt
 from flexstage.base.arrays import Array, Integers
 from flexstage.base.errors import ModelError, StageError
 from flexstage.elasticity.shapes import METRE
-from flexstage.elasticity.step_file import of_step
+from flexstage.elasticity.step_file import in_step_file
 from flexstage.fem.part_mesh import PartMesh, mesh_shape
 from flexstage.quantities.material import Material
 
@@ -31,13 +31,13 @@ class PartFace:
     """A face of a part."""
 
     name: str
-    """Its name, which the boundary of the mesh bears too; faces may share one."""
+    """Name, also that of the boundary of the mesh; faces may share one."""
     kind: str
     """``plane``, ``cylinder``, ``cone``, ``sphere``, ``torus``, ``bspline``, ..."""
     area: float
-    """Its area [m^2]."""
+    """Area [m^2]."""
     centre: tuple[float, ...]
-    """Its centroid [m]."""
+    """Centroid [m]."""
     normal: tuple[float, ...] | None
     """Outward unit normal of a plane; None of any other."""
     low: tuple[float, ...]
@@ -45,9 +45,9 @@ class PartFace:
     high: tuple[float, ...]
     """Highest corner of the box about it [m]."""
     bodies: tuple[str, ...]
-    """Names of the solids that it bounds: of two that are joined there, or of one."""
+    """Names of the solids that it bounds: two joined ones, or one."""
     forward: bool
-    """Whether the normal of its surface, by its coordinates, looks out of the first of them."""
+    """True if the normal of its surface, by its coordinates, points out of the first of them."""
 
 
 def box_of(shape: TopoDS_Shape) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -84,9 +84,9 @@ def face_of(shape: TopoDS_Shape, bodies: tuple[str, ...]) -> PartFace:
 
 
 def _kind(shape: TopoDS_Shape) -> tuple[str, bool]:
-    """Return the kind of surface of a face, and whether its normal looks out of the solid.
+    """Return the kind of surface of a face, and whether its normal points out of the solid.
 
-    Only the text form of a shape tells: the kind as a number after the heading ``Surfaces``, and
+    Only the text form of a shape has both: the kind as a number after the heading ``Surfaces``, and
     the orientation as the sign of the last shape.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -94,8 +94,8 @@ def _kind(shape: TopoDS_Shape) -> tuple[str, bool]:
         shape.WriteBrep(str(file))
         text = file.read_text("latin-1")
     # a trimmed surface (10) is followed by its basis on the next line
-    found = re.search(r"^Surfaces \d+\s+(?:10 [^\n]*\n)?(\d+) ", text, re.MULTILINE)
-    number = int(found[1]) if found else 0
+    match = re.search(r"^Surfaces \d+\s+(?:10 [^\n]*\n)?(\d+) ", text, re.MULTILINE)
+    number = int(match[1]) if match else 0
     kind = _KINDS[number] if 0 < number < len(_KINDS) else "surface"
     return kind, text.split()[-2].startswith("+")
 
@@ -110,13 +110,13 @@ class Part:
     """One solid, or several that are joined where they touch."""
 
     source: str
-    """Where it comes from, for messages."""
+    """Source, for messages."""
     shape: TopoDS_Shape
     """The solids, in millimetres; every face has a name."""
     bodies: tuple[str, ...]
     """Names of the solids, which are the regions of its mesh."""
     faces: tuple[PartFace, ...]
-    """Its faces."""
+    """Faces."""
 
     @classmethod
     def from_shape(cls, shape: TopoDS_Shape, *, source: str = "the shape") -> "Part":
@@ -150,7 +150,7 @@ class Part:
 
     @property
     def volume(self) -> float:
-        """Its volume [m^3]."""
+        """Volume [m^3]."""
         return sum(s.mass for s in self.shape.solids) / METRE**3
 
     @property
@@ -191,24 +191,24 @@ class Part:
         The point is in metres; on the edge of two faces with different names it is refused.
         """
         vertex = Vertex(gp_Pnt(*(METRE * float(c) for c in point)))
-        found = sorted(
+        by_distance = sorted(
             (f.Distance(vertex), face.name)
             for f, face in zip(dict.fromkeys(self.shape.faces), self.faces, strict=True)
         )
         low, high = self.bounding_box
         margin = _NEAR * math.dist(low, high) * METRE
-        for distance, name in found[1:]:
-            if distance - found[0][0] < margin and name != found[0][1]:
+        for distance, name in by_distance[1:]:
+            if distance - by_distance[0][0] < margin and name != by_distance[0][1]:
                 raise StageError(
-                    f"the point {tuple(point)} m is as near to face '{found[0][1]}' as to "
-                    f"'{name}': give a point inside the face that is meant"
+                    f"the point {tuple(point)} m is as near to face '{by_distance[0][1]}' as to "
+                    f"'{name}': give a point inside the intended face"
                 )
-        return found[0][1]
+        return by_distance[0][1]
 
     def select(self, axis: str, end: str) -> tuple[str, ...]:
         """Return the names of the plane faces at one end of the part.
 
-        Of all plane faces that look outwards along the axis ``x``, ``y`` or ``z`` those that lie
+        Of all plane faces with outward normals along the axis ``x``, ``y`` or ``z`` those that lie
         lowest (``min``) or highest (``max``), in the order of the file.
         """
         if axis not in _AXES or len(axis) != 1 or end not in {"min", "max"}:
@@ -220,8 +220,9 @@ class Part:
         there = [f for f in self.faces if f.normal is not None and sign * f.normal[k] > 1.0 - _NEAR]
         if not there:
             raise StageError(
-                f"{self.source} has no plane face that looks along {'+' if sign > 0 else '-'}"
-                f"{axis}: name the face in the CAD program, or give a point on it"
+                f"{self.source} has no plane face with its normal along "
+                f"{'+' if sign > 0 else '-'}{axis}: name the face in the CAD program, or give a "
+                "point on it"
             )
         outermost = max(sign * f.centre[k] for f in there)
         low, high = self.bounding_box
@@ -230,26 +231,26 @@ class Part:
         return tuple(dict.fromkeys(level))
 
     def boundary(self, names: str | Sequence[str]) -> str:
-        """Return the regular expression that stands for faces in a mesh."""
-        given = (names,) if isinstance(names, str) else tuple(names)
-        known = {f.name for f in self.faces}
-        for name in given:
-            if name not in known:
+        """Return the regular expression of faces in a mesh."""
+        words = (names,) if isinstance(names, str) else tuple(names)
+        every = {f.name for f in self.faces}
+        for name in words:
+            if name not in every:
                 raise StageError(
-                    f"{self.source} has no face '{name}': it has {', '.join(sorted(known)[:12])}"
-                    f"{', ...' if len(known) > 12 else ''}"
+                    f"{self.source} has no face '{name}': it has {', '.join(sorted(every)[:12])}"
+                    f"{', ...' if len(every) > 12 else ''}"
                 )
-        return "|".join(re.escape(name) for name in given)
+        return "|".join(re.escape(name) for name in words)
 
     def touching(self, names: Sequence[str]) -> list[tuple[str, ...]]:
         """Return faces, given by name, in groups that touch; those of one name are one."""
         groups: list[tuple[tuple[str, ...], set[TopoDS_Shape]]] = []
         for name in dict.fromkeys(names):
-            own = {v for f in self.shape.faces if f.name == name for v in f.vertices}
-            met = [g for g in groups if g[1] & own]
+            face_vertices = {v for f in self.shape.faces if f.name == name for v in f.vertices}
+            met = [g for g in groups if g[1] & face_vertices]
             groups = [g for g in groups if g not in met]
             joined = (*(n for g in met for n in g[0]), name)
-            groups.append((joined, own.union(*(g[1] for g in met))))
+            groups.append((joined, face_vertices.union(*(g[1] for g in met))))
         return [group for group, _ in groups]
 
     # ------------------------------------------------------------------ mesh
@@ -257,7 +258,7 @@ class Part:
     def mesh(self, settings: PartMesh | None = None, *, limit: float | None = None) -> ng.Mesh:
         """Mesh the part with tetrahedra that are curved to its surface.
 
-        It is in millimetres; the mesher is given up after `limit` seconds of computing time.
+        It is in millimetres; the mesher is stopped after `limit` seconds of computing time.
 
         Examples
         --------
@@ -268,11 +269,11 @@ class Part:
         >>> sorted(part.mesh().GetBoundaries()) == sorted(f.name for f in part.faces)
         True
         """
-        chosen = settings if settings is not None else PartMesh()
-        for name in chosen.sizes:
+        mesh_settings = settings if settings is not None else PartMesh()
+        for name in mesh_settings.sizes:
             if name not in {f.name for f in self.faces}:
                 raise ModelError(f"{self.source} has no face '{name}' to give a mesh size to")
-        return mesh_shape(self.shape, chosen, self.source, limit=limit)
+        return mesh_shape(self.shape, mesh_settings, self.source, limit=limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -301,11 +302,11 @@ def part_surface(part: Part) -> PartSurface:
     They are coarse where it is flat, and within about 1 % of the area of curved faces.
     """
     # what the library's own viewer draws; it has no other way to the kernel's triangles
-    shown = OCCGeometry(part.shape)._visualizationData()
-    triangles = np.array(shown["vertices"], dtype=float).reshape(-1, 3, 3) / METRE
-    lines = np.array(shown["edges"], dtype=float).reshape(-1, 2, 3) / METRE
-    face = np.array(shown["indices"], dtype=np.intp).reshape(len(triangles), -1)[:, 0]
-    edge = np.array(shown["edge_indices"], dtype=np.intp).reshape(len(lines), -1)[:, 0]
+    visualisation = OCCGeometry(part.shape)._visualizationData()
+    triangles = np.array(visualisation["vertices"], dtype=float).reshape(-1, 3, 3) / METRE
+    lines = np.array(visualisation["edges"], dtype=float).reshape(-1, 2, 3) / METRE
+    face = np.array(visualisation["indices"], dtype=np.intp).reshape(len(triangles), -1)[:, 0]
+    edge = np.array(visualisation["edge_indices"], dtype=np.intp).reshape(len(lines), -1)[:, 0]
     forward = np.array([f.forward for f in part.faces])[face]
     triangles[~forward] = triangles[~forward][:, ::-1]
     twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -316,21 +317,21 @@ def part_surface(part: Part) -> PartSurface:
 def read_step(path: str | Path, *, solid: int | str | Sequence[int | str] | None = None) -> Part:
     """Read a part from a STEP file.
 
-    Whatever its unit of length, the geometry kernel turns it into millimetres. `solid` are those to
-    take of several, by number, counted from 0, or by name; ``all`` keeps all of them, and several
-    are joined where they touch. Faces and solids that have no name in the file are called
-    ``face1``, ..., ``body1``, ... in its order. Refused are no STEP file or one that is not whole,
-    no solid, one without volume, several of which none is chosen, and several that overlap.
+    The geometry kernel converts any unit of length to millimetres. `solid` selects from several
+    solids, by number, counted from 0, or by name; ``all`` keeps all of them, and several are joined
+    where they touch. Faces and solids that have no name in the file are called ``face1``, ...,
+    ``body1``, ... in its order. A file is refused that is no STEP file or incomplete, or that has
+    no solid, a solid without volume, several solids without a selection, or overlapping solids.
     """
     path = Path(path)
-    packed, bodies, faces = of_step(path, _packed_part, path, solid)
+    packed, bodies, faces = in_step_file(path, _packed_part, path, solid)
     return Part(source=f"'{path}'", shape=pickle.loads(packed).shape, bodies=bodies, faces=faces)
 
 
 def _packed_part(
     shape: TopoDS_Shape, path: Path, solid: int | str | Sequence[int | str] | None
 ) -> tuple[bytes, tuple[str, ...], tuple[PartFace, ...]]:
-    """Return the shape of a part for another process, what it is called, and its faces."""
+    """Return the shape of a part for another process, its names, and its faces."""
     part = _part_of(shape, path, solid)
     packed = pickle.dumps(OCCGeometry(part.shape))
     # all that is done with it there, but its mesh, is done here first: the kernel may break down
@@ -369,7 +370,7 @@ def _part_of(
 
 
 def _number(word: int | str, names: Sequence[str], path: Path) -> int:
-    """Return which solid a word means: a name, or as text a number from 1, as in ``body1``."""
+    """Return the number of a solid by its name, or by text with a number from 1 (``body1``)."""
     if isinstance(word, int):
         if 0 <= word < len(names):
             return word
@@ -378,20 +379,20 @@ def _number(word: int | str, names: Sequence[str], path: Path) -> int:
         return names.index(word)
     if word.isdigit() and 0 < int(word) <= len(names):
         return int(word) - 1
-    known = ", ".join(f"{k} {name}" for k, name in enumerate(names, 1))
+    available = ", ".join(f"{k} {name}" for k, name in enumerate(names, 1))
     raise StageError(
-        f"'{path}' has the solids {known}; got '{word}': give a name, a number or 'all'"
+        f"'{path}' has the solids {available}; got '{word}': give a name, a number or 'all'"
     )
 
 
 def _name_all(shapes: Sequence[TopoDS_Shape], kind: str) -> list[str]:
-    """Give a name to every shape that has none."""
-    taken = {s.name for s in shapes if s.name not in _NO_NAME}
+    """Name every shape that has no name."""
+    used = {s.name for s in shapes if s.name not in _NO_NAME}
     names = []
     for k, shape in enumerate(shapes, 1):
         if shape.name is None or shape.name in _NO_NAME:
             name = f"{kind}{k}"
-            while name in taken:
+            while name in used:
                 name += "_"
             shape.name = name
         names.append(str(shape.name))

@@ -1,6 +1,6 @@
-"""What finite elements say of a part that was drawn elsewhere: mass, modes, stiffness, ratio.
+"""Analysis of a part from a STEP file by finite elements: mass, modes, stiffness, ratio.
 
-What it is made of is said in words: a name, or figures; for all solids, or for one.
+Materials are given as text: a name from the catalogue, or figures; for all solids, or for one.
 """
 
 import math
@@ -19,10 +19,10 @@ from flexstage.elasticity import Continuum
 from flexstage.elasticity.requests import DEFAULT_MATERIAL, PartRequest
 from flexstage.fem.interface import (
     MotionRatio,
-    afford,
     interface_modes,
     interface_ratio,
     interface_stiffness,
+    require_memory_of,
 )
 from flexstage.fem.part import Part, read_step
 from flexstage.fem.part_estimate import PartEstimate, estimate_part, require_room
@@ -35,15 +35,15 @@ from flexstage.quantities.units import parse
 _FIGURES = {"e": ("pressure", "Pa"), "nu": ("", ""), "rho": ("density", "kg/m^3")}
 
 
-def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
-    """Return what each solid of a part is made of, by its name.
+def materials_of(part: Part, texts: Sequence[str]) -> Mapping[str, Material]:
+    """Return the material of each solid of a part, by its name.
 
     Each text is a material for all solids, or ``SOLID=MATERIAL`` with a name or number from 1; a
     material is a name from the catalogue, or ``E=..., nu=..., rho=...``, bare numbers in SI.
     """
     every: Material | None = None
     of: dict[str, Material] = {}
-    for text in given:
+    for text in texts:
         head, sign, rest = text.partition("=")
         if sign and head.strip().casefold() not in _FIGURES:
             name = _solid(part, head.strip())
@@ -52,14 +52,14 @@ def materials_of(part: Part, given: Sequence[str]) -> Mapping[str, Material]:
             of[name] = _material(rest)
         elif every is not None:
             raise StageError(
-                f"'{given[0]}' and '{text}' are both for all solids: write SOLID=MATERIAL for one "
+                f"'{texts[0]}' and '{text}' are both for all solids: write SOLID=MATERIAL for one "
                 f"of {', '.join(part.bodies)}"
             )
         else:
             every = _material(text)
     lacking = [name for name in part.bodies if name not in of]
     if lacking and every is None:
-        if given:
+        if texts:
             raise StageError(
                 f"solid '{lacking[0]}' has no material: give it one as --material "
                 f'"{lacking[0]}=...", or one for all others without a name'
@@ -73,8 +73,8 @@ def _solid(part: Part, word: str) -> str:
         return word
     if word.isdigit() and 0 < int(word) <= len(part.bodies):
         return part.bodies[int(word) - 1]
-    known = ", ".join(f"{k} {name}" for k, name in enumerate(part.bodies, 1))
-    raise StageError(f"{part.source} has no solid '{word}' to give a material to: it has {known}")
+    available = ", ".join(f"{k} {name}" for k, name in enumerate(part.bodies, 1))
+    raise StageError(f"{part.source} has no solid '{word}' for the material: it has {available}")
 
 
 def _material(text: str) -> Material:
@@ -112,13 +112,13 @@ def _material(text: str) -> Material:
 class Bodies(Continuum):
     """A part in three dimensions whose regions are of different materials.
 
-    `materials` gives each region's by its name. `held` is the regular expression of the boundaries
-    that are held, `held_components` those held in one direction, by ``x``, ``y``, ``z``; the mesh
-    is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
+    `materials` gives each region's by its name. `fixed` is the regular expression of the fixed
+    boundaries, `fixed_components` those of boundaries fixed in one direction, by ``x``, ``y``,
+    ``z``; the mesh is curved to `order`, and `shift` is as of `Continuum` [rad^2/s^2].
 
     Notes
     -----
-    Loads by volume (gravity, temperature) are those of one material and are not given here.
+    Loads by volume (gravity, temperature) are those of one material and are not available here.
     """
 
     def __init__(
@@ -127,8 +127,8 @@ class Bodies(Continuum):
         materials: Mapping[str, Material],
         *,
         order: int,
-        held: str = "",
-        held_components: Mapping[str, str] | None = None,
+        fixed: str = "",
+        fixed_components: Mapping[str, str] | None = None,
         shift: float = 0.0,
     ) -> None:
         regions = list(mesh.GetMaterials())
@@ -140,7 +140,7 @@ class Bodies(Continuum):
             )
         of = [materials[name] for name in regions]
         super().__init__(
-            mesh, of[0], order=order, held=held, held_components=held_components, shift=shift
+            mesh, of[0], order=order, fixed=fixed, fixed_components=fixed_components, shift=shift
         )
         shear = [m.youngs_modulus / (2.0 * (1.0 + m.poissons_ratio)) for m in of]
         first = [
@@ -169,23 +169,23 @@ class InterfaceResult:
     """A part with one kind of interfaces."""
 
     frequency_hz: Array
-    """Natural frequencies, rigid motions left out [Hz], shape (k,)."""
+    """Natural frequencies, without rigid motions [Hz], shape (k,)."""
     stiffness: Array | None = None
     """Forces [N] and moments [N m] over displacements [m] and rotations [rad] of the moved faces,
     shape (6, 6).
     """
     ratio: MotionRatio | None = None
-    """How the output moves when two faces are pushed apart."""
+    """Motion of the output when two faces are pushed apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartAnalysis:
-    """A part, held or free."""
+    """The analysis of a part, fixed or free."""
 
     part: Part
     """The part."""
     materials: Mapping[str, Material]
-    """What each of its bodies is made of."""
+    """Material of each of its bodies."""
     order: int
     """Polynomial order of the displacement."""
     elements: int
@@ -193,21 +193,20 @@ class PartAnalysis:
     unknowns: int
     """Unknowns of the mesh."""
     expected: PartEstimate
-    """What they were expected to be, and to cost."""
-    held: tuple[str, ...]
-    """Faces that are held; empty for a free part."""
+    """Their estimate before the analysis, with its cost."""
+    fixed: tuple[str, ...]
+    """Fixed faces; empty for a free part."""
     moved: tuple[str, ...]
-    """Faces whose stiffness was asked for."""
+    """Faces with a requested stiffness."""
     at: tuple[float, ...]
     """The point about which the stiffness is [m]."""
     results: Mapping[str, InterfaceResult]
-    """The result by the kind of interfaces, ``rigid`` and ``mean``; of a part that nothing holds
-    one, ``free``.
+    """The result by the kind of interfaces, ``rigid`` and ``mean``; of a free part one, ``free``.
     """
 
 
 def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
-    """Return the faces that some words name.
+    """Return the faces of a list of words.
 
     ``x-min``, ``z-max`` and so on stand for the plane faces at that end of the part.
 
@@ -218,25 +217,25 @@ def named_faces(part: Part, words: Sequence[str]) -> tuple[str, ...]:
     >>> named_faces(part, ("x-min",)) == part.select("x", "min")
     True
     """
-    found: list[str] = []
+    names: list[str] = []
     for word in words:
         axis, _, end = word.partition("-")
         if axis in ("x", "y", "z") and end in ("min", "max"):
-            found += part.select(axis, end)
+            names += part.select(axis, end)
         else:
             part.boundary(word)
-            found.append(word)
-    return tuple(dict.fromkeys(found))
+            names.append(word)
+    return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Wanted:
-    """What is asked for, with faces as regular expressions; empty where there are none.
+class _Interfaces:
+    """The requested interfaces as regular expressions; empty where there are none.
 
-    Held and moved faces have one for each group of faces that touch.
+    Fixed and moved faces have one for each group of faces that touch.
     """
 
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     moved: tuple[str, ...]
     ratio: tuple[str, str, str] | None
     at: tuple[float, ...]
@@ -252,10 +251,10 @@ def analyse_part(
 ) -> PartAnalysis:
     """Analyse a part.
 
-    Where nothing is held it floats. ``rigid`` interfaces move as if stiff plates were welded to
-    them; ``mean`` ones may deform, and it is their mean motion that counts, of each group of held
-    and of moved faces that touch. The displacement has the order of the mesh. `expect` is told what
-    the mesh will be and cost, before it is made.
+    Without fixed faces it is free. ``rigid`` interfaces move as if stiff plates were welded to
+    them; ``mean`` ones may deform, and their mean motion counts, of each group of fixed and of
+    moved faces that touch. The displacement has the order of the mesh. `expect` receives the
+    estimate of the mesh and its cost beforehand.
 
     Notes
     -----
@@ -263,63 +262,67 @@ def analyse_part(
     """
     request = request or PartRequest()
     hold, move = named_faces(part, request.hold), named_faces(part, request.move)
-    wanted = _wanted(part, request, hold, move)
+    interfaces = _requested_interfaces(part, request, hold, move)
     part.require_joined()
     of = dict.fromkeys(part.bodies, material) if isinstance(material, Material) else dict(material)
-    chosen = PartMesh(order=request.order, size=request.size, thin=request.thin)
-    asked = ("rigid", "mean") if request.interfaces == "both" else (request.interfaces,)
-    kinds = asked if hold else ("free",)
-    expected = estimate_part(part, chosen, factorisations=_factorisations(kinds, wanted))
+    mesh_settings = PartMesh(order=request.order, size=request.size, thin=request.thin)
+    interface_kinds = ("rigid", "mean") if request.interfaces == "both" else (request.interfaces,)
+    kinds = interface_kinds if hold else ("free",)
+    expected = estimate_part(part, mesh_settings, factorisations=_factorisations(kinds, interfaces))
     if expect is not None:
         expect(expected)
     if not request.force:
-        require_room(part, chosen, expected)
+        require_room(part, mesh_settings, expected)
     progress.update("mesh")
-    made = part.mesh(chosen, limit=_LEAST + _PATIENCE * expected.meshing)
+    mesh = part.mesh(mesh_settings, limit=_LEAST + _PATIENCE * expected.meshing)
     low, high = part.bounding_box
     sound = min(math.sqrt(m.youngs_modulus / m.density) for m in of.values())
     shift = (_SHIFT * sound / math.dist(low, high)) ** 2
     results: dict[str, InterfaceResult] = {}
 
-    def held(*more: str) -> Bodies:
-        names = "|".join((*wanted.held, *more))
-        return _ready(Bodies(made, of, order=chosen.order, held=names), request.force)
+    def fixed_part(*more: str) -> Bodies:
+        names = "|".join((*interfaces.fixed, *more))
+        return _ready(Bodies(mesh, of, order=mesh_settings.order, fixed=names), request.force)
 
     for k, kind in enumerate(kinds):
         with progress.subtask(0.1 + 0.9 * k / len(kinds), 0.1 + 0.9 * (k + 1) / len(kinds)):
             if kind == "rigid":
-                results[kind] = _with_interfaces(wanted, held, rigid=True)
+                results[kind] = _with_interfaces(interfaces, fixed_part, rigid=True)
                 continue
-            floating = _ready(Bodies(made, of, order=chosen.order, shift=shift), request.force)
+            floating = _ready(
+                Bodies(mesh, of, order=mesh_settings.order, shift=shift), request.force
+            )
             results[kind] = (
                 InterfaceResult(frequency_hz=_free(floating, request.modes))
                 if kind == "free"
-                else _with_interfaces(wanted, lambda *_, own=floating: own, rigid=False)
+                else _with_interfaces(interfaces, lambda *_, body=floating: body, rigid=False)
             )
     return PartAnalysis(
         part=part,
         materials=of,
-        order=chosen.order,
-        elements=made.ne,
-        unknowns=ng.VectorH1(made, order=chosen.order).ndof,
+        order=mesh_settings.order,
+        elements=mesh.ne,
+        unknowns=ng.VectorH1(mesh, order=mesh_settings.order).ndof,
         expected=expected,
-        held=hold,
+        fixed=hold,
         moved=move,
-        at=wanted.at,
+        at=interfaces.at,
         results=results,
     )
 
 
-def _factorisations(kinds: Sequence[str], wanted: _Wanted) -> int:
-    """Count them: floating parts need one, rigid interfaces one for each set that is held."""
-    of_rigid = sum(map(bool, (wanted.modes, wanted.moved, wanted.ratio)))
+def _factorisations(kinds: Sequence[str], interfaces: _Interfaces) -> int:
+    """Return their number: one for a free part, one for each set of fixed rigid faces."""
+    of_rigid = sum(map(bool, (interfaces.modes, interfaces.moved, interfaces.ratio)))
     return sum(of_rigid if kind == "rigid" else 1 for kind in kinds)
 
 
-def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]) -> _Wanted:
+def _requested_interfaces(
+    part: Part, request: PartRequest, hold: Sequence[str], move: Sequence[str]
+) -> _Interfaces:
     ratio = tuple(named_faces(part, words) for words in request.ratio or ())
     if (move or ratio) and not hold:
-        raise StageError("stiffness and ratio of faces are against held ones: name some to hold")
+        raise StageError("stiffness and ratio refer to fixed faces: name faces to hold")
     for purpose, names in (
         ("moved", move),
         *(("pushed", names) for names in ratio[:2]),
@@ -327,7 +330,7 @@ def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequenc
     ):
         both = set(hold) & set(names)
         if both:
-            raise StageError(f"face '{min(both)}' cannot be held and {purpose}: name it once")
+            raise StageError(f"face '{min(both)}' cannot be fixed and {purpose}: name it once")
     if ratio and len(set().union(*ratio)) < sum(len(set(names)) for names in ratio):
         raise StageError("the ratio is between three different faces, got one of them twice")
     point: tuple[float, ...] = ()
@@ -336,8 +339,8 @@ def _wanted(part: Part, request: PartRequest, hold: Sequence[str], move: Sequenc
         area = sum(f.area for f in faces)
         centroid = (sum(f.area * f.centre[i] for f in faces) / area for i in range(3))
         point = tuple(request.at if request.at is not None else centroid)
-    return _Wanted(
-        held=_interfaces(part, hold),
+    return _Interfaces(
+        fixed=_interfaces(part, hold),
         moved=_interfaces(part, move),
         ratio=tuple(part.boundary(tuple(n)) for n in ratio) if ratio else None,  # type: ignore[arg-type]
         at=point,
@@ -351,7 +354,7 @@ def _interfaces(part: Part, names: Sequence[str]) -> tuple[str, ...]:
 
 def _ready(body: Bodies, force: bool) -> Bodies:
     if not force:
-        afford(body)
+        require_memory_of(body)
     body.factorise()
     return body
 
@@ -361,7 +364,7 @@ def _hertz(omega: Array) -> Array:
 
 
 def _free(body: Bodies, modes: int) -> Array:
-    """Return the elastic modes; the rigid ones are below them, whatever rounding makes of them."""
+    """Return the elastic modes; the rigid ones are below them, up to rounding."""
     if not modes:
         return np.zeros(0)
     omega, _ = body.modes(modes + _RIGID_MOTIONS)
@@ -369,11 +372,11 @@ def _free(body: Bodies, modes: int) -> Array:
 
 
 def _with_interfaces(
-    wanted: _Wanted, part: Callable[..., Bodies], *, rigid: bool
+    interfaces: _Interfaces, part: Callable[..., Bodies], *, rigid: bool
 ) -> InterfaceResult:
-    """Solve with rigid interfaces, one factorisation for each set of faces held, or with mean ones.
+    """Solve with rigid interfaces, one factorisation for each set of fixed faces, or mean ones.
 
-    `part` gives the part with more faces held, or the one that floats.
+    `part` returns the part with further fixed faces, or the free one.
     """
 
     def done(body: Bodies) -> None:
@@ -381,50 +384,50 @@ def _with_interfaces(
             body.release()
 
     frequency, stiffness, ratio = np.zeros(0), None, None
-    if wanted.modes:
+    if interfaces.modes:
         with progress.subtask(0.0, 0.5):
             body = part()
             omega, _ = (
-                body.modes(wanted.modes)
+                body.modes(interfaces.modes)
                 if rigid
-                else interface_modes(body, wanted.held, wanted.modes)
+                else interface_modes(body, interfaces.fixed, interfaces.modes)
             )
             frequency = _hertz(omega)
             done(body)
-    if wanted.moved:
+    if interfaces.moved:
         with progress.subtask(0.5, 0.75):
             progress.update("stiffness")
-            body = part(*wanted.moved)
+            body = part(*interfaces.moved)
             stiffness = interface_stiffness(
-                body, wanted.moved, wanted.held, at=wanted.at, rigid=rigid
+                body, interfaces.moved, interfaces.fixed, at=interfaces.at, rigid=rigid
             )
             done(body)
-    if wanted.ratio:
+    if interfaces.ratio:
         with progress.subtask(0.75, 1.0):
             progress.update("ratio")
-            body = part(*wanted.ratio)
+            body = part(*interfaces.ratio)
             ratio = interface_ratio(
-                body, wanted.ratio[:2], wanted.ratio[2], wanted.held, rigid=rigid
+                body, interfaces.ratio[:2], interfaces.ratio[2], interfaces.fixed, rigid=rigid
             )
     return InterfaceResult(frequency_hz=frequency, stiffness=stiffness, ratio=ratio)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartResult(Result):
-    """Faces and mass of a part, and its modes and stiffness where a mesh was asked for."""
+    """Faces and mass of a part, and its modes and stiffness where a mesh was requested."""
 
     table_key: ClassVar[str] = "faces"
 
     part: Part
     """The part."""
     materials: Mapping[str, Material]
-    """What each of its bodies is made of."""
-    held: tuple[str, ...]
-    """Names of the faces that are to be held."""
+    """Material of each of its bodies."""
+    fixed: tuple[str, ...]
+    """Names of the faces to fix."""
     moved: tuple[str, ...]
-    """Names of those that are to be moved."""
+    """Names of the faces to move."""
     analysis: PartAnalysis | None
-    """Its analysis; None where none was asked for."""
+    """Analysis; None where not requested."""
 
     def data(self) -> dict[str, Any]:
         out: dict[str, Any] = {
@@ -447,11 +450,11 @@ class PartResult(Result):
         }
         if self.analysis is None:
             return out
-        found = self.analysis
+        analysis = self.analysis
         return out | {
-            **picked(found, "order", "elements", "unknowns"),
-            "expected": picked(found.expected, "elements", "unknowns", "memory", "seconds"),
-            **picked(found, "held", "moved", "at"),
+            **picked(analysis, "order", "elements", "unknowns"),
+            "expected": picked(analysis.expected, "elements", "unknowns", "memory", "seconds"),
+            **picked(analysis, "fixed", "moved", "at"),
             "interfaces": {
                 kind: picked(r, "natural_frequency_hz=frequency_hz", "stiffness")
                 | {
@@ -459,7 +462,7 @@ class PartResult(Result):
                     if r.ratio is None
                     else picked(r.ratio, "direction", "motion", "ratio", "stiffness")
                 }
-                for kind, r in found.results.items()
+                for kind, r in analysis.results.items()
             },
         }
 
@@ -470,12 +473,12 @@ def part_result(
     """Read a STEP file, and analyse it where the order of its mesh is not 0."""
     part = read_step(path, solid="all" if "all" in request.solids else request.solids)
     materials = materials_of(part, request.material)
-    held, moved = named_faces(part, request.hold), named_faces(part, request.move)
+    fixed, moved = named_faces(part, request.hold), named_faces(part, request.move)
     return PartResult(
         request=request,
         part=part,
         materials=materials,
-        held=held,
+        fixed=fixed,
         moved=moved,
         analysis=analyse_part(part, materials, request, expect=expect) if request.order else None,
     )

@@ -1,4 +1,4 @@
-"""How large a mesh of a part will be, and what it costs, told before anything is meshed."""
+"""Estimate of the size of a mesh of a part, and of its cost, before it is meshed."""
 
 import math
 from collections import defaultdict
@@ -19,14 +19,14 @@ _PLACES = 1500  # places on the surface at which the size is asked for
 _LEAST = 6  # of them on each face
 _ON_EDGES = 1500  # places on edges, about, at most
 _LARGER = 1.25  # from one size that is tried to the next
-_ALIKE = 1e-6  # corners at one place, to this part of the size
+_SAME_CORNER = 1e-6  # corners at one place, relative to the size
 _BENT = 1e-3  # angle between triangles of a plane, at most [rad]
 _GIGA = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Experience:
-    """How many elements meshes had, and what they cost.
+    """Numbers of elements of meshes, and their cost.
 
     Measured on 27 meshes of nine parts (a block, a bar, plates with holes, a tube, a notched bar,
     the joints and the actuator of docs/explanation/ansys-comparison.md), 40 to 24 000 elements;
@@ -40,7 +40,7 @@ class _Experience:
     triangles: float = 2.25
     """Triangles for each square of their size: 1.7 to 2.7 [1]."""
     few: float = 2.0
-    """Elements through a wall by which a part is a shell of one layer of them [1]."""
+    """Elements through a wall below which a part is a shell of one layer of elements [1]."""
     starting: float = 1.5
     """Time before the mesher begins [s]."""
     meshing: float = 4.5e-4
@@ -57,44 +57,45 @@ class _Experience:
     """Memory of an element, assumed [byte]."""
 
 
-_FOUND = _Experience()
+_EXPERIENCE = _Experience()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartEstimate:
-    """What a mesh of a part is expected to be and to cost."""
+    """Expected size and cost of a mesh of a part."""
 
     elements: float
     """Tetrahedra [1]."""
     unknowns: float
     """Degrees of freedom [1]."""
     memory: float
-    """At the most at one time [byte]."""
+    """Largest memory at one time [byte]."""
     seconds: float
     """CPU time of one core [s]."""
     meshing: float
-    """The part of it that the mesher takes [s]."""
+    """Share of the mesher in it [s]."""
     largest: float
     """Largest element [m]."""
 
     def words(self) -> str:
-        """Return it in words."""
+        """Return the estimate as text."""
         time = f"{self.seconds:.2g} s"
         if self.seconds > 90.0:
             minutes = self.seconds / 60.0
             time = f"{minutes:.2g} min" if minutes < 90.0 else f"{minutes / 60.0:.3g} h"
         return (
             f"about {_round(self.elements)} elements, {_round(self.unknowns)} unknowns, "
-            f"{self.memory / _GIGA:.2g} GB, {time} on one core (0.8 to 2.5 of what it takes)"
+            f"{self.memory / _GIGA:.2g} GB, {time} on one core (0.8 to 2.5 times the actual "
+            "values)"
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Places:
-    """Places on the surface of a part, and what the size of elements there goes by [m]."""
+    """Places on the surface of a part, with the lengths that determine the element size [m]."""
 
     area: Array
-    """What each stands for [m^2], shape (n,)."""
+    """Area that each represents [m^2], shape (n,)."""
     wall: Array
     """Thickness of the part behind it, shape (n,)."""
     radius: Array
@@ -113,16 +114,16 @@ def _places(part: Part, surface: PartSurface) -> _Places:
     areas = np.linalg.norm(vectors, axis=1)
     normal = vectors / areas[:, None]
     radius = _radii(surface, normal)
-    chosen, weight = [], []
+    sampled, weight = [], []
     for k in range(len(part.faces)):
-        own = np.flatnonzero(surface.face == k)
-        if not len(own):
+        triangles = np.flatnonzero(surface.face == k)
+        if not len(triangles):
             continue
-        whole = areas[own].sum()
-        count = max(_LEAST, round(_PLACES * whole / areas.sum()))
-        chosen.append(rng.choice(own, count, p=areas[own] / whole))
-        weight.append(np.full(count, whole / count))
-    which = np.concatenate(chosen)
+        total_area = areas[triangles].sum()
+        count = max(_LEAST, round(_PLACES * total_area / areas.sum()))
+        sampled.append(rng.choice(triangles, count, p=areas[triangles] / total_area))
+        weight.append(np.full(count, total_area / count))
+    which = np.concatenate(sampled)
     # evenly over a triangle (Osada and others 2002)
     r, s = np.sqrt(rng.random(len(which))), rng.random(len(which))
     shares = np.column_stack([1.0 - r, r * (1.0 - s), r * s])
@@ -135,15 +136,17 @@ def _places(part: Part, surface: PartSurface) -> _Places:
     pieces = np.linalg.norm(surface.lines[:, 1] - surface.lines[:, 0], axis=1)
     # of an edge some places, and its length
     length = np.bincount(surface.edge, weights=pieces)[surface.edge]
-    drawn = np.flatnonzero((length > 0.0) & (rng.random(len(pieces)) < _ON_EDGES / len(pieces)))
+    sampled_edges = np.flatnonzero(
+        (length > 0.0) & (rng.random(len(pieces)) < _ON_EDGES / len(pieces))
+    )
     return _Places(
         area=np.concatenate(weight),
         wall=wall,
         radius=radius[which],
         face=surface.face[which],
-        length=np.asarray(length[drawn], dtype=float),
+        length=np.asarray(length[sampled_edges], dtype=float),
         apart=np.asarray(
-            cdist(at, np.concatenate([at, surface.lines[drawn].mean(axis=1)])), dtype=float
+            cdist(at, np.concatenate([at, surface.lines[sampled_edges].mean(axis=1)])), dtype=float
         ),
     )
 
@@ -151,7 +154,7 @@ def _places(part: Part, surface: PartSurface) -> _Places:
 def _radii(surface: PartSurface, normal: Array) -> Array:
     """Return the least radius of curvature at each triangle, by the angles to its neighbours."""
     scale = np.ptp(surface.triangles.reshape(-1, 3), axis=0).max()
-    corners = np.round(surface.triangles / (_ALIKE * scale)).astype(np.int64)
+    corners = np.round(surface.triangles / (_SAME_CORNER * scale)).astype(np.int64)
     neighbours: dict[object, list[tuple[int, float]]] = defaultdict(list)
     twice = 2.0 * np.linalg.norm(surface.area_vectors, axis=1)
     for t, (three, face) in enumerate(zip(corners.tolist(), surface.face.tolist(), strict=True)):
@@ -166,23 +169,23 @@ def _radii(surface: PartSurface, normal: Array) -> Array:
             (i, height), (j, other) = pair
             angle = math.acos(min(1.0, max(-1.0, float(normal[i] @ normal[j]))))
             if angle > _BENT:
-                found = 0.5 * (height + other) / angle
-                radius[i], radius[j] = min(radius[i], found), min(radius[j], found)
+                radii = 0.5 * (height + other) / angle
+                radius[i], radius[j] = min(radius[i], radii), min(radius[j], radii)
     return radius
 
 
 def _sizes(places: _Places, part: Part, settings: PartMesh) -> Array:
-    """Return the size of elements at each place, as the mesher's rules have it [m]."""
+    """Return the size of elements at each place, by the mesher's rules [m]."""
     diagonal = math.dist(*part.bounding_box)
     largest = settings.largest(diagonal)
-    wanted = np.minimum(largest, places.radius / settings.curvature)
+    size = np.minimum(largest, places.radius / settings.curvature)
     if settings.thin:
         walls = np.maximum(settings.thin * places.wall, SMALLEST * diagonal)
-        wanted = np.minimum(wanted, np.where(walls < largest, walls, largest))
+        size = np.minimum(size, np.where(walls < largest, walls, largest))
     names = [part.faces[k].name for k in places.face]
-    wanted = np.minimum(wanted, [settings.sizes.get(name, largest) for name in names])
+    size = np.minimum(size, [settings.sizes.get(name, largest) for name in names])
     # sizes grow with the distance from where they are small; of an edge they are at most its length
-    from_there = np.concatenate([wanted, np.minimum(places.length, largest)])
+    from_there = np.concatenate([size, np.minimum(places.length, largest)])
     out = (from_there + settings.grading * places.apart).min(axis=1)
     return np.minimum(out, largest)
 
@@ -230,22 +233,21 @@ def estimate_part(part: Part, settings: PartMesh, *, factorisations: int = 1) ->
     the radius of curvature, the wall behind, the length of edges, and growth with the distance from
     where they are small. Counts follow by integration to the middle of the walls.
 
-    `factorisations` is how many stiffness matrices are factorised, one after the other.
+    `factorisations` is the number of stiffness matrices that are factorised, one after the other.
 
     Notes
     -----
-    Validity: of 20 meshes from 12 000 unknowns on it said 0.6 to 1.6 of the elements, 0.7 to 1.5 of
-    the unknowns, and 0.8 to 2.5 of the memory and of the time on the processor it was made on; too
-    much where a part is hollow. Meshes that curving folds are made anew, finer, which it does not
-    know.
+    Validity: for 20 meshes from 12 000 unknowns on it gave 0.6 to 1.6 of the elements, 0.7 to 1.5
+    of the unknowns, and 0.8 to 2.5 of the memory and of the time on the same processor; too much
+    for hollow parts. It does not include the repetition of meshes that curving folds.
     """
     return _estimate(_places(part, part_surface(part)), part, settings, factorisations)
 
 
 def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: int) -> PartEstimate:
     by_volume, by_surface, across = _counts(places, part, settings)
-    triangles = _FOUND.triangles * by_surface
-    elements = max(_FOUND.by_volume * by_volume, _FOUND.by_surface * triangles)
+    triangles = _EXPERIENCE.triangles * by_surface
+    elements = max(_EXPERIENCE.by_volume * by_volume, _EXPERIENCE.by_surface * triangles)
     unknowns = _unknowns(elements, triangles, settings.order)
     low, high = part.bounding_box
     solving = memory_needed(
@@ -253,24 +255,28 @@ def _estimate(places: _Places, part: Part, settings: PartMesh, factorisations: i
         3,
         settings.order,
         box=[h - b for b, h in zip(low, high, strict=True)],
-        layered=across < _FOUND.few,
+        layered=across < _EXPERIENCE.few,
     )
     giga = solving / _GIGA
-    search = triangles * (_FOUND.search[0] + _FOUND.search[1] * triangles) if settings.thin else 0.0
-    meshing = _FOUND.meshing * elements + search
-    once = _FOUND.factorising * giga**1.5 + _FOUND.solutions * _FOUND.solving * giga
+    search = (
+        triangles * (_EXPERIENCE.search[0] + _EXPERIENCE.search[1] * triangles)
+        if settings.thin
+        else 0.0
+    )
+    meshing = _EXPERIENCE.meshing * elements + search
+    once = _EXPERIENCE.factorising * giga**1.5 + _EXPERIENCE.solutions * _EXPERIENCE.solving * giga
     return PartEstimate(
         elements=elements,
         unknowns=unknowns,
-        memory=solving + _FOUND.mesh * elements,
-        seconds=_FOUND.starting + meshing + factorisations * once,
+        memory=solving + _EXPERIENCE.mesh * elements,
+        seconds=_EXPERIENCE.starting + meshing + factorisations * once,
         meshing=meshing,
         largest=settings.largest(math.dist(low, high)),
     )
 
 
 def require_room(part: Part, settings: PartMesh, expected: PartEstimate) -> None:
-    """Refuse a mesh that will not fit in memory, before it is made.
+    """Refuse a mesh that will not fit in memory, before it is generated.
 
     The size that would fit is in the message.
     """
@@ -279,7 +285,7 @@ def require_room(part: Part, settings: PartMesh, expected: PartEstimate) -> None
         return
     places = _places(part, part_surface(part))
     diagonal = math.dist(*part.bounding_box)
-    hint = "no size of elements makes it small enough: take a lower order or a part of it"
+    hint = "no element size is large enough: take a lower order or a part of the geometry"
     size = expected.largest
     while size < 0.25 * diagonal:
         size = min(_LARGER * size, 0.25 * diagonal)

@@ -1,4 +1,4 @@
-"""Tetrahedra for a solid of any shape, fine where it is thin; the mesher has its own process."""
+"""Tetrahedral mesh of a solid, fine where it is thin, by a mesher in its own process."""
 
 import math
 from collections.abc import Mapping
@@ -16,97 +16,99 @@ from flexstage.elasticity.own_process import BrokenDownError, in_own_process
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.mesh import require_within
 
-#: Smallest element that thinness asks for, in sizes of the part.
+#: Smallest element at thin places, in sizes of the part.
 SMALLEST = 2e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Meshing:
-    """How thin places are looked for, and folded elements repaired."""
+    """Limits of the search for thin places and of the repair of folded elements."""
 
     opposed: float = -0.85
-    """A wall ends where the surface looks back within 32 degrees: no wedge is thin."""
+    """The opposite face of a wall has a normal within 32 degrees: no wedge is thin."""
     passes: int = 5
-    """Searches for thin places at most."""
+    """Largest number of searches for thin places."""
     thinner: float = 0.9
-    """A search that finds no place so much thinner is the last."""
+    """A search that finds no place thinner by this factor is the last."""
     repairs: int = 7
-    """Meshes that are tried."""
+    """Largest number of meshes."""
     finer: float = 1.5
-    """As many times more elements to a radius each of them has."""
+    """Factor on the elements to a radius from each mesh to the next."""
     flattened: float = 0.02
     """Least over mean Jacobian determinant of an element that counts as folded."""
     straightened: float = 0.01
     """Part of the elements that may be straightened."""
     rounds: int = 8
-    """How often elements are straightened."""
+    """Largest number of rounds of straightening."""
     lost: float = 0.01
     """Part of the volume that a mesh may lack."""
 
 
-_CHOSEN = _Meshing()
+_LIMITS = _Meshing()
 # where rays start in a triangle: in its middle and towards its corners
 _SPREAD = np.array([[1 / 3, 1 / 3, 1 / 3], [0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])
 
 
 class MesherError(RuntimeError):
-    """The mesher says that it failed; the reason may be empty."""
+    """The mesher failed; the reason may be empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTask:
-    """What is to be meshed and how, in millimetres; the words are those of `PartMesh`."""
+    """Geometry and settings of a mesh, in millimetres, with the terms of `PartMesh`."""
 
     geometry: OCCGeometry
-    """The solids; sizes at faces stand in them."""
+    """The solids, with sizes at faces."""
     diagonal: float
-    """Of the box about them."""
+    """Diagonal of the box about them."""
     order: int
     """Order to which the elements will be curved."""
     largest: float
     """Largest element."""
     thin: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
     grading: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
     curvature: float
-    """As of `PartMesh`."""
+    """Same as in `PartMesh`."""
 
 
 def generate(task: MeshTask) -> object | None:
     """Mesh solids with straight tetrahedra that can be curved.
 
     Thin places are found on the mesh of the surface itself, which is made coarse first and again
-    as long as that shows thinner places: from each triangle rays go inwards to where the surface
-    looks back at them. A few elements that curving would fold can be straightened; where many are,
-    the mesh is made anew with more elements to a radius.
+    as long as that shows thinner places: from each triangle rays go inwards to the opposite
+    surface. A few elements that curving would fold can be straightened; where many are, the mesh is
+    made anew with more elements to a radius.
 
-    None where curving folds many elements of every mesh that was tried.
+    It is None where curving folds many elements of every mesh.
     """
     at, sizes = np.zeros((0, 3)), np.zeros(0)
     thinnest = np.inf
-    for _ in range(_CHOSEN.passes if task.thin else 0):
+    for _ in range(_LIMITS.passes if task.thin else 0):
         surface = _run(task, task.curvature, (at, sizes), MeshingStep.MESHSURFACE)
         more, wall = thickness_below(surface, task.largest / task.thin)
         at = np.concatenate([at, more])
         sizes = np.concatenate([sizes, np.maximum(task.thin * wall, SMALLEST * task.diagonal)])
         now = float(wall.min(initial=np.inf))
-        if not now < _CHOSEN.thinner * thinnest:
+        if not now < _LIMITS.thinner * thinnest:
             break
         thinnest = now
-    for k in range(_CHOSEN.repairs):
-        made = _run(task, task.curvature * _CHOSEN.finer**k, (at, sizes), MeshingStep.MESHVOLUME)
-        mesh = ng.Mesh(made)
+    for k in range(_LIMITS.repairs):
+        netgen_mesh = _run(
+            task, task.curvature * _LIMITS.finer**k, (at, sizes), MeshingStep.MESHVOLUME
+        )
+        mesh = ng.Mesh(netgen_mesh)
         if mesh.ne == 0:
             raise MesherError("it made no element")
         mesh.Curve(task.order)
-        if unfold(mesh, task.order):
-            return made
+        if straighten_folded(mesh, task.order):
+            return netgen_mesh
     return None
 
 
 def generate_alone(task: MeshTask) -> object | None:
-    """Return what `generate` makes in a process that does nothing else."""
+    """Return the result of `generate` in a process of its own."""
     with ng.TaskManager():
         return generate(task)
 
@@ -130,15 +132,15 @@ def _folded(mesh: ng.Mesh, rule: ng.IntegrationRule) -> NDArray[np.intp]:
     """Return the elements that curving folds, or nearly folds."""
     determinant = ng.Det(ng.specialcf.JacobianMatrix(3))
     values = determinant(mesh.MapToAllElements(rule, ng.VOL)).reshape(mesh.ne, -1)
-    return np.flatnonzero(values.min(axis=1) < _CHOSEN.flattened * np.abs(values).mean(axis=1))
+    return np.flatnonzero(values.min(axis=1) < _LIMITS.flattened * np.abs(values).mean(axis=1))
 
 
-def unfold(mesh: ng.Mesh, order: int) -> bool:
-    """Straighten elements that curving folds, as far as need be.
+def straighten_folded(mesh: ng.Mesh, order: int) -> bool:
+    """Straighten elements that curving folds, as far as necessary.
 
-    The curved shape is written as the straight one and a hierarchical polynomial displacement: what
-    edges and faces add beyond the corners can then be taken back element by element, and neighbours
-    still fit.
+    The curved shape is written as the straight one and a hierarchical polynomial displacement: the
+    contributions of edges and faces can then be removed element by element, and neighbours still
+    fit.
 
     Returns False where they are too many.
     """
@@ -146,7 +148,7 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     bad = _folded(mesh, rule)
     if order < 2 or not len(bad):
         return True
-    if len(bad) > _CHOSEN.straightened * mesh.ne:
+    if len(bad) > _LIMITS.straightened * mesh.ne:
         return False
     space = ng.VectorH1(mesh, order=order)
     bend = ng.GridFunction(space)
@@ -158,22 +160,22 @@ def unfold(mesh: ng.Mesh, order: int) -> bool:
     mesh.Curve(1)
     mesh.SetDeformation(bend)
     touched: set[int] = set()
-    for k in range(_CHOSEN.rounds):
+    for k in range(_LIMITS.rounds):
         touched.update(bad.tolist())
         for e in bad:
             dofs = np.array(space.GetDofNrs(ng.ElementId(ng.VOL, int(e))))
-            values[dofs] *= 0.6 if k < _CHOSEN.rounds // 2 else 0.0
+            values[dofs] *= 0.6 if k < _LIMITS.rounds // 2 else 0.0
         bad = _folded(mesh, rule)
         if not len(bad):
-            return len(touched) <= _CHOSEN.straightened * mesh.ne
+            return len(touched) <= _LIMITS.straightened * mesh.ne
     return False
 
 
 def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
-    """Return where the body behind a meshed surface is thinner than a limit.
+    """Return the places at which the body behind a meshed surface is thinner than a limit.
 
-    In the mesh's unit; the normals of the surface look outwards. Returns places on it, shape (k,
-    3), and the thickness below each, shape (k,).
+    Lengths are in the mesh's unit; the normals of the surface point outwards. Returns places on it,
+    shape (k, 3), and the thickness below each, shape (k,).
     """
     points = surface.Coordinates()  # type: ignore[attr-defined]
     corners = np.array(
@@ -183,16 +185,16 @@ def thickness_below(surface: object, limit: float) -> tuple[Array, Array]:
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     starts = _SPREAD @ triangles
-    found = first_hits(triangles, normal, starts, -normal, limit)
-    thin = found < limit
-    return starts[thin], found[thin]
+    walls = first_hits(triangles, normal, starts, -normal, limit)
+    thin = walls < limit
+    return starts[thin], walls[thin]
 
 
 def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limit: float) -> Array:
-    """Return how far rays go to the first triangle that looks back at them.
+    """Return the distance along rays to the first opposed triangle.
 
     Corners of the triangles, shape (t, 3, 3), and their unit normals; `starts`, shape (n, s, 3),
-    lie side by side with one unit direction each, shape (n, 3). Infinity where there is none within
+    have one unit direction for each group, shape (n, 3). It is infinity where there is none within
     the limit, shape (n, s).
     """
     a, ab, ac = (
@@ -202,7 +204,7 @@ def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limi
     )
     middle = triangles.mean(axis=1)
     reach = np.linalg.norm(middle[:, None] - triangles, axis=2).max(axis=1)
-    found = np.full(starts.shape[:2], np.inf)
+    distances = np.full(starts.shape[:2], np.inf)
     for i, (origins, ray) in enumerate(zip(starts, rays, strict=True)):
         centre = origins.mean(axis=0)
         wide = float(np.sqrt(((origins - centre) ** 2).sum(axis=1).max()))
@@ -210,13 +212,13 @@ def first_hits(triangles: Array, normal: Array, starts: Array, rays: Array, limi
         along = offset @ ray
         span = reach + wide
         # triangles that look back, and that a ray from here can meet within the limit
-        near = (normal @ ray > -_CHOSEN.opposed) & (along > -span) & (along < limit + span)
+        near = (normal @ ray > -_LIMITS.opposed) & (along > -span) & (along < limit + span)
         near &= np.einsum("ij,ij->i", offset, offset) - along**2 < span**2
         which = np.flatnonzero(near)
         if len(which):
             distance = _hits(origins, ray, a[which], ab[which], ac[which])
-            found[i] = np.where(distance < limit, distance, np.inf)
-    return found
+            distances[i] = np.where(distance < limit, distance, np.inf)
+    return distances
 
 
 def _across(p: Array, q: Array) -> Array:
@@ -227,7 +229,7 @@ def _across(p: Array, q: Array) -> Array:
 
 
 def _hits(origins: Array, ray: Array, a: Array, ab: Array, ac: Array) -> Array:
-    """Return how far rays go to the first of some triangles (Möller and Trumbore, 1997)."""
+    """Return the distance along rays to the first of some triangles (Möller and Trumbore, 1997)."""
     p = _across(ray, ac)
     det = np.einsum("ij,ij->i", ab, p)
     det = np.where(np.abs(det) < 1e-300, np.nan, det)
@@ -243,20 +245,20 @@ def _hits(origins: Array, ray: Array, a: Array, ab: Array, ac: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartMesh:
-    """How fine a mesh of a part is."""
+    """Settings of the mesh of a part."""
 
     order: int = 3
-    """Order to which the elements are curved; the displacement's order is given apart, and should
-    be no less [1].
+    """Order to which the elements are curved; the displacement's order is separate, and should be
+    no less [1].
     """
     size: float | None = None
     """Largest element [m]; a quarter of the diagonal of the part where not given."""
     thin: float = 1.5
-    """Largest element where the part is thin, in local thicknesses; 0 does not look for thin places
+    """Largest element where the part is thin, in local thicknesses; 0 for no search for thin places
     [1].
     """
     grading: float = 0.5
-    """How fast elements grow, 0.1 (slowly) to 1 [1]."""
+    """Growth of elements, 0.1 (slow) to 1 [1]."""
     curvature: float = 1.0
     """Elements to a radius of curvature, 0.2 to 20 [1]."""
     sizes: Mapping[str, float] = field(default_factory=dict)
@@ -287,14 +289,14 @@ def mesh_shape(
     """Mesh solids with curved tetrahedra.
 
     The mesh is in millimetres, as the shape; `limit` is the computing time after which the mesher
-    is given up [s], where the system can do so.
+    is stopped [s], where the system can do so.
 
     Notes
     -----
     The mesher runs in a process of its own, on one thread: on slivers it may abort, which would end
     the program.
     """
-    kept = [(f, f.maxh) for f in shape.faces]
+    former_sizes = [(f, f.maxh) for f in shape.faces]
     try:
         for f in shape.faces:
             if f.name in settings.sizes:
@@ -308,37 +310,37 @@ def mesh_shape(
             grading=settings.grading,
             curvature=settings.curvature,
         )
-        made = in_own_process(generate_alone, task, seconds=limit)
+        netgen_mesh = in_own_process(generate_alone, task, seconds=limit)
     except BrokenDownError as error:
-        raise ModelError(f"the mesher {error} on {source}: {_mend(shape)}") from None
+        raise ModelError(f"the mesher {error} on {source}: {_repair_advice(shape)}") from None
     except MesherError as error:
         raise ModelError(
             f"the mesher could not mesh {source} ({str(error) or 'no reason given'}): "
-            f"{_mend(shape)}"
+            f"{_repair_advice(shape)}"
         ) from error
     finally:
-        for f, before in kept:
+        for f, before in former_sizes:
             f.maxh = before
-    if made is None:
+    if netgen_mesh is None:
         raise ModelError(
             f"curving to order {settings.order} folds many elements of {source}: give smaller "
             "sizes, more elements to a radius (curvature), or a lower order"
         )
-    mesh = ng.Mesh(made)
+    mesh = ng.Mesh(netgen_mesh)
     mesh.Curve(settings.order)
-    unfold(mesh, settings.order)
-    whole = sum(s.mass for s in shape.solids)
+    straighten_folded(mesh, settings.order)
+    volume = sum(s.mass for s in shape.solids)
     meshed = float(ng.Integrate(ng.CoefficientFunction(1.0), mesh))
-    if settings.order > 1 and abs(meshed - whole) > _CHOSEN.lost * whole:
+    if settings.order > 1 and abs(meshed - volume) > _LIMITS.lost * volume:
         raise ModelError(
-            f"the mesh of {source} holds {meshed:.6g} mm^3 of its {whole:.6g} mm^3: the mesher "
+            f"the mesh of {source} contains {meshed:.6g} mm^3 of its {volume:.6g} mm^3: the mesher "
             "lost a face; change the mesh size or repair the part"
         )
     return mesh
 
 
-def _mend(shape: TopoDS_Shape) -> str:
-    """Say what to look at in a part that cannot be meshed."""
+def _repair_advice(shape: TopoDS_Shape) -> str:
+    """Return advice on a part that cannot be meshed."""
     width = {f.name: 2.0 * f.mass / sum(e.mass for e in f.edges) for f in shape.faces}
     narrow = min(width, key=lambda name: width[name])
     edge = min(e.mass for e in shape.edges)

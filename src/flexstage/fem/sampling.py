@@ -1,7 +1,7 @@
 """Fields on a mesh as points and flat cells, for pictures and for files.
 
-Elements of high order are curved, and what varies in them is no straight line; each is divided into
-small cells whose corners are mapped into it, never looked for.
+Elements of high order are curved, and fields within them are not linear; each is divided into small
+cells whose corners are mapped into it, without a search.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ class Sample:
     """Displacement [m], shape (n, 3)."""
     stress: Array | None
     """Components xx, yy, zz, yz, xz, xy, averaged over the elements about a corner [Pa], shape (n,
-    6); None where it was not asked for.
+    6); None where it was not requested.
     """
 
     @property
@@ -58,17 +58,17 @@ class Sample:
     def von_mises(self) -> Array:
         """Equivalent stress of von Mises [Pa], shape (n,)."""
         if self.stress is None:
-            raise ModelError("the field was sampled without its stress: ask for it")
+            raise ModelError("the field was sampled without its stress: request it")
         return von_mises_of(self.stress)
 
     def moved(self, factor: float = 1.0) -> Array:
-        """Return where the corners go to [m], shape (n, 3), motion exaggerated by a factor."""
+        """Return the displaced corners [m], shape (n, 3), motion exaggerated by a factor."""
         return self.points + factor * self.displacement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Corners of the cells, each once, and which place of the mesh each corner is."""
+    """Corners of the cells, each once, and the place of the mesh of each corner."""
 
     points: Array
     cells: Integers
@@ -79,13 +79,13 @@ class _Cells:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampler:
-    """Divides the elements of a stage's mesh into small cells, and reads fields at their corners.
+    """Division of the elements of a mesh into small cells, with fields at their corners.
 
     Notes
     -----
     Validity: the cells are straight, and a value within one is linear between corners: with four
     parts the area of the study's piezo stage is kept to 1e-4. Stress at a corner of several
-    elements is the mean of what they give there.
+    elements is the mean of their values.
 
     Examples
     --------
@@ -102,12 +102,13 @@ class Sampler:
     divisions: int = 4
     """Parts of each edge of an element, 1 to 32."""
     extent: Literal["plane", "whole"] = "plane"
-    """``plane`` for triangles: of a plane model all of it, of one in three dimensions its middle
-    plane; ``whole`` for all that there is: wedges over the whole thickness in three dimensions,
-    the half below the middle plane mirrored from the one that is meshed.
+    """``plane`` for triangles: the plane model, or the middle plane of one in three dimensions;
+    ``whole`` for the entire model: wedges over the full thickness in three dimensions, the half
+    below the middle plane mirrored from the meshed one.
     """
     seams: bool = False
-    """Whether corners stay apart where two regions meet, so that stress is averaged in each alone.
+    """True if corners are separate where two regions meet, so that stress is averaged in each
+    alone.
     """
 
     def __post_init__(self) -> None:
@@ -121,7 +122,7 @@ class Sampler:
 
     @property
     def solid(self) -> bool:
-        """Whether the cells are wedges."""
+        """True if the cells are wedges."""
         return self.extent == "whole" and self.mesh.dim == 3
 
     @cached_property
@@ -134,11 +135,11 @@ class Sampler:
         """Index of the body that each region is a part of, in the order of the stage."""
         stage = self.model.stage
         index = {b.name: i for i, b in enumerate(stage.bodies)}
-        found = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
+        regions = {body_region(b.name): i for i, b in enumerate(stage.bodies)}
         for hinge in stage.hinges:
             for which, name in enumerate(hinge.bodies):
-                found[notch_region(hinge.name, which)] = index[name]
-        return found
+                regions[notch_region(hinge.name, which)] = index[name]
+        return regions
 
     @cached_property
     def places(self) -> NDArray[np.void]:
@@ -216,54 +217,54 @@ class Sampler:
         )
 
     def neck_peak(self, q: Array, hinge: str) -> tuple[Array, float]:
-        """Return where the surface of a notch bears most, and how much.
+        """Return the point of largest stress on the surface of a notch, and that stress.
 
-        Returns the point [m], shape (3,), and its equivalent stress [Pa]: the one that the system
-        gives as the largest of this hinge.
+        Returns the point [m], shape (3,), and its equivalent stress [Pa]: the largest one of this
+        hinge by the system.
         """
         stress, points = self.model.system.stress, self.model.problems[0].points
         if stress is None or stress.point is None or hinge not in stress.hinges:
             raise ModelError(f"the model has no hinge '{hinge}'")
-        own = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
+        of_hinge = np.flatnonzero(stress.owner == stress.hinges.index(hinge))
         # the elements that share a point are averaged there
-        _, first, shared = np.unique(stress.point[own], return_index=True, return_inverse=True)
-        parts = stress.components(q)[own]
+        _, first, shared = np.unique(stress.point[of_hinge], return_index=True, return_inverse=True)
+        parts = stress.components(q)[of_hinge]
         count = np.bincount(shared.ravel())
         mean = [np.bincount(shared.ravel(), weights=part) / count for part in parts.T]
         equivalent = von_mises_of(np.column_stack(mean))
         worst = int(np.argmax(equivalent))
-        return points.position[own[first[worst]]], float(equivalent[worst])
+        return points.position[of_hinge[first[worst]]], float(equivalent[worst])
 
     def _displacement(self, problem: UncoupledProblem, u: ng.GridFunction) -> Array:
-        found = self._evaluate(u)
-        if found.shape[1] == 2:
-            found = np.column_stack((found, np.zeros(found.shape[0])))
+        values = self._evaluate(u)
+        if values.shape[1] == 2:
+            values = np.column_stack((values, np.zeros(values.shape[0])))
         if not self.solid:
-            return found
+            return values
         # symmetric about the middle plane, or the opposite
         mirror = (1.0, 1.0, -1.0) if not problem.out_of_plane else (-1.0, -1.0, 1.0)
-        return np.concatenate((found, found * mirror))
+        return np.concatenate((values, values * mirror))
 
     def _stress(self, problem: UncoupledProblem, q: Array) -> Array:
         tensor = problem.continuum.stress(problem.basis @ q)
         six = ng.CoefficientFunction(tuple(tensor[i, j] for i, j in COMPONENTS))
-        found = self._evaluate(six, inside=True)
+        values = self._evaluate(six, inside=True)
         if not self.solid:
-            return found
+            return values
         mirror = np.where(problem.out_of_plane == _ODD, 1.0, -1.0)
-        return np.concatenate((found, found * mirror))
+        return np.concatenate((values, values * mirror))
 
     def _evaluate(self, function: ng.CoefficientFunction, *, inside: bool = False) -> Array:
-        """Values at the places; `inside` for what only the elements have, not their boundary."""
+        """Return values at the places; `inside` for functions that only the elements have."""
         on_boundary = self.mesh.dim == 3 and not self.solid
         if inside and on_boundary:
             function = ng.BoundaryFromVolumeCF(function)
         with parallel():
-            found = np.asarray(function(self.places))
-        return found.reshape(self.places.shape[0], -1)
+            values = np.asarray(function(self.places))
+        return values.reshape(self.places.shape[0], -1)
 
     def _mean(self, values: Array) -> Array:
-        """Mean over the places that are one corner."""
+        """Return the mean over the places that are one corner."""
         count = self._cells.points.shape[0]
         share = np.bincount(self._cells.corner, minlength=count)
         columns = [
@@ -298,14 +299,14 @@ def lattice_size(n: int) -> int:
 def triangles(n: int) -> Integers:
     """Return the triangles between the points of `lattice`: indices of corners, shape (n^2, 3)."""
     start = [j * (n + 1) - j * (j - 1) // 2 for j in range(n + 2)]
-    found = []
+    corners = []
     for j in range(n):
         for i in range(n - j):
             a, above = start[j] + i, start[j + 1] + i
-            found.append((a, a + 1, above))
+            corners.append((a, a + 1, above))
             if i < n - j - 1:
-                found.append((a + 1, above + 1, above))
-    return np.array(found, dtype=np.intp)
+                corners.append((a + 1, above + 1, above))
+    return np.array(corners, dtype=np.intp)
 
 
 def wedges(base: Integers, count: int, layers: int) -> Integers:
@@ -339,10 +340,10 @@ def turned(points: Array, cells: Integers) -> Integers:
 
 
 def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
-    """Keep points that lie in one place once.
+    """Merge points that lie in one place.
 
-    Points of different groups `apart`, shape (n,), stay apart. Returns the points that are kept,
-    and which of them each point is, shape (n,).
+    Points of different groups `apart`, shape (n,), stay apart. Returns the merged points, and the
+    number of each original point among them, shape (n,).
     """
     key = np.column_stack((apart, np.rint(points / _SAME).astype(np.int64)))
     order = np.lexsort(key.T)
@@ -355,7 +356,7 @@ def merged(points: Array, apart: Integers) -> tuple[Array, Integers]:
 
 
 def loops(cells: Integers) -> tuple[Integers, ...]:
-    """Chain the edges that one triangle alone has.
+    """Chain the edges of only one triangle.
 
     The triangles turn left, shape (m, 3), and lie to the left of the lines; the first corner of a
     line is not repeated as last.
@@ -367,7 +368,7 @@ def loops(cells: Integers) -> tuple[Integers, ...]:
     following: dict[int, list[int]] = {}
     for a, b in alone.tolist():
         following.setdefault(a, []).append(b)
-    found = []
+    lines = []
     while following:
         at, loop = next(iter(following)), []
         while at in following:
@@ -376,5 +377,5 @@ def loops(cells: Integers) -> tuple[Integers, ...]:
             at = ends.pop()
             if not ends:
                 del following[loop[-1]]
-        found.append(np.array(loop, dtype=np.intp))
-    return tuple(found)
+        lines.append(np.array(loop, dtype=np.intp))
+    return tuple(lines)

@@ -1,4 +1,4 @@
-"""A stage as a mechanical system, and where its mesh is pushed, read and loaded."""
+"""A stage as a mechanical system, with drives, probes and loads on its mesh."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,7 +36,7 @@ from flexstage.system.stress_map import StressMap
 # a notch of constant thickness is a leaf from this many of its thicknesses on
 _LEAF = 4.0
 
-#: Whether the fixed bodies give way under the drives that react on them.
+#: Supports: whether the fixed bodies are compliant under the drives that react on them.
 Supports = Literal["rigid", "elastic"]
 
 
@@ -48,7 +48,7 @@ def body_regions(stage: Stage, body: str) -> str:
 def rigid_regions(stage: Stage, body: str) -> str:
     """Return the expression of the regions of a body that move as one.
 
-    A half notch bends at its neck alone and goes along with its body; half of a leaf does not.
+    A half notch bends at its neck alone and moves with its body; half of a leaf does not.
     """
     return _regions(stage, body, (h for h in stage.hinges if not _is_leaf(h.profile)))
 
@@ -58,10 +58,10 @@ def _is_leaf(profile: Profile) -> bool:
 
 
 def _regions(stage: Stage, body: str, hinges: Iterable[Hinge]) -> str:
-    own = [body_region(body)]
+    regions = [body_region(body)]
     for hinge in hinges:
-        own += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
-    return either(own)
+        regions += [notch_region(hinge.name, i) for i in (0, 1) if hinge.bodies[i] == body]
+    return either(regions)
 
 
 def body_motion(continuum: Continuum, stage: Stage, body: str, at: tuple[float, float]) -> Array:
@@ -100,7 +100,7 @@ def _patch_vector(
     direction: tuple[float, float],
     reach: float,
 ) -> Array:
-    """Mean displacement of a patch along a direction."""
+    """Return the mean displacement of a patch along a direction."""
     if patch.ends is not None:
         return continuum.mean(exactly(patch_edge(patch.drive, patch.which)), direction)
     # no edge to push on: a disc about the point, with a weight that fades towards its rim
@@ -114,7 +114,7 @@ def _patch_vector(
     form += weight * pushed * ng.dx(region, bonus_intorder=6)
     form.Assemble()
     # what the same points of integration make of a shift by one, so that the body as a whole is
-    # read without error, however coarse its elements are beside the disc
+    # read without error, however coarse its elements are compared with the disc
     shift = ng.GridFunction(continuum.space)
     shift.Set(ng.CF((*direction, 0.0)[: continuum.dimension]), definedon=where)
     total = float(ng.InnerProduct(form.vec, shift.vec))
@@ -135,11 +135,11 @@ def drive_vector(
 ) -> Array:
     r"""Return the elongation of a drive, :math:`d^T (\bar u_{push} - \bar u_{react})`.
 
-    The bars are means over the patches. Where the reacting patch lies beside the line of action
-    the rotation of its body carries it there, as force and reaction share one line.
+    The bars are means over the patches. Where the reacting patch is off the line of action, it is
+    transferred there by the rotation of its body, as force and reaction share one line.
 
     Shape (n,). `patches` may be those of all drives; with `supports` ``rigid`` a drive that reacts
-    on a fixed body stands on the ground, with ``elastic`` that body gives way under it.
+    on a fixed body reacts on the ground, with ``elastic`` that body is compliant.
     """
     along = (math.cos(drive.direction), math.sin(drive.direction))
     aside = (-along[1], along[0])
@@ -161,9 +161,8 @@ def drive_vector(
 def probe_vector(continuum: Continuum, stage: Stage, probe: Probe) -> Array:
     """Return the reading of a probe.
 
-    It is the displacement of the point that it names. Where the body has no material there, such
-    as in its aperture, what it reads rides on the body and follows its mean motion; so does a
-    rotation.
+    It is the displacement of the point that it names. Where the body has no material there, such as
+    in its aperture, the point follows the mean motion of the body; so does a rotation.
     """
     reading = _reading(continuum, stage, probe.body, probe)
     if probe.relative_to is not None:
@@ -176,16 +175,16 @@ def _reading(continuum: Continuum, stage: Stage, body: str, probe: Probe) -> Arr
     place = tuple(METRE * c for c in at) + (0.0,) * (continuum.dimension - 2)
     if probe.direction is not None and mesh.Contains(*place):
         element = ng.ElementId(ng.VOL, mesh(*place).nr)
-        own = mesh.Materials(body_regions(stage, body)).Mask()
-        if own[mesh[element].index]:
+        in_body = mesh.Materials(body_regions(stage, body)).Mask()
+        if in_body[mesh[element].index]:
             return continuum.point((*at, 0.0)[: continuum.dimension], probe.along)
     return np.array(probe.row) @ body_motion(continuum, stage, body, at)
 
 
 def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
-    """Return what is mounted on the bodies of a stage and is not of the plate.
+    """Return the masses mounted on the bodies of a stage.
 
-    Each rides on the mean motion of its body.
+    Each follows the mean motion of its body.
     """
     riders = []
     for body in stage.bodies:
@@ -195,9 +194,11 @@ def attached_masses(continuum: Continuum, stage: Stage) -> list[AttachedMass]:
             motion = body_motion(continuum, stage, body.name, extra.at)
             inertia = np.array([extra.mass, extra.mass, extra.inertia])
             if continuum.dimension == 3:
-                _, whole = continuum.rigid_motion(rigid_regions(stage, body.name), (*extra.at, 0.0))
+                _, body_motion_rows = continuum.rigid_motion(
+                    rigid_regions(stage, body.name), (*extra.at, 0.0)
+                )
                 # how it is spread out of the plane is not described: it counts as a point there
-                motion = whole[[0, 1, 2, 5]]
+                motion = body_motion_rows[[0, 1, 2, 5]]
                 inertia = np.array([extra.mass, extra.mass, extra.mass, extra.inertia])
             riders.append(AttachedMass(motion=motion, inertia=inertia))
     return riders
@@ -208,7 +209,7 @@ _LIFTED = " out of plane"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ports:
-    """What acts on the coordinates of a stage, and what is read of them, by name."""
+    """Drives, probes, bodies and loads in the coordinates of a stage, by name."""
 
     drives: Mapping[str, Array]
     """Elongation of each drive, shape (n,)."""
@@ -220,7 +221,7 @@ class Ports:
     """Force on the coordinates, shape (n,), and unit of each load."""
 
     def changed(self, change: Callable[[Array], Array]) -> "Ports":
-        """Return them for other coordinates, of which `change` says what rows become."""
+        """Return them in other coordinates; `change` transforms rows."""
         return Ports(
             drives={name: change(v) for name, v in self.drives.items()},
             probes={name: change(v) for name, v in self.probes.items()},
@@ -230,7 +231,7 @@ class Ports:
 
 
 def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
-    """Put motions of so many coordinates side by side that know nothing of each other.
+    """Combine the ports of decoupled motions with their numbers of coordinates.
 
     Drives and bodies are those of the first.
     """
@@ -252,11 +253,11 @@ def side_by_side(parts: Sequence[Ports], sizes: Sequence[int]) -> Ports:
 
 
 def lifted_probes(stage: Stage) -> dict[str, tuple[str, Point]]:
-    """Name the readings out of the plane: of each body that a probe reads, at the first of them."""
-    found: dict[str, tuple[str, Point]] = {}
+    """Return the readings out of the plane by name: of each measured body, at its first probe."""
+    readings: dict[str, tuple[str, Point]] = {}
     for probe in stage.probes:
-        found.setdefault(f"{probe.body}{_LIFTED}", (probe.body, probe.at))
-    return found
+        readings.setdefault(f"{probe.body}{_LIFTED}", (probe.body, probe.at))
+    return readings
 
 
 def stage_system(
@@ -264,14 +265,14 @@ def stage_system(
     ports: Ports,
     coordinates: tuple[Array, Array, tuple[str, ...]],
     stress: StressMap,
-    said: tuple[tuple[str, ...], Mapping[str, str]],
+    notes: tuple[tuple[str, ...], Mapping[str, str]],
 ) -> MechanicalSystem:
-    """Return a stage in some coordinates: their mass, stiffness and names.
+    """Return the system of a stage in coordinates with their mass, stiffness and names.
 
-    `said` are where the model holds, and the settings that change its figures.
+    `notes` are the limits of validity, and the settings that change its figures.
     """
     mass, stiffness, names = coordinates
-    validity, settings = said
+    validity, settings = notes
     readings = [
         ProbePort(name=p.name, vector=ports.probes[p.name], unit=p.unit, body=p.body)
         for p in stage.probes

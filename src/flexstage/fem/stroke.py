@@ -1,4 +1,4 @@
-"""A stage over the stroke of a drive: straightness, stiffening, buckling, also of guide bars."""
+"""Motion of a stage over the stroke of a drive: straightness, stiffening, buckling."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,8 +8,7 @@ import numpy as np
 from flexstage.base import progress
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ConvergenceError, ModelError
-from flexstage.elasticity.large_displacement import follow_drive
-from flexstage.elasticity.loaded import buckling, stress_stiffening
+from flexstage.elasticity.loaded import buckling, follow_drive, stress_stiffening
 from flexstage.fem.geometry import patches
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.model import StageModel, UncoupledProblem
@@ -27,28 +26,28 @@ _STEPS = 7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FiniteStroke(StrokeMotion):
-    """Motion of a platform over the stroke of a drive, from nothing, with finite displacements."""
+    """Motion of a platform over the stroke of a drive, from zero, with finite displacements."""
 
     axis: str
     """Name of the axis."""
     force: Array
-    """Force that it takes [N], shape (k,)."""
+    """Force of the drive [N], shape (k,)."""
     frequency_hz: float
     """Natural frequency of the axis' mode at full stroke, drives removed [Hz]."""
     buckling_factor: float
-    """Smallest factor of the load of the full stroke at which the stage buckles, the drive held at
-    its length [1]; infinite where it does not.
+    """Smallest factor of the load of the full stroke at which the stage buckles with the drive
+    locked [1]; infinite where it does not.
     """
 
     @property
     def ratio_change(self) -> float:
         """Mean ratio over the stroke against the ratio at its beginning, less one [1]."""
-        whole = self.along[-1] / self.displacement[-1]
+        full = self.along[-1] / self.displacement[-1]
         first = self.along[1] / self.displacement[1]
         # a parabola through rest, the first step and the last gives the slope at rest
         share_of = self.displacement[1] / self.displacement[-1]
-        slope = (first - share_of * whole) / (1.0 - share_of)
-        return float(whole / slope - 1.0)
+        slope = (first - share_of * full) / (1.0 - share_of)
+        return float(full / slope - 1.0)
 
 
 def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS) -> FiniteStroke:
@@ -78,7 +77,7 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     Notes
     -----
     Validity: any rotation, small strains; the drive keeps its direction. Motion out of the plane,
-    which comes from errors of manufacture, is not in it.
+    by manufacturing errors, is not included.
     """
     if steps < 3:
         raise ModelError(f"a stroke is followed in at least 3 steps, got {steps}")
@@ -98,8 +97,8 @@ def follow_stroke(model: StageModel, axis: AxisAnalysis, *, steps: int = _STEPS)
     progress.update("stiffening", 0.7)
     frequency = _frequency_at(model, problem, axis, path.displacement[-1])
     progress.update("buckling", 0.85)
-    found = buckling(continuum, problem.basis @ axis.static.q, locked=row)
-    factor = float(found.positive[0]) if found.positive.size else np.inf
+    factors = buckling(continuum, problem.basis @ axis.static.q, locked=row)
+    factor = float(factors.positive[0]) if factors.positive.size else np.inf
     continuum.release()
     return FiniteStroke(
         axis=axis.axis,
@@ -124,7 +123,7 @@ def _drive_row(model: StageModel, name: str) -> Array:
 def _frequency_at(
     model: StageModel, problem: UncoupledProblem, axis: AxisAnalysis, u: Array
 ) -> float:
-    """Frequency of the mode at a loaded state that moves the axis most."""
+    """Return the frequency of the mode at a loaded state that moves the axis most."""
     stage = model.stage
     probe = stage.probe(axis.probe)
     drive = _drive_row(model, axis.drive)
@@ -136,7 +135,7 @@ def _frequency_at(
 
 
 def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[FiniteStroke, ...]]:
-    """Add what finite displacements say to an analysis: straightness and buckling of each axis.
+    """Add straightness and buckling of each axis, by finite displacements, to an analysis.
 
     The model is in its plane.
     """
@@ -146,8 +145,8 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
     for k, axis in enumerate(analysis.axes):
         if len(axis.drives) > 1 or model.stage.probe(axis.probe).direction is None:
             validity.append(
-                f"Axis {axis.axis} was not followed over its stroke: that is done of a point that "
-                "one drive moves."
+                f"Axis {axis.axis} was not followed over its stroke: this requires a single drive "
+                "and a probe of displacement."
             )
             continue
         try:
@@ -159,7 +158,7 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
         paths.append(path)
         last = max(i for i, row in enumerate(rows) if row.axis == axis.axis)
         rows[last + 1 : last + 1] = _rows(analysis, path)
-        validity.append(_said(analysis, axis, path))
+        validity.append(_stroke_note(analysis, axis, path))
     return (
         replace(analysis, characteristics=Characteristics(rows), validity=tuple(validity)),
         tuple(paths),
@@ -167,7 +166,7 @@ def with_stroke(analysis: Analysis, model: StageModel) -> tuple[Analysis, tuple[
 
 
 def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
-    found: list[tuple[str, float, str]] = [
+    figures: list[tuple[str, float, str]] = [
         (
             "straightness",
             path.straightness,
@@ -176,7 +175,7 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
         )
     ]
     if path.buckling_factor < np.inf:
-        found.append(
+        figures.append(
             (
                 "buckling_factor",
                 path.buckling_factor,
@@ -192,11 +191,11 @@ def _rows(analysis: Analysis, path: FiniteStroke) -> list[Characteristic]:
             unit=QUANTITIES[quantity].unit,
             note=note,
         )
-        for quantity, value, note in found
+        for quantity, value, note in figures
     ]
 
 
-def _said(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
+def _stroke_note(analysis: Analysis, axis: AxisAnalysis, path: FiniteStroke) -> str:
     bare = analysis.modes["removed"]
     mode = axis_mode(analysis.system, bare, axis.drive, axis.probe)
     rise = path.frequency_hz / bare.frequency_hz[mode] - 1.0
@@ -216,11 +215,11 @@ Point = tuple[float, float]
 
 
 def two_notch_bars(stage: Stage) -> tuple[str, ...]:
-    """Return the bodies that guide others as bars between two notches on one line.
+    """Return the bodies that are bars between two notches on one line.
 
     They are guide legs and links.
     """
-    found = []
+    bars = []
     for body in stage.bodies:
         hinges = [h for h in stage.hinges if body.name in h.bodies]
         pushed = any(body.name in (d.pushes, d.reacts) for d in stage.drives)
@@ -235,8 +234,8 @@ def two_notch_bars(stage: Stage) -> tuple[str, ...]:
             abs(line[0] * np.sin(h.direction) - line[1] * np.cos(h.direction)) for h in hinges
         ]
         if max(turned) < 1e-6 * length:
-            found.append(body.name)
-    return tuple(found)
+            bars.append(body.name)
+    return tuple(bars)
 
 
 def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = None) -> float:
@@ -252,26 +251,26 @@ def bar_buckling_load(stage: Stage, body: str, settings: MeshSettings | None = N
 
     Notes
     -----
-    Validity: bifurcation of a straight bar in the plane; crookedness and load beside the axis lower
-    what a real one bears, and yielding of the necks may come first.
+    Validity: bifurcation of a straight bar in the plane; crookedness and eccentric load reduce the
+    load of a real one, and the necks may yield before.
     """
     if body not in two_notch_bars(stage):
         raise ModelError(
-            f"body '{body}' is no bar between two notches on one line; there are: "
+            f"body '{body}' is not a bar between two notches on one line; such bars are: "
             f"{', '.join(two_notch_bars(stage)) or 'none'}"
         )
-    model = plane_model(_rig(stage, body), settings, modes=1)
+    model = plane_model(_two_bar_rig(stage, body), settings, modes=1)
     problem = model.problems[0]
     drive = model.system.drive("press")
     u = problem.basis @ np.linalg.solve(model.system.K, drive.vector)
-    found = buckling(problem.continuum, u)
-    if not found.positive.size:
+    factors = buckling(problem.continuum, u)
+    if not factors.positive.size:
         raise ModelError(f"the bar '{body}' does not buckle under an axial load")
-    return 0.5 * float(found.positive[0])
+    return 0.5 * float(factors.positive[0])
 
 
-def _rig(stage: Stage, name: str) -> Stage:
-    """Put a bar twice between a held block and one that is pressed towards it."""
+def _two_bar_rig(stage: Stage, name: str) -> Stage:
+    """Return a rig of two equal bars between a fixed block and one that is pressed towards it."""
     first, second = (h for h in stage.hinges if name in h.bodies)
     x0, y0 = first.at
     along = math.atan2(second.at[1] - y0, second.at[0] - x0)
@@ -282,7 +281,7 @@ def _rig(stage: Stage, name: str) -> Stage:
     c, s = math.cos(along), math.sin(along)
 
     def turned(p: Point) -> Point:
-        """From axes along the bar, with the first neck as origin."""
+        """Map a point from axes along the bar, with the first neck as origin."""
         return (x0 + c * p[0] - s * p[1], y0 + s * p[0] + c * p[1])
 
     def block(low: float, top: float) -> Loop:

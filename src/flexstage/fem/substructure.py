@@ -1,6 +1,6 @@
-"""A stage cut at its necks into bodies with their half notches, each a part of its own.
+"""A stage cut at its necks into bodies with their half notches, as separate parts.
 
-A part holds all that its condensation depends on.
+A part has all inputs of its condensation.
 """
 
 import hashlib
@@ -12,13 +12,14 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
 
+from flexstage.fem.layered_plate import REFERENCE
 from flexstage.fem.mesh import MeshSettings
+from flexstage.fem.necks import CutNeck
 from flexstage.fem.stage_system import Supports
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.files.cache.memory import source_hash
-from flexstage.hinges import Profile, plane_state
+from flexstage.hinges import plane_state
 from flexstage.hinges.hinge_spring import PlaneState
-from flexstage.hinges.profile import Vertex
 from flexstage.quantities.material import Material
 from flexstage.stage import Body, Circle, Drive, Force, Hinge, Loop, Probe, Stage
 from flexstage.stage.outline import Point
@@ -27,41 +28,13 @@ from flexstage.stage.outline import Point
 BODY = "body"
 _REST = "rest"
 
-#: Change it whenever the condensation of the same substructure gives other figures.
+#: Version of the condensation: to be changed whenever the same substructure gives other figures.
 _ALGORITHM = 2
-
-#: Stiffness and mass go with modulus, density and expansion, so that one condensation, with these
-#: round figures, serves every material of the same Poisson's ratio.
-REFERENCE = Material(
-    name="reference",
-    youngs_modulus=1e11,
-    poissons_ratio=0.0,
-    density=1e4,
-    thermal_expansion=1e-5,
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CutNeck:
-    """A neck at which a body was cut from its neighbour."""
-
-    at: Point
-    """Centre of the neck [m]."""
-    direction: float
-    """Direction of the hinge [rad]."""
-    which: int
-    """0 where the body is the first of the hinge's bodies, 1 where it is the second."""
-    profile: Profile
-    """The notch."""
-    contour: tuple[Vertex, ...]
-    """Its contour."""
-    plane: PlaneState
-    """``stress`` or ``strain``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadPatch:
-    """Where a drive touches a body."""
+    """Patch of a drive on a body."""
 
     at: Point
     """The point [m]."""
@@ -73,12 +46,12 @@ class LoadPatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointReading:
-    """Where the motion of a body is read."""
+    """A measured point of a body."""
 
     at: Point
     """The point [m]."""
     direction: float | None
-    """The direction that is read [rad]; None where it is the rotation of the body."""
+    """The direction of measurement [rad]; None where it is the rotation of the body."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,39 +64,39 @@ class Substructure:
     outline: Loop
     """Outline of the body, without the half notches."""
     holes: tuple[Loop | Circle, ...]
-    """Its openings."""
+    """Openings."""
     mounting_holes: tuple[Circle, ...]
-    """Its holes for bolts."""
-    held: bool
-    """Whether it is a fixed body, which is held by these holes."""
+    """Holes for bolts."""
+    fixed: bool
+    """True if it is a fixed body, which is supported at these holes."""
     necks: tuple[CutNeck, ...]
-    """Where it was cut from its neighbours."""
+    """Necks at which it is cut from its neighbours."""
     patches: tuple[LoadPatch, ...]
-    """Where drives touch it."""
+    """Patches of the drives."""
     readings: tuple[PointReading, ...]
-    """Where it is read."""
+    """Measured points."""
     poissons_ratio: float
     """Poisson's ratio of its material [1]."""
     thickness: float
-    """Thickness that the size of its elements is measured by [m]."""
+    """Thickness to which the size of its elements refers [m]."""
     mesh: MeshSettings
-    """How fine it is meshed."""
+    """Mesh settings."""
     modes: int
-    """Number of modes with held interfaces."""
+    """Number of modes with fixed interfaces."""
     through: ThroughThickness
-    """How displacements run through its thickness."""
+    """Functions of the displacement through its thickness."""
 
     def __hash__(self) -> int:
         # of a part of it: bodies are looked up by the hundred
         return hash((self.outline, self.through, len(self.necks)))
 
     def key(self) -> str:
-        """Return the SHA-256 of all that its condensation depends on, the software included."""
+        """Return the SHA-256 of all inputs of its condensation, the software included."""
         # the text of a float is that of no other float
         return hashlib.sha256(f"{_software()} {self!r}".encode()).hexdigest()
 
     def material(self) -> Material:
-        """Return what it is condensed with: `REFERENCE` with its own Poisson's ratio."""
+        """Return the material of its condensation: `REFERENCE` with its own Poisson's ratio."""
         return replace(REFERENCE, poissons_ratio=self.poissons_ratio)
 
     def stage(self) -> Stage:
@@ -138,7 +111,7 @@ class Substructure:
             outline=self.outline,
             holes=self.holes,
             mounting_holes=self.mounting_holes,
-            fixed=self.held,
+            fixed=self.fixed,
         )
         return Stage(
             name="substructure",
@@ -182,10 +155,11 @@ class Substructure:
 
 @lru_cache(maxsize=1)
 def _software() -> str:
-    """Name the software that condenses: versions, and a hash of the sources that take part."""
+    """Return the identity of the software: versions, and a hash of the sources involved."""
     package = Path(str(resources.files("flexstage")))
     sources = [
-        source_hash(package / room) for room in ("cache", "elasticity", "fem", "hinges", "stage")
+        source_hash(package / room)
+        for room in ("files/cache", "elasticity", "fem", "hinges", "stage")
     ]
     return " ".join((str(_ALGORITHM), metadata.version("ngsolve"), *sources))
 
@@ -202,11 +176,11 @@ class Placed:
     """A substructure at its place in a stage."""
 
     body: Body
-    """The body that it is."""
+    """The body."""
     part: Substructure
     """The substructure."""
     origin: Point
-    """Where its reference point lies [m]."""
+    """Position of its reference point [m]."""
     hinges: tuple[int, ...]
     """Number of the hinge of each of its necks."""
     patches: tuple[tuple[tuple[str, int], ...], ...]
@@ -235,8 +209,8 @@ def cut_free(
 ) -> tuple[Placed, ...]:
     """Cut a stage at its necks.
 
-    `modes` are those of each body with held interfaces; with `supports` ``rigid`` a drive that
-    reacts on a fixed body stands on the ground.
+    `modes` is their number for each body with fixed interfaces; with `supports` ``rigid`` a drive
+    that reacts on a fixed body reacts on the ground.
 
     Examples
     --------
@@ -267,7 +241,7 @@ def cut_free(
                 for h in body.holes
             ),
             mounting_holes=tuple(_moved_circle(h, near) for h in body.mounting_holes),
-            held=body.fixed,
+            fixed=body.fixed,
             necks=tuple(_neck(stage.hinges[i], body, near, states[i]) for i in hinges),
             patches=tuple(touched),
             readings=tuple(read),
@@ -294,16 +268,16 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
     """Return the bodies of a stage as those of a plate in space: in the plane and out of it.
 
     The depth of the layer below its faces is a preferred number (ISO 3, series R5), so that the
-    bodies stay what they are where a neck changes a little.
+    bodies stay the same where a neck changes a little.
     """
     thinnest = min((h.profile.neck_thickness for h in stage.hinges), default=stage.thickness)
     layer = min(_LAYER * _preferred(thinnest, 5), stage.thickness / 4.0)
-    found = []
+    parts = []
     for out_of_plane, most in ((False, _MOST_IN_PLANE), (True, _MOST)):
         through = ThroughThickness(
             thickness=stage.thickness, layer=layer, out_of_plane=out_of_plane
         )
-        found.append(
+        parts.append(
             tuple(
                 replace(
                     p,
@@ -321,7 +295,7 @@ def in_space(stage: Stage, placed: Sequence[Placed]) -> tuple[tuple[Placed, ...]
                 for p in placed
             )
         )
-    return tuple(found)
+    return tuple(parts)
 
 
 _Move = Callable[[Point], Point]
@@ -330,10 +304,10 @@ _Move = Callable[[Point], Point]
 def _touched(
     stage: Stage, body: Body, near: _Move, supports: Supports
 ) -> dict[LoadPatch, list[tuple[str, int]]]:
-    """Find the patches of a body; drives that touch it alike share one."""
-    found: dict[LoadPatch, list[tuple[str, int]]] = {}
+    """Find the patches of a body; drives with the same point and direction share one."""
+    uses: dict[LoadPatch, list[tuple[str, int]]] = {}
     if body.fixed and supports == "rigid":
-        return found
+        return uses
     for drive in stage.drives:
         for which in (0, 1):
             if _side(drive, which) == body.name:
@@ -342,8 +316,8 @@ def _touched(
                     direction=drive.direction,
                     half_width=drive.patch_half_width,
                 )
-                found.setdefault(patch, []).append((drive.name, which))
-    return found
+                uses.setdefault(patch, []).append((drive.name, which))
+    return uses
 
 
 def _side(drive: Drive, which: int) -> str:
@@ -352,13 +326,13 @@ def _side(drive: Drive, which: int) -> str:
 
 def _read(stage: Stage, body: Body, near: _Move) -> dict[PointReading, list[tuple[str, float]]]:
     """Find the readings of a body, each with the probes that use it and their sign."""
-    found: dict[PointReading, list[tuple[str, float]]] = {}
+    uses: dict[PointReading, list[tuple[str, float]]] = {}
     for probe in stage.probes:
         reading = PointReading(at=near(probe.at), direction=probe.direction)
         for name, sign in ((probe.body, 1.0), (probe.relative_to, -1.0)):
             if name == body.name:
-                found.setdefault(reading, []).append((probe.name, sign))
-    return found
+                uses.setdefault(reading, []).append((probe.name, sign))
+    return uses
 
 
 def _moved_loop(loop: Loop, near: _Move) -> Loop:
@@ -383,7 +357,7 @@ def _neck(hinge: Hinge, body: Body, near: _Move, plane: PlaneState) -> CutNeck:
 def _preferred(thickness: float, series: int = 10) -> float:
     """Return the preferred number nearest to a thickness (ISO 3, of a series R5, R10, ...).
 
-    The thickness of a plate sets the largest element. Taken from a series it leaves the mesh alone
-    where the thickness changes a little, and the same mesh serves.
+    The thickness of a plate sets the largest element. A value from a series keeps the mesh where
+    the thickness changes a little.
     """
     return float(f"{10.0 ** (round(series * math.log10(thickness)) / series):.3g}")

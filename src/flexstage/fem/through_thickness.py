@@ -1,4 +1,4 @@
-"""How the displacement of a plate may run through its thickness."""
+"""Functions of the displacement of a plate through its thickness."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,38 +23,37 @@ class DepthFunctions:
     """Functions through half of the thickness, orthonormal over all of it."""
 
     values: Array
-    """At the points of integration, shape (k, q)."""
+    """Values at the points of integration, shape (k, q)."""
     slopes: Array
     """Derivatives there [1/m], shape (k, q)."""
     in_bodies: int
-    """How many of them, the first ones, bodies have; the others are of notches alone."""
-    passed: int
-    """How many of them, the first ones, have motions of their own at a neck."""
+    """Number of the first ones that bodies have; the others are of notches alone."""
+    transmitted: int
+    """Number of the first ones with motions of their own at a neck."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThroughThickness:
-    r"""How the displacement of a plate may run through its thickness.
+    r"""Functions of the displacement of a plate through its thickness.
 
     .. math:: u_i(x, y, z) = \sum_k u_{ik}(x, y)\,\varphi_{ik}(z)
 
-    What a plate does is symmetric about its middle plane, which is motion in the plane, or the
-    opposite, motion out of it. The functions are powers of z. In bodies they are 1 and z^2 along
-    the plane with z across for the first, with which a bar of any section bends exactly, and up to
-    z^5 and z^4 for the other, as twisting a bar that is thicker than wide takes more than bending
-    it. At the notches motion in the plane has more: one power higher each way, which lets a wide
-    leaf bend to a saddle; and since a neck is in plane strain in the middle and in plane stress at
-    the faces of the plate, and passes from one to the other within about two thicknesses of it, a
-    linear and a quadratic function of that layer.
+    The motion of a plate is symmetric about its middle plane, which is motion in the plane, or
+    antisymmetric, motion out of it. The functions are powers of z. In bodies they are 1 and z^2
+    along the plane with z across for the first, with which a bar of any section bends exactly, and
+    up to z^5 and z^4 for the other, as twisting a bar that is thicker than wide takes more than
+    bending it. At the notches motion in the plane has more: one power higher each way, which lets a
+    wide leaf bend to a saddle; and since a neck is in plane strain in the middle and in plane
+    stress at the faces of the plate, and passes from one to the other within about two thicknesses
+    of it, a linear and a quadratic function of that layer.
 
-    A plane model is that of one function: the displacement along the plane is constant through the
-    thickness and there is none across it, in plane stress, or in plane strain at notches that say
-    so.
+    A plane model has one function: the displacement along the plane is constant through the
+    thickness and there is none across it, in plane stress, or in plane strain at selected notches.
 
     Raises
     ------
     ModelError
-        The layer is none, or deeper than a quarter of the thickness.
+        The depth of the layer is not positive, or exceeds a quarter of the thickness.
 
     Notes
     -----
@@ -64,13 +63,13 @@ class ThroughThickness:
     thickness: float
     """Thickness of the plate [m]."""
     layer: float | None = None
-    """Depth below its faces in which plane stress goes over into plane strain [m]; None in a plane
+    """Depth below its faces in which plane stress changes to plane strain [m]; None in a plane
     model.
     """
     out_of_plane: bool = False
-    """Whether the motion is that out of the plane."""
+    """True if the motion is that out of the plane."""
     fine: bool = False
-    """Whether a second layer, a quarter as deep, has functions too, for stress near the faces."""
+    """True if a second layer, a quarter as deep, has functions too, for stress near the faces."""
 
     def __post_init__(self) -> None:
         if self.layer is None:
@@ -83,7 +82,7 @@ class ThroughThickness:
 
     @property
     def in_space(self) -> bool:
-        """Whether the displacement changes through the thickness."""
+        """True if the displacement changes through the thickness."""
         return self.layer is not None
 
     @property
@@ -93,7 +92,7 @@ class ThroughThickness:
 
     @property
     def levels(self) -> Array:
-        """Where stress is looked for, from the middle plane on [m]."""
+        """Levels at which stress is computed, from the middle plane on [m]."""
         if self.layer is None:
             return np.zeros(1)
         half = self.thickness / 2.0
@@ -145,14 +144,14 @@ class ThroughThickness:
 
     @cached_property
     def functions(self) -> dict[str, DepthFunctions]:
-        """Return them at the points of `rule`, orthonormal."""
+        """Return the functions at the points of `rule`, orthonormal."""
         z, _ = self.rule
         return {
             name: DepthFunctions(
                 values=mix @ values,
                 slopes=mix @ slopes,
                 in_bodies=min(3 if self.out_of_plane else 2 if name == "plane" else 1, len(values)),
-                passed=min(2 if self.out_of_plane or name == "plane" else 1, len(values)),
+                transmitted=min(2 if self.out_of_plane or name == "plane" else 1, len(values)),
             )
             for (name, (values, slopes)), mix in zip(
                 self.at(z).items(), self._mixes.values(), strict=True
@@ -162,11 +161,11 @@ class ThroughThickness:
     @cached_property
     def _mixes(self) -> dict[str, Array]:
         z, weights = self.rule
-        found = {}
+        mixes = {}
         for name, (values, _) in self.at(z).items():
             lower = np.linalg.cholesky((values * weights) @ values.T)
-            found[name] = np.linalg.inv(lower)
-        return found
+            mixes[name] = np.linalg.inv(lower)
+        return mixes
 
     def values_at(self, z: Array) -> dict[str, tuple[Array, Array]]:
         """Return the orthonormal functions and their slopes at places z >= 0 [m]."""

@@ -1,4 +1,4 @@
-"""A notch as it was drawn: any contour of lines and arcs that only gets deeper from the neck."""
+"""A notch as drawn: any contour of lines and arcs that gets deeper away from the neck."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,12 +21,12 @@ class AsDrawn(Profile):
     """Notch with a contour of its own, of straight lines and arcs.
 
     The contour begins at the neck, on its surface, and goes through the given corners to the root.
-    It never comes back, neither along the hinge nor in depth.
+    It never turns back, neither along the hinge nor in depth.
 
     Raises
     ------
     HingeError
-        The lists differ in length, or the contour comes back.
+        The lists differ in length, or the contour turns back.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class AsDrawn(Profile):
     """Depth of each corner below the surface of the neck, on a side [m]."""
     bulges: tuple[float, ...] = ()
     """Tangent of a quarter of the angle of the arc that leads to each corner, positive where it
-    turns away from the hinge [1]; 0 for a straight line; left out if all are straight.
+    turns away from the hinge [1]; 0 for a straight line; empty if all are straight.
     """
 
     def _check(self) -> None:
@@ -61,13 +61,13 @@ class AsDrawn(Profile):
             )
         numbers = (*self.distances, *self.depths, *self.bulges)
         if not all(math.isfinite(v) for v in numbers):
-            raise HingeError("as-drawn notch: a figure of its contour is not finite")
+            raise HingeError("as-drawn notch: a value of its contour is not finite")
         for a, b in pairwise(self.contour()):
             first, last = _slopes(a, b)
             if min(first, last) < -_LEAN or max(first, last) > 0.5 * math.pi + _LEAN:
                 raise HingeError(
-                    f"as-drawn notch: its contour must only go away from the neck and get deeper, "
-                    f"but between {a.x!r} and {b.x!r} m from it it comes back"
+                    "as-drawn notch: its contour must lead away from the neck and get deeper, "
+                    f"but between {a.x!r} and {b.x!r} m from the neck it turns back"
                 )
         if not self.distances[-1] > 0.0:
             raise HingeError("as-drawn notch: its contour must lead away from the neck")
@@ -147,7 +147,7 @@ def _through(start: Array, via: Array, end: Array) -> float:
 
 
 def _upright(a: Vertex, b: Vertex) -> bool:
-    """Say whether a line of the contour is a sharp step."""
+    """Return whether a line of the contour is a sharp step."""
     return not a.bulge and abs(b.x - a.x) <= _STEEP * abs(b.depth - a.depth)
 
 

@@ -1,4 +1,4 @@
-"""Published closed forms of notches, and which there are.
+"""Published closed forms of notches, and a list of them.
 
 They take the neck thickness t, the sizes of the notch and the width b [m], and Young's modulus E
 and Poisson's ratio nu or, in plane strain, E/(1 - nu^2) [Pa] and nu/(1 - nu). Sizes are the radius
@@ -505,9 +505,9 @@ class ClosedForm:
     """A published formula for one compliance of one profile cut from both sides."""
 
     name: str
-    """What it is called in tables."""
+    """Name in tables."""
     kind: str
-    """The profile that it belongs to."""
+    """Kind of profile."""
     quantity: str
     """``axial``, ``shear`` or ``rotation``."""
     function: Callable[..., float]
@@ -517,9 +517,9 @@ class ClosedForm:
     equals: str | None = None
     """The method whose quadrature it is the exact integral of; None for a fit or a limit."""
     takes_poisson: bool = False
-    """Whether Poisson's ratio is one of its arguments."""
+    """True if Poisson's ratio is one of its arguments."""
     validity: str = _BEAM
-    """Where it holds."""
+    """Range of validity."""
 
 
 _CIRCLE = ("circular", ("neck_thickness", "radius"))

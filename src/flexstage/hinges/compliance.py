@@ -1,7 +1,7 @@
 """The compliance of a notch about its neck: in its plane, and out of it.
 
-The axes are those of `flexstage.hinges.hinge_spring`. Out of the plane it tells how errors of
-manufacture share themselves out among the hinges of a plate; motion in the plane does not need it.
+The axes are those of `flexstage.hinges.hinge_spring`. The compliance out of the plane serves for
+the effect of manufacturing errors on the hinges of a plate; motion in the plane does not need it.
 """
 
 import math
@@ -80,14 +80,14 @@ def compliance(
     Raises
     ------
     HingeError
-        The method is unknown, a figure is not positive, or the proportions are absurd.
+        The method is unknown, a value is not positive, or the proportions are extreme.
 
     Notes
     -----
     Validity: small deformation; neck to radius 0.05 to 0.8. Against plane-stress finite elements of
     all profiles, cut from both sides or one, ``wedge`` is within 0.7 % in rotation (1.3 % for a V),
     1.5 % axially and 2 % in shear; ``timoshenko`` is 2 to 20 % too stiff in rotation and 10 to 30 %
-    axially, growing with t/R, and further off for a leaf, whose sharp steps it leaves out.
+    axially, growing with t/R, and more for a leaf, whose sharp steps it does not include.
 
     Examples
     --------
@@ -119,11 +119,11 @@ def compliance(
 
 
 def require_sizes(profile: Profile, of: str = "", *, sound: bool = True) -> None:
-    """Refuse a notch whose sizes are too far apart to compute with; where not `sound`, any."""
+    """Refuse a notch with extreme proportions; where not `sound`, any."""
     # the quadrature is exact to 1e-11 down to this neck; absurd sizes overflow, and are refused too
     if profile.neck_thickness < SMALLEST_NECK * max(profile.length, profile.depth) or not sound:
         raise HingeError(
-            f"the sizes of this {profile.kind} notch{of} are too extreme to compute with: neck "
+            f"the proportions of this {profile.kind} notch{of} are too extreme to compute: neck "
             f"{profile.neck_thickness!r} m, length {profile.length!r} m, depth {profile.depth!r} m"
         )
 
@@ -175,7 +175,7 @@ def _notch(profile: Profile, nu: float, method: str) -> Array:
 def _root(profile: Profile, nu: float, root_width: float, side: float) -> Array:
     """Compliance of the body next to the notch, times E b.
 
-    Stress fans out from the root height to the width of the body (the wedge of half angle pi/2),
+    Stress spreads from the root height to the width of the body (the wedge of half angle pi/2),
     and the body bends as a strip over the reach of the root.
     """
     height = profile.root_height
@@ -227,7 +227,7 @@ def out_of_plane_compliance(
         C_\tau = \int \frac{dx}{G J},\qquad C_\beta = \int \frac{12\,dx}{E h b^3}
 
     (T. Koseki et al., Advanced Robotics 16 (2002) 251, has the same six compliances of a circular
-    notch). The two halves of a notch are alike, so force and moments at the neck do not couple.
+    notch). The two halves of a notch are equal, so force and moments at the neck do not couple.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def out_of_plane_compliance(
     Notes
     -----
     Validity: small deformation of a beam whose ends are rigid. A notch is short against its width,
-    which a beam does not know, and bodies bend and twist: by finite elements in space the platform
+    which a beam does not model, and bodies bend and twist: by finite elements in space the platform
     of a parallelogram is half as stiff along the normal as its hinges alone would have it.
 
     Examples

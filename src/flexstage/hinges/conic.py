@@ -56,7 +56,7 @@ class RightCircular(Profile):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ToTheRoot(CurvedProfile):
-    """Notch that is given by where its root is."""
+    """Notch that is given by the position of its root."""
 
     half_length: Length
     """Distance from the neck to the root [m]."""
@@ -217,7 +217,7 @@ class PowerFunction(_ToTheRoot):
     kind: ClassVar[str] = "power"
 
     exponent: float
-    """The power n, 2 to 32 [1]; 2 is the parabola, and a large one comes near a leaf."""
+    """The power n, 2 to 32 [1]; 2 is the parabola, and a large one approaches a leaf."""
 
     def _check(self) -> None:
         if not 2.0 <= self.exponent <= 32.0:

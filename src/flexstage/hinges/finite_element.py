@@ -1,21 +1,22 @@
 r"""A notch with its roots as one spring, condensed from plane finite elements.
 
-One half of the notch stands on a block as wide as the body behind it. On the line of the neck it is
-held as symmetry asks: :math:`u_x = 0` under axial force and moment, :math:`u_y = 0` under shear,
-whose fields mirror with the other sign. The far end of the block, one and a half of its widths
-away, carries the tractions of a beam with the force at the neck. Then
+One half of the notch is attached to a block as wide as the body behind it. On the line of the neck
+it is constrained by symmetry: :math:`u_x = 0` under axial force and moment, :math:`u_y = 0` under
+shear, whose fields are antisymmetric. The far end of the block, one and a half of its
+widths away, carries the tractions of a beam with the force at the neck. Then
 
 .. math::
 
     C_{ij} = \int \sigma_i : \varepsilon_j\,\mathrm{d}V - C_{ij}^\mathrm{block}
 
-with the compliance of the block as a beam with shear, from the root on. What is left no longer
-depends on the length of the block (the stress of a strip forgets how it was loaded within a width
-or so; B. de Saint-Venant 1855): it is the half notch and all that the root does to the body. Two
-halves in series make the hinge. Where the bodies differ, each half stands against its own mirror
-image; the error is of second order in what is left at the neck of the difference of the roots.
+with the compliance of the block as a beam with shear, from the root on. The difference no longer
+depends on the length of the block (the stress of a strip does not depend on its loading beyond
+about a width; B. de Saint-Venant 1855): it is the half notch with the deformation of the body at
+the root. Two halves in series make the hinge. Where the bodies differ, each half is combined with
+its own mirror image; the error is of second order in the effect of the difference of the roots at
+the neck.
 
-Lengths are in heights of the root, which the mesh takes for metres, so that the size of a notch has
+Lengths are in heights of the root, which are metres to the mesher, so that the size of a notch has
 no influence on it; compliances are times E b. The neck is at x = 0, the block at the right.
 """
 
@@ -62,7 +63,7 @@ _UPRIGHT = 0.5 * math.pi - 0.05  # a contour that ends steeper than this makes n
 
 
 class _Sizes(NamedTuple):
-    """How fine the mesh is, and how contours are taken apart for it."""
+    """Sizes of the mesh, and of the division of contours for it."""
 
     neck: float = 0.8
     """Largest element at the neck, in necks, and along the contour, in heights there."""
@@ -75,13 +76,13 @@ class _Sizes(NamedTuple):
     block: float = 0.5
     """Largest element in the block, in its widths."""
     grading: float = 0.5
-    """How fast elements grow."""
+    """Growth of elements."""
     points: int = 61
     """Points on a curved piece of the contour, to tell an arc from other curves."""
     apart: float = 0.02
     """Points of a spline that are closer, in necks, only spoil it."""
     part: float = 4.0
-    """A curve is cut where it has gone this many heights."""
+    """A curve is divided after this many heights."""
 
 
 _SIZES = _Sizes()
@@ -231,13 +232,13 @@ def _contour(profile: Profile, side: float) -> list[_Curve]:
         xy = np.round(np.column_stack([x, side * (0.5 * neck + depth)]) / unit, 12)
         heights = (neck + profile.sides * depth) / unit
         if _on_a_line(xy):
-            kept = [0, _SIZES.points - 1]
-            cuts = kept
+            retained = [0, _SIZES.points - 1]
+            cuts = retained
         else:
-            kept = _apart(xy, _SIZES.apart * neck / unit)
-            cuts = [kept[0], kept[-1]] if _on_a_circle(xy) else _cuts(xy, heights, kept)
+            retained = _apart(xy, _SIZES.apart * neck / unit)
+            cuts = [retained[0], retained[-1]] if _on_a_circle(xy) else _cuts(xy, heights, retained)
         for first, last in pairwise(cuts):
-            part = [i for i in kept if first <= i <= last]
+            part = [i for i in retained if first <= i <= last]
             curves.append(
                 _Curve(
                     [(float(a), float(b)) for a, b in xy[part]],
@@ -249,23 +250,23 @@ def _contour(profile: Profile, side: float) -> list[_Curve]:
 
 
 def _apart(xy: Array, least: float) -> list[int]:
-    """Leave out points that are too close to their neighbours."""
-    kept, last = [0], len(xy) - 1
+    """Remove points that are too close to their neighbours."""
+    retained, last = [0], len(xy) - 1
     for i in range(1, last):
-        if math.dist(xy[i], xy[kept[-1]]) > least and math.dist(xy[i], xy[last]) > least:
-            kept.append(i)
-    return [*kept, last]
+        if math.dist(xy[i], xy[retained[-1]]) > least and math.dist(xy[i], xy[last]) > least:
+            retained.append(i)
+    return [*retained, last]
 
 
-def _cuts(xy: Array, heights: Array, kept: list[int]) -> list[int]:
-    """Cut a long curve where it has gone several heights: the mesher divides each part evenly."""
+def _cuts(xy: Array, heights: Array, points: list[int]) -> list[int]:
+    """Divide a long curve every few heights: the mesher divides each part evenly."""
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
-    cuts = [kept[0]]
-    for i in kept[2:-2]:
+    cuts = [points[0]]
+    for i in points[2:-2]:
         enough = _SIZES.part * heights[cuts[-1]]
         if along[i] - along[cuts[-1]] > enough and along[-1] - along[i] > enough:
             cuts.append(i)
-    return [*cuts, kept[-1]]
+    return [*cuts, points[-1]]
 
 
 def _edge(points: _Points, slopes: tuple[float, float]) -> Edge:
@@ -280,14 +281,14 @@ def _edge(points: _Points, slopes: tuple[float, float]) -> Edge:
 
 
 def _on_a_line(points: Array) -> bool:
-    """Say whether points lie on the line through the first and the last."""
+    """Return whether points lie on the line through the first and the last."""
     along = (points[-1] - points[0]) / math.dist(points[-1], points[0])
     off = (points - points[0]) @ np.array([-along[1], along[0]])
     return bool(np.max(np.abs(off)) < 1e-8)
 
 
 def _on_a_circle(points: Array) -> bool:
-    """Say whether points lie on the circle through the first, the middle and the last."""
+    """Return whether points lie on the circle through the first, the middle and the last."""
     start, others = points[0], points[[len(points) // 2, -1]] - points[0]
     centre = start + np.linalg.solve(others, 0.5 * np.sum(others**2, axis=1))
     radii = np.hypot(*(points - centre).T)
@@ -303,7 +304,7 @@ BLOCK = 1.5  # length of the block, in its widths: 1 leaves 0.03 %, 2.5 changes 
 # fourth power. And the widest body, in heights of the root.
 SMALLEST_NECK, WIDEST_BODY = 5e-3, 100.0
 
-_MODULUS = 1e9  # of the model; compliances are told times E b
+_MODULUS = 1e9  # of the model; compliances are times E b
 _SIDES, _MIRROR = ("left", "right"), np.diag([1.0, -1.0, 1.0])
 
 
@@ -337,14 +338,15 @@ def condensed_compliance(
 ) -> HingeCompliance:
     r"""Return the compliance of a notch about its neck, by plane finite elements.
 
-    With `root_widths` it holds the notch, what the two roots do to the bodies, and the bodies' own
-    bending as strips over `reach`; without it, the notch alone, on blocks of the height of its
-    root. The notch is in the given plane state, alone to its end; bodies are in plane stress.
+    With `root_widths` it includes the notch, the deformation of the bodies at the roots, and the
+    bodies' own bending as strips over `reach`; without it, the notch alone, on blocks of the height
+    of its root. The notch is in the given plane state, alone to its end; bodies are in plane
+    stress.
 
     `root_widths` below the height of the root count as that, and above 100 of them as 100 [m].
-    `reach` is how far into body a and body b their own bending counts, in heights of the root [1]:
-    0 beside bodies that are elastic themselves. A neck below 0.005 of the notch's length or height
-    is refused.
+    `reach` is the length over which the bending of body a and of body b counts, in heights of the
+    root [1]: 0 next to bodies that are elastic themselves. A neck below 0.005 of the notch's length
+    or height is refused.
 
     Notes
     -----
@@ -394,7 +396,7 @@ def surface_stress(
     Notes
     -----
     Validity: small deformation; within 0.02 % of the plane problem. A sharp corner where a notch
-    meets a wider body is left out.
+    meets a wider body is excluded.
 
     Examples
     --------
@@ -405,8 +407,8 @@ def surface_stress(
     """
     if profile.step > 0.0:
         raise HingeError(
-            f"a {profile.kind} notch has sharp corners, where the stress is infinite: "
-            "give it fillets (corner-filleted) to rate it"
+            f"a {profile.kind} notch has sharp corners, where the stress is infinite: give it "
+            "fillets (corner-filleted) to evaluate it"
         )
     body = None if root_width is None else _relative(profile, root_width)
     # more threads are no faster on so few elements
@@ -437,9 +439,9 @@ def _half(profile: Profile, poisson: float, plane: PlaneState, body: float | Non
     """Compliance of the half in body b without its block, times E b, in heights of the root."""
     # more threads are no faster on so few elements
     with parallel(1):
-        found = _Model(profile, poisson, plane, body).compliance()
-    found.flags.writeable = False
-    return found
+        half_compliance = _Model(profile, poisson, plane, body).compliance()
+    half_compliance.flags.writeable = False
+    return half_compliance
 
 
 def _relative(profile: Profile, root_width: float) -> float:
@@ -479,19 +481,19 @@ class _Model:
             name="unit", youngs_modulus=_MODULUS, poissons_ratio=poisson, density=1.0
         )
 
-        def held(components: dict[str, str]) -> Continuum:
+        def constrained(components: dict[str, str]) -> Continuum:
             return Continuum(
                 self.mesh,
                 material,
                 order=order,
                 thickness=1.0,
                 strain="|".join(strained),
-                held_components=components,
+                fixed_components=components,
             )
 
         # "_bbnd": single points, which hold what is left of rigid motion and carry no force
-        even = held({"x": "neck", "y_bbnd": "low"})
-        odd = held({"y": "neck", "x_bbnd": "low|high"})
+        even = constrained({"x": "neck", "y_bbnd": "low"})
+        odd = constrained({"y": "neck", "x_bbnd": "low|high"})
         b = self.block
         self.load = {
             "N": self._end_load(even, 1.0, 0.0, b.middle),

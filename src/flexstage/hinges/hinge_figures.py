@@ -1,4 +1,4 @@
-"""Everything that is known of a notch, method beside method."""
+"""Figures of a notch by every method."""
 
 import contextlib
 import dataclasses
@@ -34,7 +34,7 @@ _METHOD_VALIDITY = {
 def hinge_figures(
     notch: Profile, material: Material, width: float, plane: str = "auto"
 ) -> dict[str, Any]:
-    """Return what is known of a notch, by every method, as plain data.
+    """Return the figures of a notch, by every method, as plain data.
 
     `width` is the thickness of the plate. Everything is in SI units: sizes, ``stiffness`` (a row
     for each quantity and method), compliance, concentration of stress, largest rotation.
@@ -53,8 +53,8 @@ def hinge_figures(
     if plane not in ("auto", "stress", "strain"):
         raise HingeError(f"the plane state must be auto, stress or strain, got '{plane}'")
     state = plane_state(width, notch.neck_thickness, plane)
-    shown = ["wedge", "timoshenko", "euler-bernoulli"]
-    springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in shown}
+    methods = ["wedge", "timoshenko", "euler-bernoulli"]
+    springs = {m: compliance(notch, e, nu, width, method=m, plane=state) for m in methods}
     # finite elements do without a neck that is too thin to mesh; the others have taken it
     with contextlib.suppress(HingeError):
         meshed = compliance(notch, e, nu, width, method="finite-element", plane=state)
@@ -62,11 +62,11 @@ def hinge_figures(
     best = springs["wedge"].matrix
     rows: list[dict[str, Any]] = []
     for quantity, place, unit in _QUANTITIES:
-        found = [
+        stiffness_rows = [
             (method, float(springs[method].matrix[place, place]), _METHOD_VALIDITY[method])
             for method in springs
         ]
-        found += [
+        stiffness_rows += [
             (
                 form.name,
                 closed_form_compliance(form, notch, e, nu, width, plane=state),
@@ -87,7 +87,7 @@ def hinge_figures(
                 else None,
                 "validity": validity,
             }
-            for method, value, validity in found
+            for method, value, validity in stiffness_rows
         ]
     factors = concentration(notch)
     turn = largest_rotation(notch, material, width, plane=state)
@@ -118,20 +118,20 @@ def hinge_figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class HingeFigures(Result):
-    """A notch of a plate, and what is known of it by every method."""
+    """A notch of a plate, and its figures by every method."""
 
     table_key: ClassVar[str] = "stiffness"
 
     profile: Profile
-    """Its contour."""
+    """Contour."""
     material: Material
-    """What it is cut from."""
+    """Material of the plate."""
     width: float
     """Width of the hinge [m]."""
     plane: str = "auto"
     """Plane state: ``stress``, ``strain``, or ``auto`` to choose by width against neck."""
     figures: Mapping[str, Any] = field(init=False)
-    """What `hinge_figures` gives: plain data in SI units."""
+    """Result of `hinge_figures`: plain data in SI units."""
 
     def __post_init__(self) -> None:
         figures = hinge_figures(self.profile, self.material, self.width, self.plane)
@@ -146,8 +146,8 @@ class HingeFigures(Result):
         The method is ``wedge``, ``timoshenko``, ``euler-bernoulli``, ``finite-element``, or a
         closed form by its name.
         """
-        known = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
-        methods = {row["method"]: row["stiffness"] for row in known if row["quantity"] == quantity}
+        rows = [row for row in self.figures["stiffness"] if row["stiffness"] is not None]
+        methods = {row["method"]: row["stiffness"] for row in rows if row["quantity"] == quantity}
         if method not in methods:
             near = nearest(method, methods)
             hint = f"did you mean '{near}'?" if near else f"choose from {', '.join(methods)}"
@@ -165,7 +165,7 @@ class HingeFigures(Result):
         )
 
 
-#: What each field of a profile is taken from; lengths along the hinge are asked for whole.
+#: Option and factor for each field of a profile; lengths along the hinge are total ones.
 _SIZES = {
     "radius": "radius",
     "fillet_radius": "radius",
@@ -179,7 +179,7 @@ _SIZES = {
 
 
 def notch_of(request: HingesRequest) -> HingeFigures:
-    """Return the notch that is asked about.
+    """Return the requested notch.
 
     Examples
     --------
@@ -200,27 +200,29 @@ def notch_of(request: HingesRequest) -> HingeFigures:
 
 
 def _notch(request: HingesRequest) -> Profile:
-    """Make the profile, and name every size that is missing or does not belong to it."""
+    """Build the profile; refuse missing and surplus dimensions by name."""
     kind = request.profile
     cls = profile_class(kind)
     if kind == "as-drawn":
-        raise HingeError("an as-drawn notch has a contour, which only a stage file can hold")
+        raise HingeError("an as-drawn notch needs a contour, which only a stage file can contain")
     options = {name: f"--{name.replace('_', '-')}" for name in _SIZES.values()}
-    given = {name: getattr(request, name) for name in options}
-    wanted = {f.name: _SIZES[f.name] for f in dataclasses.fields(cls) if f.name in _SIZES}
-    missing = [options[name] for name in wanted.values() if given[name] is None]
+    sizes = {name: getattr(request, name) for name in options}
+    options_of_fields = {
+        f.name: _SIZES[f.name] for f in dataclasses.fields(cls) if f.name in _SIZES
+    }
+    missing = [options[name] for name in options_of_fields.values() if sizes[name] is None]
     if missing:
         raise HingeError(f"a {kind} notch also needs {' and '.join(missing)}")
     surplus = [
         options[name]
-        for name, value in given.items()
-        if value is not None and name not in wanted.values()
+        for name, value in sizes.items()
+        if value is not None and name not in options_of_fields.values()
     ]
     if surplus:
-        takes = " ".join(options[name] for name in wanted.values())
+        takes = " ".join(options[name] for name in options_of_fields.values())
         raise HingeError(f"a {kind} notch has no {' or '.join(surplus)}: it takes {takes}")
     values = {
-        field: 0.5 * given[name] if field == "half_length" else given[name]
-        for field, name in wanted.items()
+        field: 0.5 * sizes[name] if field == "half_length" else sizes[name]
+        for field, name in options_of_fields.items()
     }
     return cls(neck_thickness=request.neck, one_sided=request.one_sided, **values)

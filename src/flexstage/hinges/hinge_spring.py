@@ -35,7 +35,7 @@ class HingeCompliance:
     m)], shape (3, 3).
     """
     method: str
-    """How it was found."""
+    """Method by which it was found."""
     plane: PlaneState
     """``stress`` or ``strain``: whether the notch can contract along its width."""
 
@@ -58,12 +58,12 @@ def plane_state(
     neck_thickness : float
         Thickness of the neck [m].
     plane : str
-        ``stress`` or ``strain`` where it is said, ``auto`` to choose.
+        ``stress``, ``strain``, or ``auto`` to choose.
 
     Returns
     -------
     str
-        Where nothing is said, ``strain`` from five necks of width on, ``stress`` below.
+        With ``auto``, ``strain`` from five necks of width on, ``stress`` below.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def plane_state(
 
 
 def plane_moduli(modulus: float, poisson: float, plane: PlaneState) -> tuple[float, float]:
-    """Return the modulus and Poisson's ratio that a plane problem is solved with."""
+    """Return the modulus and Poisson's ratio of a plane problem."""
     if plane == "stress":
         return modulus, poisson
     return modulus / (1.0 - poisson**2), poisson / (1.0 - poisson)
@@ -87,8 +87,8 @@ def strip_compliance(
 ) -> Array:
     """Return the compliance about a neck of a strip of a body, as a beam with shear.
 
-    It lies between two distances from the neck, with its middle so far to the left of the hinge's
-    line; `side` is 1 in body b, -1 in body a. Times E b, shape (3, 3).
+    It lies between two distances from the neck, with its middle at a distance to the left of the
+    hinge's line; `side` is 1 in body b, -1 in body a. Times E b, shape (3, 3).
     """
     start, end = ends
     # integrals of 1, x and x^2

@@ -1,4 +1,4 @@
-"""What every notch profile has: its dimensions, its shape as a curve, its outline for drawing."""
+"""Base classes of notch profiles: dimensions, shape as a curve, outline for drawing."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,7 +17,7 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(20)
 
 
 def _differentiation(nodes: Array) -> Array:
-    """Matrix that takes values of a polynomial at its nodes to its derivatives there."""
+    """Return the matrix from values of a polynomial at its nodes to its derivatives there."""
     apart = nodes[:, None] - nodes[None, :] + np.eye(nodes.size)
     product = np.prod(apart, axis=1)
     matrix = product[:, None] / (product[None, :] * apart)
@@ -48,7 +48,7 @@ class Samples(NamedTuple):
 
 
 class Vertex(NamedTuple):
-    """A point of the contour, and how the contour goes on from it."""
+    """A point of the contour, and the curve to the next one."""
 
     x: float
     """Distance from the neck along the hinge [m]."""
@@ -89,7 +89,7 @@ class Profile(ABC):
     neck_thickness: Length
     """Smallest thickness t [m]."""
     one_sided: bool = False
-    """Whether the notch is cut on one side only (the left one, looking along the hinge), the other
+    """True if the notch is cut on one side only (the left one, looking along the hinge), the other
     side being straight.
     """
 
@@ -187,13 +187,13 @@ def _sampled(profile: Profile) -> Samples:
     for piece in profile.pieces():
         x, depth, angle, speed = piece(_PLACES)
         columns.append((x, depth, angle, speed * _SHARES_OF_PIECE))
-    found = Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
-    for values in found:
+    samples = Samples(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+    for values in samples:
         values.setflags(write=False)
-    return found
+    return samples
 
 
-#: Largest distance of the arcs from the profile that they stand for [m]. Wire cutting is off by a
+#: Largest distance of the arcs from the profile that they approximate [m]. Wire cutting is off by a
 #: hundred times as much, and the radius at the neck is that of the profile within 1e-4; ten times
 #: as much would leave 2e-3 of a sharp one.
 ARC_TOLERANCE = 10e-9
@@ -206,7 +206,7 @@ _Node = tuple[float, float, float]  # x, depth [m] and angle [rad]
 
 
 class CurvedProfile(Profile):
-    """A notch whose contour is neither lines nor arcs, and turns away from the hinge all along.
+    """A notch whose contour is neither lines nor arcs, and turns away from the hinge throughout.
 
     Drawings and finite elements have pairs of arcs with a common tangent in its place (K. M.
     Bolton, Computer-Aided Design 7 (1975) 89), as many as bring them within 10 nm of it.
@@ -281,7 +281,7 @@ def _or_line(bulge: float, start: tuple[float, float], end: tuple[float, float])
 
 
 def _near(pair: list[Vertex], x: Array, depth: Array) -> bool:
-    """Tell whether two arcs follow a curve within the tolerance."""
+    """Return whether two arcs follow a curve within the tolerance."""
     start, joint, end = pair
     along = (end.x - start.x, end.depth - start.depth)
     past = (x - joint.x) * along[0] + (depth - joint.depth) * along[1] > 0.0

@@ -1,4 +1,4 @@
-"""Profiles by the name that files and the command line call them by, and by another neck."""
+"""Profiles by their names in files and on the command line, and variants with another neck."""
 
 import math
 from dataclasses import replace
@@ -44,13 +44,14 @@ def profile_class(kind: str) -> type[Profile]:
 def with_neck_thickness(profile: Profile, thickness: float) -> Profile:
     """Return a notch of the same length and the same roots with another neck.
 
-    The bottom of the cut moves and its mouth stays, so that the notch still meets its bodies where
-    they end. The depth changes by what the neck does, and a circle becomes an ellipse of the same
-    length. The same notch where nothing changes.
+    The bottom of the cut moves and its mouth stays, so that the notch still meets the edges of its
+    bodies. The depth changes with the neck, and a circle becomes an ellipse of the same length. It
+    is the same notch if nothing changes.
 
     Notes
     -----
-    Validity: meant for what manufacture does to a neck, some per cent of the depth of the notch.
+    Validity: meant for manufacturing deviations of a neck, a few per cent of the depth of the
+    notch.
 
     Examples
     --------
@@ -91,7 +92,7 @@ def with_neck_radius(profile: Profile, change: float) -> Profile:
 
     Notes
     -----
-    Validity: meant for what manufacture does to a radius, some per cent of it. A true circle of
+    Validity: meant for manufacturing deviations of a radius, a few per cent. A true circle of
     another radius is longer by twice as much, and changes the rotation compliance by a tenth more.
 
     Examples
@@ -128,20 +129,20 @@ def with_neck_radius(profile: Profile, change: float) -> Profile:
 
 
 def _of_length(profile: VFillet, length: float) -> VFillet:
-    """A V whose flanks are turned so that they end where it is so long."""
+    """Return a V whose flanks are turned to give it a length."""
     from scipy.optimize import brentq
 
-    def made(angle: float) -> VFillet:
+    def notch_with(angle: float) -> VFillet:
         return replace(profile, half_opening_angle=angle)
 
     start = profile.half_opening_angle
     try:
-        found: Any = brentq(
-            lambda a: made(a).length - length, 0.8 * start, min(1.2 * start, 1.57), xtol=1e-14
+        solved_angle: Any = brentq(
+            lambda a: notch_with(a).length - length, 0.8 * start, min(1.2 * start, 1.57), xtol=1e-14
         )
     except ValueError as error:
         raise HingeError(
             f"a v notch with a neck of {profile.neck_thickness!r} m and a fillet of "
             f"{profile.fillet_radius!r} m does not fit between the same roots"
         ) from error
-    return made(float(found))
+    return notch_with(float(solved_angle))

@@ -1,4 +1,4 @@
-"""What is asked about a notch, and the sizes that it is given by."""
+"""The request for the figures of a notch, by its dimensions."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
@@ -13,13 +13,13 @@ Plane = Annotated[
     Literal["auto", "stress", "strain"],
     Written(help="Auto decides by the ratio of width to neck."),
 ]
-#: Whatever stages are made of is within these lengths.
+#: Range of lengths in stages.
 _Size = Annotated[Length, Range(low=1e-12, high=100.0)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingesRequest(Request):
-    """A notch profile whose stiffness and range are wanted."""
+    """Stiffness and range of a notch profile."""
 
     refused_as: ClassVar[type[FlexstageError]] = HingeError
 

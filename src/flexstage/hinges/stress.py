@@ -1,4 +1,4 @@
-"""Stress in a notch: what its contour adds to beam theory, its largest, the rotation it allows."""
+"""Stress in a notch: concentration by its contour, largest stress, largest rotation."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -43,9 +43,9 @@ class Concentration:
     bending: tuple[float, float]
     """Factor on 6 M/(b t^2), left and right [1]."""
     source: str
-    """Where the factors come from."""
+    """Source of the factors."""
     validity: str
-    """Where they hold."""
+    """Range of validity."""
 
 
 def concentration(profile: Profile) -> Concentration:
@@ -62,8 +62,8 @@ def concentration(profile: Profile) -> Concentration:
     One cut from one side only is half as curved in thickness, and its middle line has the radius
     :math:`2\rho`, which adds the curved-bar terms :math:`\pm t/10\rho` (axial) and
     :math:`\pm t/6\rho` (bending), the first order of H. Golovin's solution (1881; Timoshenko and
-    Goodier, Theory of Elasticity, 3rd ed., sections 29 and 33). What they lose at higher order is
-    taken from plane finite elements of one-sided circular notches.
+    Goodier, Theory of Elasticity, 3rd ed., sections 29 and 33). Higher orders are from plane finite
+    elements of one-sided circular notches.
 
     The fillets of a corner-filleted notch have factors from plane finite elements of that very
     shape. The charts of a stepped flat bar (W. D. Pilkey, Peterson's Stress Concentration Factors,
@@ -94,7 +94,7 @@ def concentration(profile: Profile) -> Concentration:
             axial=(1.0, 1.0),
             bending=(1.0, 1.0),
             source="beam stress: the contour is straight at the neck",
-            validity="the neck itself; where the contour turns up steeply stress can be larger",
+            validity="the neck itself; the stress can be larger where the contour rises steeply",
         )
     if not profile.one_sided:
         axial, bending = _neuber(0.5 * t / rho)
@@ -136,7 +136,9 @@ def _stepped(profile: Profile) -> Concentration:
             axial=(1.0, 1.0),
             bending=(1.0, 1.0),
             source="beam stress: elasticity gives an infinite stress in a sharp corner",
-            validity="none for the corner itself: give it a fillet (corner-filleted) to rate it",
+            validity=(
+                "none for the corner itself: give it a fillet (corner-filleted) to evaluate it"
+            ),
         )
     z = radius / t
     axial = _fillet_factor(_FILLET_AXIAL[profile.sides], z)
@@ -157,14 +159,14 @@ def _fillet_factor(fit: tuple[float, float, float, float], z: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LargestRotation:
-    """How far a hinge turns under a pure moment before its surface reaches a limit."""
+    """Rotation of a hinge under a pure moment at which its surface reaches a limit."""
 
     before_yield: float | None
     """Rotation at the yield strength [rad]; None where the material has none."""
     before_fatigue: float | None
     """Amplitude of rotation at the fatigue limit [rad]; None where the material has none."""
     source: str
-    """Where the stress concentration factor comes from."""
+    """Source of the stress concentration factor."""
 
 
 def stress_rows(
@@ -245,7 +247,7 @@ def largest_rotation(
     profile : Profile
         The notch.
     material : Material
-        What it is cut from.
+        Material of the plate.
     width : float
         Width b of the hinge [m].
     plane : str

@@ -20,7 +20,7 @@ has
 
 and the energy per length of contour follows by integration over the arc. Poisson's ratio enters
 the energy of a traction-loaded strip only through its ends (the stresses of a simply connected
-plane body do not depend on it), so it is left out here. Slices of neighbouring angles are joined so
+plane body do not depend on it), so it is omitted here. Slices of neighbouring angles are joined so
 that the energy agrees with the two-term asymptotic expansion of plane elasticity in the slope h' of
 the thickness h,
 
@@ -141,7 +141,7 @@ LEAN_SHEAR = -2.48
 
 _HALF_PLANE = 2.0 / np.pi
 _QUARTER_PLANE = 0.5 * (1.0 / (np.pi / 4.0 + 0.5) + 1.0 / (np.pi / 4.0 - 0.5))
-# Powers 1 to 5 of p = 1 - t/H, beside the logarithms in the axial and the shear term.
+# Powers 1 to 5 of p = 1 - t/H, next to the logarithms in the axial and the shear term.
 _STEP = {
     2: {
         "NN": (-0.6097, 0.6532, -0.6794, 0.507, -0.1577),
@@ -161,7 +161,7 @@ _STEP = {
 
 
 def end_of_wedge(profile: Profile, nu: float, side: float) -> Array:
-    """Return what the end of the wedge solution adds: Poisson's part, less the overlap.
+    """Return the contribution of the end of the wedge: Poisson's part, less the overlap.
 
     About the neck, times E b, shape (3, 3). `side` is 1 for the end in body b, -1 for that in body
     a; `nu` is that of the plane problem.

@@ -7,12 +7,17 @@ from flexstage.base.lazy import import_on_use
 if TYPE_CHECKING:
     from flexstage.lumped.assemble import hinge_springs, lumped_system
     from flexstage.lumped.batch import assemble_batch, lumped_characteristics, system_tangents
+    from flexstage.lumped.derivation import equation_sheet
     from flexstage.lumped.finite_rotation import nonlinear
     from flexstage.lumped.large_displacement import equilibrium, stroke_path
     from flexstage.lumped.latex import mathml
-    from flexstage.lumped.reduction import condense, reduce_by_symmetry
+    from flexstage.lumped.reduction import (
+        TransferFunction,
+        condense,
+        reduce_by_symmetry,
+        transfer_function,
+    )
     from flexstage.lumped.rigid_bodies import Mechanism, RigidBody, Sight, SpringHinge, mechanism
-    from flexstage.lumped.sheet import equation_sheet
     from flexstage.lumped.stage_arrays import (
         StageArrays,
         StageTangents,
@@ -21,7 +26,6 @@ if TYPE_CHECKING:
     )
     from flexstage.lumped.symbolic import SymbolicModel, symbolic_model
     from flexstage.lumped.time_integration import Motion, motion
-    from flexstage.lumped.transfer import TransferFunction, transfer_function
 
 __all__ = [
     "Mechanism",

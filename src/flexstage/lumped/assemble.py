@@ -1,6 +1,6 @@
 """The lumped model of a stage: rigid bodies joined by springs, straight from the description.
 
-To first order: how the bodies move the two sides of each hinge, and what the springs make of it.
+To first order: the motion of the two sides of each hinge, and the forces of the springs.
 """
 
 import math
@@ -39,7 +39,7 @@ from flexstage.system.stress_map import StressMap
 
 
 class BodyCoordinates:
-    """Where the coordinates of each body stand among those of the stage.
+    """Place of the coordinates of each body among those of the stage.
 
     A free body has three coordinates: the displacement x, y of its centre of mass [m] and its
     rotation [rad]. A fixed body has none.
@@ -101,11 +101,11 @@ class HingeSpring:
     stiffness: Array
     """Stiffness about the neck in the hinge's axes (along, across, rotation), shape (3, 3)."""
     method: str
-    """How the stiffness was found."""
+    """Method of the stiffness."""
     plane: PlaneState
     """``stress`` or ``strain``."""
     root_widths: tuple[float, float] | None
-    """Widths of the two bodies behind the roots [m]; None where the roots are left out."""
+    """Widths of the two bodies behind the roots [m]; None without the roots."""
 
 
 @lru_cache(maxsize=64)
@@ -122,13 +122,13 @@ def cached_compliance(
     plane: PlaneState | Literal["auto"],
     roots: tuple[float, float] | None,
 ) -> HingeCompliance:
-    """Return the compliance of a notch, of which a stage has dozens alike."""
+    """Return the compliance of a notch, of which a stage has dozens."""
     return compliance(profile, *elastic, width, method=method, plane=plane, root_widths=roots)
 
 
 @lru_cache(maxsize=4096)
 def cached_stress_rows(profile: Profile, width: float, poisson: float, plane: PlaneState) -> Array:
-    """Return the rows of stress of a notch, of which a stage has dozens alike."""
+    """Return the rows of stress of a notch, of which a stage has dozens."""
     return stress_rows(profile, width, poisson, plane)
 
 
@@ -160,7 +160,7 @@ def hinge_springs(
     HingeError
         The method is unknown.
     StageError
-        A hinge does not grow from its bodies.
+        A hinge is not attached to its bodies.
     """
     return _springs(stage, method, plane)
 
@@ -174,13 +174,13 @@ def _springs(
     springs = []
     for hinge in stage.hinges:
         roots = root_widths(stage, hinge) if method in WITH_ROOTS else None
-        found = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
+        notch = cached_compliance(hinge.profile, elastic, stage.thickness, method, plane, roots)
         springs.append(
             HingeSpring(
                 hinge=hinge,
-                stiffness=found.stiffness,
+                stiffness=notch.stiffness,
                 method=method,
-                plane=found.plane,
+                plane=notch.plane,
                 root_widths=roots,
             )
         )
@@ -217,7 +217,7 @@ def lumped_system(
     stage : Stage
         The stage.
     method : str
-        How the hinges' stiffness is found: ``wedge`` or ``finite-element`` (with the roots in the
+        Method of hinge stiffness: ``wedge`` or ``finite-element`` (with the roots in the
         bodies), ``timoshenko`` or ``euler-bernoulli``.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by width against neck.
@@ -232,7 +232,7 @@ def lumped_system(
     Raises
     ------
     StageError
-        A hinge does not grow from its bodies.
+        A hinge is not attached to its bodies.
     ModelError
         Every body is fixed.
 
@@ -240,7 +240,7 @@ def lumped_system(
     -----
     Validity: small displacements; bodies count as rigid, so ratios are 2.5 to 4.5 % too large and
     motion across the axis is far too small, where platforms, levers or input blocks bend; first
-    frequencies are 1 to 2.5 % above finite elements. Out-of-plane motion is left out.
+    frequencies are 1 to 2.5 % above finite elements. Out-of-plane motion is not modelled.
     """
     properties = _masses(stage)
     free = tuple(b.name for b in stage.bodies if not b.fixed)
@@ -295,7 +295,7 @@ def lumped_system(
 
 
 def _weight(layout: BodyCoordinates, mass: Array, axis: int) -> Array:
-    """Weight of the bodies, falling along x or y."""
+    """Return the weight of the bodies along x or y."""
     weight = np.zeros(layout.order)
     weight[axis::3] = STANDARD_GRAVITY * mass[axis::3]
     return weight
@@ -307,8 +307,8 @@ def _along(angle: float) -> Array:
 
 def _drive_port(layout: BodyCoordinates, drive: Drive) -> DrivePort:
     # Force and reaction share one line of action, through the pushed point and turning with the
-    # body that the drive stands on. Taken at two points beside each other they would be a couple
-    # out of nothing, and turning both bodies alike would seem to stretch the drive.
+    # body that the drive stands on. Taken at two separate points they would be a couple
+    # out of nothing, and turning both bodies together would seem to stretch the drive.
     pushed = point_matrix(layout, drive.pushes, drive.at[0])
     stood = point_matrix(layout, drive.reacts, drive.at[0])
     return DrivePort(

@@ -39,7 +39,7 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
     Parameters
     ----------
     arrays : StageArrays
-        What they are made of.
+        Data of the stages.
 
     Returns
     -------
@@ -57,12 +57,12 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
     free = {b.name: i for i, b in enumerate(b for b in stage.bodies if not b.fixed)}
     centre = samples_last(xp, arrays.centre)
 
-    def taken(x: Array, which: list[int]) -> Array:
+    def select(x: Array, which: list[int]) -> Array:
         return xp.take(x, xp.asarray(which, dtype=xp.int64), axis=0)
 
     def arm(at: Array, bodies: list[str]) -> tuple[Array, Array]:
-        """From the centres of mass of bodies to points, x and y."""
-        from_ = taken(centre, [every[name] for name in bodies])
+        """Return the vectors from the centres of mass of bodies to points, x and y."""
+        from_ = select(centre, [every[name] for name in bodies])
         return at[:, 0, ...] - from_[:, 0, ...], at[:, 1, ...] - from_[:, 1, ...]
 
     def pair(names: Sequence[str]) -> tuple[int, int]:
@@ -79,13 +79,13 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         if arrays.stress_owner:
             owner = list(arrays.stress_owner)
             rows = samples_last(xp, arrays.stress_rows)
-            local = [[taken(k[:, i, j, ...], owner) for j in range(3)] for i in range(3)]
+            local = [[select(k[:, i, j, ...], owner) for j in range(3)] for i in range(3)]
             stress = _stress(
                 xp,
                 rows,
                 local,
-                (taken(c, owner), taken(s, owner)),
-                [(taken(x, owner), taken(y, owner)) for x, y in arms],
+                (select(c, owner), select(s, owner)),
+                [(select(x, owner), select(y, owner)) for x, y in arms],
             )
     drives = stage.drives
     drive = xp.zeros((0, 2, 3, 1))
@@ -102,16 +102,18 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         at, angle = samples_last(xp, arrays.probe_at), samples_last(xp, arrays.probe_direction)
         moves = xp.asarray([[float(p.unit == "m")] for p in probes], dtype=xp.float64)
         c, s, turns = moves * xp.cos(angle), moves * xp.sin(angle), 1.0 - moves
-        held = xp.asarray([[float(p.relative_to is not None)] for p in probes], dtype=xp.float64)
+        has_reference = xp.asarray(
+            [[float(p.relative_to is not None)] for p in probes], dtype=xp.float64
+        )
         x, y = arm(at, [p.body for p in probes])
         u, v = arm(at, [p.relative_to or p.body for p in probes])
-        own = (c, s, s * x - c * y + turns)
-        against = (-held * c, -held * s, held * (c * v - s * u - turns))
-        probe, along = _rows(xp, [own, against]), _stacked(xp, (c, s), 1)
+        reading = (c, s, s * x - c * y + turns)
+        against = (-has_reference * c, -has_reference * s, has_reference * (c * v - s * u - turns))
+        probe, along = _rows(xp, [reading, against]), _stacked(xp, (c, s), 1)
     mass, inertia = (samples_last(xp, x) for x in (arrays.mass, arrays.inertia))
     moving = [every[name] for name in free]
-    own = taken(mass, moving)
-    diagonal = _stacked(xp, (own, own, taken(inertia, moving)), 1)
+    reading = select(mass, moving)
+    diagonal = _stacked(xp, (reading, reading, select(inertia, moving)), 1)
     return SystemBatch(
         nominal=nominal,
         mass=samples_first(xp, xp.reshape(diagonal, (3 * len(free), -1))),
@@ -123,7 +125,7 @@ def assemble_batch(arrays: StageArrays) -> SystemBatch:
         probe_bodies=tuple(pair((p.body, p.relative_to or "")) for p in probes),
         stress=samples_first(xp, stress),
         stress_bodies=tuple(joined[i] for i in arrays.stress_owner),
-        weight=samples_first(xp, own * STANDARD_GRAVITY),
+        weight=samples_first(xp, reading * STANDARD_GRAVITY),
         weight_direction=samples_first(xp, along),
         body_mass=arrays.mass,
         **_as_described(arrays),
@@ -144,7 +146,7 @@ def _rows(xp: Any, sides: Sequence[tuple[Array, Array, Array]]) -> Array:
 def _hinge_blocks(
     xp: Any, k: Array, c: Array, s: Array, arms: Sequence[tuple[Array, Array]]
 ) -> tuple[Array, Array, Array]:
-    """What each hinge adds to the blocks (a, a), (b, b) and (a, b), shape (3, 3, h, S)."""
+    """Return the blocks (a, a), (b, b) and (a, b) of each hinge, shape (3, 3, h, S)."""
     (xa, ya), (xb, yb) = arms
     kuu, kvv, ktt, kuv, kut, kvt = (
         k[:, i, j, ...] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -176,19 +178,21 @@ def _hinge_blocks(
 def _blocks(
     xp: Any, count: int, joined: Sequence[tuple[int, int]], parts: tuple[Array, Array, Array]
 ) -> dict[tuple[int, int], Array]:
-    """Add what the hinges do to the blocks of the stage, on and below its diagonal."""
+    """Return the blocks of the stage by its hinges, on and below its diagonal."""
     nothing = xp.zeros_like(parts[0][:, :, 0, ...])
     out: dict[tuple[int, int], Array] = {(i, i): nothing for i in range(count)}
     for h, (a, b) in enumerate(joined):
-        found = []
+        assembled = []
         if a >= 0:
-            found.append(((a, a), parts[0][:, :, h, ...]))
+            assembled.append(((a, a), parts[0][:, :, h, ...]))
         if b >= 0:
-            found.append(((b, b), parts[1][:, :, h, ...]))
+            assembled.append(((b, b), parts[1][:, :, h, ...]))
         if a >= 0 and b >= 0:
             both = parts[2][:, :, h, ...]
-            found.append(((a, b), both) if a > b else ((b, a), xp.permute_dims(both, (1, 0, 2))))
-        for at, part in found:
+            assembled.append(
+                ((a, b), both) if a > b else ((b, a), xp.permute_dims(both, (1, 0, 2)))
+            )
+        for at, part in assembled:
             out[at] = out[at] + part if at in out else part
     return out
 
@@ -215,7 +219,7 @@ _AT_ONCE = 512
 
 
 def lumped_characteristics(
-    arrays: StageArrays, wanted: Collection[tuple[str, str]] | None = None
+    arrays: StageArrays, keys: Collection[tuple[str, str]] | None = None
 ) -> dict[tuple[str, str], Array]:
     """Return the characteristics of the lumped models of any number of stages.
 
@@ -224,9 +228,9 @@ def lumped_characteristics(
     Parameters
     ----------
     arrays : StageArrays
-        What the stages are made of.
-    wanted : Collection of tuple, optional
-        Figures as quantity and axis; all that are known where not given.
+        Data of the stages.
+    keys : Collection of tuple, optional
+        Figures as quantity and axis; all where not given.
 
     Returns
     -------
@@ -237,7 +241,7 @@ def lumped_characteristics(
     Raises
     ------
     ModelError
-        A figure is not known of this topology.
+        A figure is not available for this topology.
 
     Notes
     -----
@@ -258,7 +262,7 @@ def lumped_characteristics(
     """
     xp, count = namespace_of(arrays), arrays.samples
     parts = [
-        batch_characteristics(assemble_batch(arrays.part(i, i + _AT_ONCE)), wanted)
+        batch_characteristics(assemble_batch(arrays.part(i, i + _AT_ONCE)), keys)
         for i in range(0, count, _AT_ONCE)
     ]
     return {key: xp.concat([part[key] for part in parts]) for key in parts[0]}
@@ -267,15 +271,15 @@ def lumped_characteristics(
 def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
     r"""Return the system of a stage, and its derivatives by the parameters.
 
-    The assembly is analytic in what it is made of, so its value at an imaginary step h gives them
-    to rounding (W. Squire, G. Trapp, SIAM Review 40 (1998) 110):
+    The assembly is analytic in its data, so its value at an imaginary step h gives them to rounding
+    (W. Squire, G. Trapp, SIAM Review 40 (1998) 110):
 
     .. math:: \dot K = \operatorname{Im} K(x + \mathrm{i} h \dot x) / h
 
     Parameters
     ----------
     tangents : StageTangents
-        Derivatives of what it is made of.
+        Derivatives of the data of the stage.
 
     Returns
     -------
@@ -309,5 +313,5 @@ def system_tangents(tangents: StageTangents) -> tuple[SystemBatch, SystemBatch]:
 
 
 def _as_described(arrays: StageNumbers) -> dict[str, Any]:
-    """Return what a system has as its description has it."""
+    """Return the data of a system that come straight from its description."""
     return {f.name: getattr(arrays, f.name) for f in fields(StageNumbers)}

@@ -1,7 +1,7 @@
 r"""The lumped model with finite rotations: energy, forces and tangent stiffness.
 
 Every hinge stores :math:`\tfrac12\mathbf x^T k\,\mathbf x` in the deformation
-:math:`\mathbf x = (u, v, \vartheta)` that is seen from a frame turning with the *mean* rotation of
+:math:`\mathbf x = (u, v, \vartheta)` in a frame turning with the *mean* rotation of
 its two bodies (`Connections`). Large rigid motion of the whole costs no
 energy, forces are the exact gradient and the tangent the exact Hessian of one energy, and at rest
 the tangent is the linear K. Masses are constant in these coordinates: T is quadratic with the
@@ -38,7 +38,7 @@ class Connections:
     The deformation is seen in a frame that turns with the bodies (:math:`w_a + w_b = 1`), so a
     rigid motion of both, however large, leaves it unchanged. Hinges use the *mean* rotation,
     :math:`w_a = w_b = 1/2`: it is the only choice that does not depend on which body is called a.
-    Drives and probes use :math:`w_a = 1`: their direction is fixed in the body they stand on.
+    Drives and probes use :math:`w_a = 1`: their direction is fixed in the body they react on.
     """
 
     gather: Array
@@ -64,20 +64,20 @@ class Connections:
         return self._state(q)[0]
 
     def rates(self, q: Array) -> tuple[Array, Array]:
-        """Return what each connection reads and its derivatives.
+        """Return the reading of each connection and its derivatives.
 
         The readings have shape (..., h, 3), the derivatives with respect to the six coordinates of
         a and b (..., h, 3, 6).
         """
-        x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
+        x, _, (cos, sin), (turned_a, turned_b), rotated = self._state(q)
         shares = (self.share_a, 1.0 - self.share_a)
         # R^T S r and the part of the frame's own turning, -w S e
         b = np.zeros((*x.shape, 6))
         rotation_t = np.stack((np.stack((cos, sin), -1), np.stack((-sin, cos), -1)), -2)
         b[..., :2, 0:2] = -rotation_t
         b[..., :2, 3:5] = rotation_t
-        b[..., :2, 2] = -_quarter(turned_a) - shares[0] * _quarter(whole)
-        b[..., :2, 5] = _quarter(turned_b) - shares[1] * _quarter(whole)
+        b[..., :2, 2] = -_quarter(turned_a) - shares[0] * _quarter(rotated)
+        b[..., :2, 5] = _quarter(turned_b) - shares[1] * _quarter(rotated)
         b[..., 2, 2], b[..., 2, 5] = -1.0, 1.0
         return x, b
 
@@ -87,7 +87,7 @@ class Connections:
         Of forces (N, V, M), shape (..., h, 3), the geometric stiffness for the six coordinates of a
         and b, shape (..., h, 6, 6).
         """
-        x, _, (cos, sin), (turned_a, turned_b), whole = self._state(q)
+        x, _, (cos, sin), (turned_a, turned_b), rotated = self._state(q)
         wa, wb = self.share_a, 1.0 - self.share_a
         f = force[..., :2]
 
@@ -104,9 +104,9 @@ class Connections:
             for column, share in ((2, wa), (5, wb)):
                 out[..., start : start + 2, column] = sign * share * row
                 out[..., column, start : start + 2] = sign * share * row
-        out[..., 2, 2] = dot((1.0 - 2.0 * wa) * turned_a - wa**2 * whole)
-        out[..., 5, 5] = dot((2.0 * wb - 1.0) * turned_b - wb**2 * whole)
-        out[..., 2, 5] = dot(wa * turned_b - wb * turned_a - wa * wb * whole)
+        out[..., 2, 2] = dot((1.0 - 2.0 * wa) * turned_a - wa**2 * rotated)
+        out[..., 5, 5] = dot((2.0 * wb - 1.0) * turned_b - wb**2 * rotated)
+        out[..., 2, 5] = dot(wa * turned_b - wb * turned_a - wa * wb * rotated)
         out[..., 5, 2] = out[..., 2, 5]
         return out
 
@@ -119,16 +119,16 @@ class Connections:
         d = local[..., 3:5] - local[..., 0:2] + moved_b - moved_a + self.gap
         angle = self.direction + self.share_a * theta_a + (1.0 - self.share_a) * theta_b
         cos, sin = np.cos(angle), np.sin(angle)
-        whole = _into(cos, sin, d)
+        rotated = _into(cos, sin, d)
         cos0, sin0 = np.cos(self.direction), np.sin(self.direction)
         x = np.empty((*local.shape[:-1], 3))
-        x[..., :2] = whole - _into(cos0, sin0, self.gap)
+        x[..., :2] = rotated - _into(cos0, sin0, self.gap)
         x[..., 2] = theta_b - theta_a
         turned = (
             _into(cos, sin, self.arm_a + moved_a),
             _into(cos, sin, self.arm_b + moved_b),
         )
-        return x, d, (cos, sin), turned, whole
+        return x, d, (cos, sin), turned, rotated
 
 
 def connections(
@@ -194,7 +194,7 @@ class NonlinearMechanism:
     """
 
     mechanism: Mechanism
-    """Its bodies and springs."""
+    """Bodies and springs."""
     mass: Array
     """Diagonal of M [kg, kg m^2], shape (n,)."""
     stiffness: Array
@@ -228,9 +228,9 @@ class NonlinearMechanism:
         return local.reshape(*local.shape[:-2], -1) @ self.hinges.gather
 
     def geometric_stiffness(self, q: Array, spring: Array) -> Array:
-        """Return what forces of the hinges (N, V, M), shape (h, 3), add to the tangent at a state.
+        """Return the geometric stiffness by forces of the hinges at a state.
 
-        Shape (n, n).
+        The forces are (N, V, M), shape (h, 3), the stiffness has shape (n, n).
         """
         return _assembled(self.hinges, self.hinges.curvature(np.asarray(q, dtype=float), spring))
 
@@ -250,7 +250,7 @@ class NonlinearMechanism:
     def elongation(self, drive: str, q: Array) -> tuple[float, Array, Array]:
         """Return the elongation of a drive and its first and second derivatives.
 
-        Along the drive's direction, which turns with the body it stands on [m]; of one state, with
+        Along the drive's direction, which turns with the body it reacts on [m]; of one state, with
         gradient, shape (n,), and Hessian, shape (n, n).
         """
         i = self.mechanism.drives.index(self.mechanism.drive(drive))
@@ -262,7 +262,7 @@ class NonlinearMechanism:
         return float(x[i, 0]), gradient, _assembled(self.drives, self.drives.curvature(q, unit))
 
     def reading(self, probe: str, q: Array) -> Array:
-        """Return what a probe sees.
+        """Return the motion at a probe.
 
         Displacement along and across its direction [m] and rotation of the body [rad], against the
         body it is read from, shape (..., 3).

@@ -1,7 +1,7 @@
 r"""Equilibrium with finite rotations, the path of a probe over the stroke, linear buckling.
 
-Rigid bodies buckle as links between springs; a notch or leaf adds what its own deflection does to
-the axial force that it carries, by the shapes that a beam of its height takes.
+Rigid bodies buckle as links between springs; a notch or leaf adds the effect of its own deflection
+on its axial force, by the shapes of a beam of its height.
 """
 
 import math
@@ -41,7 +41,7 @@ class Equilibrium:
     drive_force: dict[str, float]
     """Force of each drive whose displacement is imposed, positive if it pushes [N]."""
     iterations: int
-    """Newton steps that were taken."""
+    """Number of Newton steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -94,12 +94,12 @@ def equilibrium(
     Raises
     ------
     ConvergenceError
-        Newton's method does not converge; smaller steps from a known state mend it.
+        Newton's method does not converge; take smaller steps from a known state.
     ModelError
         A drive does not exist, or the mechanism can move freely.
     """
     names = list(displacements)
-    wanted = np.array([displacements[name] for name in names], dtype=float)
+    targets = np.array([displacements[name] for name in names], dtype=float)
     pushes = dict(forces or {})
     n, m = model.order, len(names)
     q = q_start = np.zeros(n) if start is None else np.array(start, dtype=float)
@@ -112,7 +112,7 @@ def equilibrium(
         gap = np.zeros(m)
         for k, name in enumerate(names):
             g, gradients[:, k], hessian = model.elongation(name, q)
-            gap[k] = wanted[k] - g
+            gap[k] = targets[k] - g
             stiffness = stiffness - multiplier[k] * hessian
         for name, push in pushes.items():
             _, gradient, hessian = model.elongation(name, q)
@@ -123,12 +123,12 @@ def equilibrium(
         scaled = gradients * scale[:, None]
         weight = np.linalg.norm(scaled, axis=0)
         scaled = scaled / weight
-        whole = np.block(
+        bordered = np.block(
             [[stiffness * np.outer(scale, scale), -scaled], [scaled.T, np.zeros((m, m))]]
         )
         right = np.concatenate((-residual * scale, gap / weight))
         try:
-            solution = np.linalg.solve(whole, right)
+            solution = np.linalg.solve(bordered, right)
         except np.linalg.LinAlgError as error:
             raise ModelError(
                 "the mechanism can move without deforming a hinge, so it has no equilibrium: "
@@ -198,24 +198,24 @@ def stroke_path(
         stage = mechanism(stage)
     model = nonlinear(stage) if isinstance(stage, Mechanism) else stage
     if any(p.name == probe and p.direction is None for p in model.mechanism.probes):
-        raise ModelError(f"probe '{probe}' reads a rotation, whose point has no path to follow")
+        raise ModelError(f"probe '{probe}' reads a rotation, so it has no path to follow")
     bent = [hinge.name for hinge in model.mechanism.hinges if hinge.flat_length > 0.0]
     if bent:
         # its chord is 0.6 d^2/L shorter than it is long, which one spring at its middle has not
         more = f" and {len(bent) - 4} more" if len(bent) > 4 else ""
         raise ModelError(
-            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they do, which a hinge "
-            "of the lumped model does not: take the path of plane finite elements "
-            "(`flexstage analyse --model plane --stroke`)"
+            f"{', '.join(bent[:4])}{more} bend over a length and shorten as they bend, which the "
+            "lumped model does not include: use plane finite elements (`flexstage analyse "
+            "--model plane --stroke`)"
         )
-    wanted = np.atleast_1d(np.asarray(displacement, dtype=float))
-    path = np.zeros((wanted.size, model.order))
-    force = np.zeros(wanted.size)
+    elongations = np.atleast_1d(np.asarray(displacement, dtype=float))
+    path = np.zeros((elongations.size, model.order))
+    force = np.zeros(elongations.size)
     start = None
-    for k, value in enumerate(wanted):
-        if k >= 2 and wanted[k - 1] != wanted[k - 2]:
+    for k, value in enumerate(elongations):
+        if k >= 2 and elongations[k - 1] != elongations[k - 2]:
             # straight on from the last two states
-            ahead = (value - wanted[k - 1]) / (wanted[k - 1] - wanted[k - 2])
+            ahead = (value - elongations[k - 1]) / (elongations[k - 1] - elongations[k - 2])
             start = path[k - 1] + ahead * (path[k - 1] - path[k - 2])
         state = equilibrium(model, {drive: float(value)}, start=start)
         path[k], force[k] = state.q, state.drive_force[drive]
@@ -224,7 +224,7 @@ def stroke_path(
     return StrokePath(
         drive=drive,
         probe=probe,
-        displacement=wanted,
+        displacement=elongations,
         drive_force=force,
         along=reading[:, 0],
         across=reading[:, 1],
@@ -244,11 +244,11 @@ def lumped_buckling(
 
     .. math:: (K + \lambda K_g)\,\phi = 0,\qquad d^T\phi = 0
 
-    with the geometric stiffness :math:`K_g` of the linear state under the forces: what the springs'
-    forces add as the bodies turn, less that of the drives' own forces (the derivative by the load
-    of the tangent of `flexstage.lumped.nonlinear`), and of each notch with its axial force N
-    (positive in tension), its deformation :math:`v, \vartheta` and the slopes
-    :math:`s_v, s_\vartheta` of its deflection in the frame of the mean rotation of its ends
+    with the geometric stiffness :math:`K_g` of the linear state under the forces: the effect of the
+    springs' forces as the bodies turn, less that of the drives' own forces (the derivative by the
+    load of the tangent of `flexstage.lumped.nonlinear`), and of each notch with its axial force N
+    (positive in tension), its deformation :math:`v, \vartheta` and the slopes :math:`s_v,
+    s_\vartheta` of its deflection in the frame of the mean rotation of its ends
 
     .. math::
 
@@ -268,7 +268,7 @@ def lumped_buckling(
         Force by drive [N]; these drives keep their length while the stage buckles, all others are
         removed.
     method : str
-        How hinge stiffness is found, one of `flexstage.hinges.compliance.METHODS`.
+        Method of hinge stiffness, one of `flexstage.hinges.compliance.METHODS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
 
@@ -285,12 +285,12 @@ def lumped_buckling(
     Notes
     -----
     Validity: bifurcation from a straight path, in the plane; bodies are rigid, and the force of a
-    drive turns with the body that it stands on. Leaves are within 0.1 % of Euler's columns, with
+    drive turns with the body that it reacts on. Leaves are within 0.1 % of Euler's columns, with
     fillets of beam elements, bars between two notches within 3 % of plane finite elements. The
     factors of guides and pivots with leaves are within 2 % of those of the plane model (gantry 39,
     linked parallelogram 12). Between notches, and above about a quarter of Young's modulus over the
-    largest stress, that model has no factor to compare with: what it finds are wrinkles of the
-    surface of a neck, whose factor falls as the mesh is made finer.
+    largest stress, that model has no factor to compare with: it finds wrinkles of the surface of a
+    neck, whose factor decreases as the mesh is refined.
 
     Examples
     --------
@@ -301,10 +301,10 @@ def lumped_buckling(
     model = _model(stage, method, plane)
     n, rest = model.order, np.zeros(model.order)
     stiffness, load, turning = model.tangent(rest), np.zeros(n), np.zeros((n, n))
-    held = np.zeros((len(forces), n))
+    locked = np.zeros((len(forces), n))
     for k, (name, force) in enumerate(forces.items()):
-        _, held[k], hessian = model.elongation(name, rest)
-        load += force * held[k]
+        _, locked[k], hessian = model.elongation(name, rest)
+        load += force * locked[k]
         turning += force * hessian
     q, _ = solve_stiffness(stiffness, load[:, None], np.zeros((n, 0)))
     deformation = model.deformation_rates(rest)
@@ -314,21 +314,21 @@ def lumped_buckling(
     elastic, geometric = np.zeros((2, n + 2 * count, n + 2 * count))
     elastic[:n, :n] = stiffness
     geometric[:n, :n] = model.geometric_stiffness(rest, spring) - turning
-    for h, found in enumerate(hinge_springs(stage, method=method, plane=plane)):
-        profile, axial, at = found.hinge.profile, spring[h, 0], n + 2 * h
+    for h, hinge_spring in enumerate(hinge_springs(stage, method=method, plane=plane)):
+        profile, axial, at = hinge_spring.hinge.profile, spring[h, 0], n + 2 * h
         modulus, _ = plane_moduli(
-            stage.material.youngs_modulus, stage.material.poissons_ratio, found.plane
+            stage.material.youngs_modulus, stage.material.poissons_ratio, hinge_spring.plane
         )
         slopes, bending = _deflections(profile)
         shape = np.zeros((4, n + 2 * count))
         shape[:2, :n] = deformation[h, 1:]
         shape[2, at] = shape[3, at + 1] = 1.0
         # only the coordinates of its two bodies, and its own, take part
-        taken = np.flatnonzero(shape.any(axis=0))
-        part = shape[:, taken]
-        geometric[np.ix_(taken, taken)] += axial * part.T @ slopes @ part
+        used = np.flatnonzero(shape.any(axis=0))
+        part = shape[:, used]
+        geometric[np.ix_(used, used)] += axial * part.T @ slopes @ part
         elastic[at, at], elastic[at + 1, at + 1] = modulus * stage.thickness * bending
-    free = np.asarray(block_diag(null_space(held), np.eye(2 * count)), dtype=np.float64)
+    free = np.asarray(block_diag(null_space(locked), np.eye(2 * count)), dtype=np.float64)
     inverse = eigh(-free.T @ geometric @ free, free.T @ elastic @ free, eigvals_only=True)[-1]
     return 1.0 / float(inverse) if inverse > 0.0 else math.inf
 
@@ -369,15 +369,15 @@ def _deflections(profile: Profile) -> tuple[Array, Array]:
         size = 2.0 * np.sum(x * curvature * dx)
         return -curvature / size, (np.sum(curvature * dx) - up_to(curvature)) / size
 
-    whole = np.sum(flexibility * dx)
-    turn = 0.5 * up_to(flexibility) / whole
+    total = np.sum(flexibility * dx)
+    turn = 0.5 * up_to(flexibility) / total
     shear_curvature, shear_slope = across(x)
     sway_curvature, sway_slope = across(np.sin(0.5 * np.pi * x / half))
     wave_slope, wave_curvature = np.sin(np.pi * x / half), np.zeros_like(x)
     for _ in range(_WAVE_STEPS):
         moment = -up_to(wave_slope)
-        moment -= np.sum(moment * flexibility * dx) / whole
-        wave_curvature = moment / np.abs(moment).max() * flexibility / whole
+        moment -= np.sum(moment * flexibility * dx) / total
+        wave_curvature = moment / np.abs(moment).max() * flexibility / total
         wave_slope = up_to(wave_curvature)
     slopes = np.array([shear_slope, turn, wave_slope, sway_slope - shear_slope])
     # over both halves, the product of an even and an odd slope vanishes

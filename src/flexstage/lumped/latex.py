@@ -1,4 +1,4 @@
-"""What a sheet of equations is made of, and it as LaTeX, plain text, MathML or plain data."""
+"""Elements of a sheet of equations, and their output as LaTeX, plain text, MathML or plain data."""
 
 # SymPy's own annotations are partial and contradict what its functions return.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
@@ -31,7 +31,7 @@ class Formula:
     right: sp.Basic | str
     """Right side; LaTeX where it is a text."""
     plain: str = ""
-    """Left side in plain text, where `left` is LaTeX that does not read well as such."""
+    """Left side in plain text, where `left` is LaTeX."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +54,7 @@ class SheetSection:
     key: str
     """Short name by which a program finds it."""
     title: str
-    """Its heading."""
+    """Heading."""
     items: tuple[Item, ...]
     """Paragraphs, formulas and tables in order."""
 
@@ -171,7 +171,7 @@ def mathml(expression: sp.Basic) -> str:
 
 
 class _Printer(MathMLPresentationPrinter):
-    """Reads the dots and indices that our symbols write as LaTeX."""
+    """Printer for the dots and indices that symbols have as LaTeX."""
 
     def _print_Symbol(self, sym: sp.Symbol, style: str = "plain") -> Any:
         del style
@@ -253,8 +253,8 @@ def _equation_mathml(formula: Formula) -> str:
         if isinstance(side, str):
             sides.append(f"<mtext>{html.escape(plain or _plain(side), quote=False)}</mtext>")
         else:
-            whole = mathml(_shortened(side))
-            sides.append(f"<mrow>{whole[whole.index('>') + 1 : -len('</math>')]}</mrow>")
+            markup = mathml(_shortened(side))
+            sides.append(f"<mrow>{markup[markup.index('>') + 1 : -len('</math>')]}</mrow>")
     return _MATH + "<mo>=</mo>".join(sides) + "</math>"
 
 

@@ -1,4 +1,4 @@
-"""What is asked of the equations of a stage."""
+"""The request for the equations of a stage."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -1,8 +1,8 @@
-"""A stage as rigid bodies and springs: the numbers that every lumped model starts from.
+"""A stage as rigid bodies and springs: the data of every lumped model.
 
 Bodies carry mass and inertia, hinges a 3 x 3 stiffness about the neck, drives and probes measure
 the distance of a point of one body from a point of another. Both the symbolic equations and the
-nonlinear model are built from this; neither looks at outlines or notches.
+nonlinear model use these data; neither needs outlines or notches.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.lumped.assemble import hinge_springs
 from flexstage.stage.mass import mass_properties
 from flexstage.stage.model import Stage
-from flexstage.system.mechanical import named
+from flexstage.system.mechanical import find_named
 
 Pair = tuple[float, float]
 _HAS = ": the mechanism has"
@@ -25,15 +25,15 @@ class RigidBody:
     """A rigid body in the plane."""
 
     name: str
-    """Its name."""
+    """Name."""
     mass: float
-    """Its mass m [kg]."""
+    """Mass m [kg]."""
     inertia: float
-    """Its moment of inertia J about its centre of mass [kg m^2]."""
+    """Moment of inertia J about its centre of mass [kg m^2]."""
     centre: Pair
-    """Its centre of mass (x, y) [m]."""
+    """Centre of mass (x, y) [m]."""
     fixed: bool = False
-    """Whether it is held."""
+    """True if it is fixed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,7 +41,7 @@ class SpringHinge:
     """A hinge as a spring of two translations and a rotation, at the neck."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[int, int]
     """Indices of the bodies a and b."""
     at: Pair
@@ -53,8 +53,8 @@ class SpringHinge:
     axes [N/m, N, N m/rad], shape (3, 3).
     """
     flat_length: float = 0.0
-    """Length over which it bends, and gets shorter as it does, which a spring does not [m]; 0 of a
-    notch that bends at its neck.
+    """Length over which it bends, and shortens, unlike a spring [m]; 0 of a notch that bends at its
+    neck.
     """
 
 
@@ -83,15 +83,15 @@ class Mechanism:
     """Rigid bodies joined by springs."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[RigidBody, ...]
     """The bodies, fixed ones included."""
     hinges: tuple[SpringHinge, ...]
     """The springs."""
     drives: tuple[Sight, ...] = ()
-    """Where drives act: from the body that a drive stands on to the one that it pushes."""
+    """Drives, each from the body that it reacts on to the body that it pushes."""
     probes: tuple[Sight, ...] = ()
-    """Where motion is read."""
+    """Probes."""
 
     __repr__ = short_repr
 
@@ -123,7 +123,7 @@ class Mechanism:
         ModelError
             There is no such drive.
         """
-        return named("drive", name, self.drives, _HAS)
+        return find_named("drive", name, self.drives, _HAS)
 
     def probe(self, name: str) -> Sight:
         """Return a probe by name.
@@ -143,7 +143,7 @@ class Mechanism:
         ModelError
             There is no such probe.
         """
-        return named("probe", name, self.probes, _HAS)
+        return find_named("probe", name, self.probes, _HAS)
 
 
 def mechanism(
@@ -156,7 +156,7 @@ def mechanism(
     stage : Stage
         The stage.
     method : str
-        How hinge stiffness is found, one of `flexstage.hinges.compliance.METHODS`.
+        Method of hinge stiffness, one of `flexstage.hinges.compliance.METHODS`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose by the width of each notch against its neck.
 

@@ -1,9 +1,9 @@
-r"""What the lumped model of many stages of one topology is made of, and how that changes.
+r"""Data of the lumped models of many stages of one topology, and their derivatives.
 
-Masses, where hinges and drives are, what hinges are as springs, with a leading axis of samples. It
-comes from stages, or from anything that changes these numbers. Where parameters change it, the
-description (integrals over bodies, quadratures of notches) is differentiated by central differences
-of fourth order; from there on everything is analytic (`system_tangents`).
+Masses, positions of hinges and drives, and stiffness of hinges, with a leading axis of samples.
+They come from stages, or from any function that changes these numbers. Where parameters change it,
+the description (integrals over bodies, quadratures of notches) is differentiated by central
+differences of fourth order; from there on everything is analytic (`system_tangents`).
 """
 
 import math
@@ -28,10 +28,10 @@ from flexstage.system.characteristics import pulsating_limit
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StageArrays(StageNumbers):
-    """What the lumped model is made of, of many stages of one topology."""
+    """Data of the lumped models of many stages of one topology."""
 
     method: str
-    """How the stiffness of hinges is found, of the nominal stage."""
+    """Method of hinge stiffness, of the nominal stage."""
     plane: PlaneState | Literal["auto"]
     """Plane state of its hinges."""
     mass: Array
@@ -98,18 +98,19 @@ def stage_arrays(
     plane: PlaneState | Literal["auto"] = "auto",
     nominal: Stage | None = None,
 ) -> StageArrays:
-    """Return what the lumped model is made of, of stages of one topology.
+    """Return the data of the lumped models of stages of one topology.
 
     Parameters
     ----------
     stages : Sequence of Stage
-        The stages: the same names of bodies, hinges, drives, probes and axes, joined alike.
+        The stages: the same names of bodies, hinges, drives, probes and axes, joined in the same
+        way.
     method : str
-        How the hinges' stiffness is found, as in `flexstage.lumped.lumped_system`.
+        Method of hinge stiffness, as in `flexstage.lumped.lumped_system`.
     plane : str
         ``stress``, ``strain``, or ``auto`` to choose for each hinge by width against neck.
     nominal : Stage, optional
-        The stage by which is decided what all samples have in common; the first where not given.
+        The stage that decides the properties common to all samples; the first where not given.
 
     Returns
     -------
@@ -119,9 +120,9 @@ def stage_arrays(
     Raises
     ------
     ModelError
-        There is no stage, or one has another topology than the nominal one.
+        The sequence is empty, or a stage has another topology than the nominal one.
     StageError
-        A hinge does not grow from its bodies.
+        A hinge is not attached to its bodies.
 
     Examples
     --------
@@ -132,11 +133,11 @@ def stage_arrays(
     if not stages:
         raise ModelError("a batch needs at least one stage, got none")
     nominal = stages[0] if nominal is None else nominal
-    found = []
+    rows = []
     for stage in stages:
         require_topology(nominal, stage)
-        found.append(described(stage, method, plane))
-    owners = {owner for owner, _ in found}
+        rows.append(described(stage, method, plane))
+    owners = {owner for owner, _ in rows}
     if len(owners) > 1:
         raise ModelError(
             f"a hinge of '{nominal.name}' has a flat part in some stages of a batch and none in "
@@ -147,16 +148,16 @@ def stage_arrays(
         method=method,
         plane=plane,
         stress_owner=owners.pop(),
-        **{field: np.stack([values[field] for _, values in found]) for field in found[0][1]},
+        **{field: np.stack([values[field] for _, values in rows]) for field in rows[0][1]},
     )
 
 
 def require_topology(nominal: Stage, stage: Stage) -> None:
-    """Refuse a stage that is not joined as the nominal one is."""
+    """Refuse a stage of another topology than the nominal one."""
     if stage is not nominal and _topology(stage) != _topology(nominal):
         raise ModelError(
             f"stage '{stage.name}' is not of the topology of '{nominal.name}': a batch needs the "
-            "same bodies, hinges, drives, probes and axes, joined alike"
+            "same bodies, hinges, drives, probes and axes, joined in the same way"
         )
 
 
@@ -190,8 +191,8 @@ def described(
     owner = tuple(i for i, row in enumerate(rows) for _ in row)
 
     def numbers(values: Sequence[float | None], *shape: int) -> Array:
-        found = [math.nan if v is None else v for v in values]
-        return np.array(found, dtype=np.float64).reshape(-1, *shape)
+        numbers_or_nan = [math.nan if v is None else v for v in values]
+        return np.array(numbers_or_nan, dtype=np.float64).reshape(-1, *shape)
 
     drives = stage.drives
     return owner, {
@@ -224,12 +225,12 @@ _STEPS = {2: 2e-5, 4: 5e-4}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StageTangents:
-    """Derivatives of what the lumped model of a stage is made of, by some parameters."""
+    """Derivatives of the data of the lumped model of a stage, by parameters."""
 
     names: tuple[str, ...]
     """The parameters; p of them."""
     arrays: StageArrays
-    """What it is made of, one sample."""
+    """Data of the stage, one sample."""
     slopes: StageArrays
     """The derivatives, with a leading axis of p; of 1 where they are zero."""
 
@@ -270,7 +271,7 @@ def parameter_tangents(
     order: Literal[2, 4] = 4,
     arrays: StageArrays | None = None,
 ) -> StageTangents:
-    r"""Return the derivatives of what the lumped model is made of by a parameter.
+    r"""Return the derivatives of the data of the lumped model by a parameter.
 
     .. math:: f'(x) = \frac{8(f(x+h) - f(x-h)) - (f(x+2h) - f(x-2h))}{12 h} + O(h^4)
 
@@ -290,7 +291,7 @@ def parameter_tangents(
     order : int
         Order of the difference: 4, or 2 for half of the work and still some 1e-8 of the derivative.
     arrays : StageArrays, optional
-        What the stage is made of at `value`, where it is known.
+        Data of the stage at `value`, where known.
 
     Returns
     -------
@@ -332,7 +333,7 @@ def parameter_tangents(
     def values(k: int) -> dict[str, Array]:
         stage = build(value + k * h)
         require_topology(nominal, stage)
-        owner, found = described(stage, arrays.method, arrays.plane, planes)
+        owner, fields = described(stage, arrays.method, arrays.plane, planes)
         if owner != arrays.stress_owner:
             raise ModelError(
                 f"a flat part of a hinge begins or ends near {value:.6g} of parameter '{name}': "
@@ -340,15 +341,15 @@ def parameter_tangents(
             )
         for field in ("hinge_direction", "drive_direction", "probe_direction"):
             # as near to the nominal angle as whole turns allow
-            turns = (found[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
-            found[field] = found[field] - 2.0 * np.pi * np.round(turns)
-        return found
+            turns = (fields[field] - getattr(arrays, field)[0]) / (2.0 * np.pi)
+            fields[field] = fields[field] - 2.0 * np.pi * np.round(turns)
+        return fields
 
-    found, weights = _around(values, order)
+    values_around, weights = _around(values, order)
     slopes = {}
-    for field in found[0]:
+    for field in values_around[0]:
         with np.errstate(invalid="ignore"):
-            parts = zip(weights, (part[field] for part in found), strict=True)
+            parts = zip(weights, (part[field] for part in values_around), strict=True)
             slope = sum(w * x for w, x in parts) / h
         # what is infinite or unknown stays so
         slopes[field] = np.where(np.isfinite(slope), slope, 0.0)[None]
@@ -366,7 +367,7 @@ _AHEAD = {
 def _around(
     values: Callable[[int], dict[str, Array]], order: int
 ) -> tuple[list[dict[str, Array]], Array]:
-    """Values some steps to both sides, or to one where there are none on the other; weights."""
+    """Return values a few steps to both sides, or to one if the other has none, and weights."""
     ahead = _AHEAD[order]
     refused: list[FlexstageError] = []
     for weights in (_CENTRAL[order], {-k: -w for k, w in ahead.items()}, ahead):

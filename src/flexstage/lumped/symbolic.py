@@ -35,7 +35,7 @@ from flexstage.lumped.symbols import (
     starting_values,
 )
 from flexstage.stage.model import Stage
-from flexstage.system.mechanical import named
+from flexstage.system.mechanical import find_named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class SymbolicPort:
     """A drive or a probe in symbols."""
 
     name: str
-    """Its name."""
+    """Name."""
     vector: sp.ImmutableMatrix
     """Elongation or reading for each coordinate, shape (n, 1)."""
     stiffness: sp.Expr | None = sp.S.Zero
@@ -52,10 +52,10 @@ class SymbolicPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Equations:
-    """Linear equations of motion in symbols, with where they are driven and read."""
+    """Linear equations of motion in symbols, with drives and probes."""
 
     has: ClassVar[str] = ": the model has"
-    """What a refusal says of a name that there is not."""
+    """Subject of the message for an unknown name."""
 
     name: str
     """Name of the stage."""
@@ -68,11 +68,11 @@ class Equations:
     K: sp.MatrixBase
     """Stiffness, shape (n, n)."""
     drives: tuple[SymbolicPort, ...]
-    """Where the stage is driven, as far as the coordinates can describe it."""
+    """Drives, as far as the coordinates can describe them."""
     probes: tuple[SymbolicPort, ...]
-    """Where it is read, as far as they can."""
+    """Probes, as far as the coordinates can describe them."""
     values: dict[sp.Symbol, float]
-    """The number that each symbol stands for [SI]."""
+    """The value of each symbol [SI]."""
     damping: DampingKind
     """``none``, ``hinge`` or ``rayleigh``."""
 
@@ -99,7 +99,7 @@ class Equations:
         ModelError
             There is no such drive.
         """
-        return named("drive", name, self.drives, self.has)
+        return find_named("drive", name, self.drives, self.has)
 
     def probe(self, name: str) -> SymbolicPort:
         """Return a probe by name.
@@ -119,7 +119,7 @@ class Equations:
         ModelError
             There is no such probe.
         """
-        return named("probe", name, self.probes, self.has)
+        return find_named("probe", name, self.probes, self.has)
 
     def symbol(self, name: str) -> sp.Symbol:
         """Return a symbol that has a value, by its name."""
@@ -139,9 +139,9 @@ class Equations:
             Its numbers, of the matrix's shape.
         """
         out = np.zeros(matrix.shape)
-        known = starting_values(self.values)
+        evaluated = starting_values(self.values)
         for at, entry in sp.ImmutableSparseMatrix(matrix).todok().items():
-            out[at] = number(entry, known)
+            out[at] = number(entry, evaluated)
         return out
 
 
@@ -154,8 +154,8 @@ class SymbolicModel(Equations):
 
     bodies: tuple[str, ...]
     """Names of the free bodies: number i is ``bodies[i - 1]``."""
-    held: tuple[str, ...]
-    """Names of the held bodies."""
+    fixed: tuple[str, ...]
+    """Names of the fixed bodies."""
     rates: tuple[sp.Symbol, ...]
     """First derivatives of q in time."""
     accelerations: tuple[sp.Symbol, ...]
@@ -226,13 +226,14 @@ class SymbolicModel(Equations):
         ModelError
             The model has no such symbol.
         """
-        known = {symbol.name: symbol for symbol in self.values}
+        by_name = {symbol.name: symbol for symbol in self.values}
         for name in numbers:
-            if name not in known:
+            if name not in by_name:
                 raise ModelError(
-                    f"the model has no symbol '{name}': it has {', '.join(sorted(known)[:12])}, ..."
+                    f"the model has no symbol '{name}': it has "
+                    f"{', '.join(sorted(by_name)[:12])}, ..."
                 )
-        return replace(self, values=self.values | {known[k]: v for k, v in numbers.items()})
+        return replace(self, values=self.values | {by_name[k]: v for k, v in numbers.items()})
 
 
 def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh") -> SymbolicModel:
@@ -249,7 +250,7 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     Returns
     -------
     SymbolicModel
-        Energies, matrices and the number that each symbol stands for.
+        Energies, matrices and the value of each symbol.
 
     Raises
     ------
@@ -328,7 +329,7 @@ def symbolic_model(stage: Stage | Mechanism, *, damping: DampingKind = "rayleigh
     return SymbolicModel(
         name=source.name,
         bodies=tuple(b.name for b in free),
-        held=tuple(b.name for b in source.bodies if b.fixed),
+        fixed=tuple(b.name for b in source.bodies if b.fixed),
         coordinates=q,
         rates=rates,
         accelerations=accelerations,

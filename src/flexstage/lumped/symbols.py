@@ -27,7 +27,7 @@ from flexstage.lumped.rigid_bodies import Mechanism, Sight
 def upright(name: str) -> str:
     r"""Write a name of a drive or probe as an index of a symbol, in LaTeX.
 
-    What means something to LaTeX is left out.
+    Special characters of LaTeX are omitted.
 
     Examples
     --------
@@ -53,15 +53,15 @@ _TEXT = {
 
 
 class SymbolTable:
-    """Gives a symbol for each number, the same symbol for the same number.
+    """Table of symbols for numbers, the same symbol for the same number.
 
-    The size of the mechanism sets how close two lengths must be to be one.
+    The size of the mechanism sets the tolerance for equal lengths.
     """
 
     def __init__(self, source: Mechanism) -> None:
         points = [b.centre for b in source.bodies] + [h.at for h in source.hinges]
         self._size = float(np.abs(np.array(points)).max(initial=1e-300))
-        self._known: dict[str, list[tuple[float, sp.Symbol]]] = {}
+        self._symbols: dict[str, list[tuple[float, sp.Symbol]]] = {}
         self._types: list[NDArray[np.float64]] = []
         self.values: dict[sp.Symbol, float] = {}
 
@@ -94,10 +94,10 @@ class SymbolTable:
         return along if c > 0.0 else -along, across if s > 0.0 else -across
 
     def hinge_type(self, stiffness: NDArray[np.float64]) -> int:
-        """Return the number of a kind of hinge, from 1: one for all of the same stiffness."""
-        for i, known in enumerate(self._types):
-            scale = np.sqrt(np.outer(np.diag(known), np.diag(known)))
-            if np.all(np.abs(stiffness - known) <= 1e-13 * scale):
+        """Return the number of a type of hinge, from 1: one for each stiffness."""
+        for i, known_stiffness in enumerate(self._types):
+            scale = np.sqrt(np.outer(np.diag(known_stiffness), np.diag(known_stiffness)))
+            if np.all(np.abs(stiffness - known_stiffness) <= 1e-13 * scale):
                 return i + 1
         self._types.append(stiffness)
         return len(self._types)
@@ -111,10 +111,10 @@ class SymbolTable:
         the kind of hinge; `value` is the number of the symbol, if not `stiffness`. It is 0 where
         the stiffness has no such coupling.
         """
-        known = self._types[group - 1]
+        type_stiffness = self._types[group - 1]
         i, j = ("uvt".index(c) for c in key)
         # rounding leaves couplings that a symmetric notch does not have
-        if abs(stiffness) <= 1e-14 * math.sqrt(known[i, i] * known[j, j]):
+        if abs(stiffness) <= 1e-14 * math.sqrt(type_stiffness[i, i] * type_stiffness[j, j]):
             return sp.S.Zero
         symbol = sp.Symbol(f"{letter}_{{{_TEXT[key]}{group}}}", real=True)
         self.values.setdefault(symbol, float(stiffness if value is None else value))
@@ -133,64 +133,64 @@ class SymbolTable:
         return alpha, beta
 
     def _symbol(self, letter: str, value: float, near: float, *, positive: bool) -> sp.Symbol:
-        known = self._known.setdefault(letter, [])
-        for other, symbol in known:
+        numbers = self._symbols.setdefault(letter, [])
+        for other, symbol in numbers:
             if abs(other - value) <= near:
                 return symbol
-        number = len(known) + 1
+        number = len(numbers) + 1
         kind = {"positive": True} if positive else {"real": True}
         symbol = sp.Symbol(f"{letter}_{number}", **kind)
-        known.append((value, symbol))
+        numbers.append((value, symbol))
         self.values[symbol] = value
         return symbol
 
 
-Known = dict[sp.Basic, Fraction]
+Evaluated = dict[sp.Basic, Fraction]
 
 
-def starting_values(values: Mapping[sp.Symbol, float]) -> Known:
+def starting_values(values: Mapping[sp.Symbol, float]) -> Evaluated:
     """Prepare numbers for `exact` and `number`."""
     return {symbol: Fraction(value) for symbol, value in values.items()}
 
 
-def number(expression: sp.Basic, known: Known) -> float:
+def number(expression: sp.Basic, evaluated: Evaluated) -> float:
     """Evaluate an expression.
 
     Correctly rounded but for sines and cosines; see `exact`.
     """
-    return float(exact(expression, known))
+    return float(exact(expression, evaluated))
 
 
-def exact(expression: sp.Basic, known: Known) -> Fraction:
+def exact(expression: sp.Basic, evaluated: Evaluated) -> Fraction:
     """Evaluate an expression in rational arithmetic.
 
     It is made of sums, products, whole powers, sines and cosines of symbols and numbers; sines and
-    cosines are rounded to a double first. `known` comes from `starting_values`, and parts that were
-    evaluated are added: for the few hundred entries of a model this is ten times faster than
-    compiling them. Expanded determinants cancel to a small part of their terms, and rounding each
-    term would leave nothing of them.
+    cosines are rounded to a double first. `evaluated` comes from `starting_values`, and further
+    parts are added: for the few hundred entries of a model this is ten times faster than
+    compiling them. Expanded determinants cancel to a small part of their terms, so that rounding
+    each term would destroy them.
     """
-    value = known.get(expression)
+    value = evaluated.get(expression)
     if value is not None:
         return value
     if isinstance(expression, sp.Symbol):
         raise KeyError(f"the symbol '{expression.name}' has no value")
     if isinstance(expression, sp.Add):
-        value = sum((exact(a, known) for a in expression.args), Fraction(0))
+        value = sum((exact(a, evaluated) for a in expression.args), Fraction(0))
     elif isinstance(expression, sp.Mul):
         value = Fraction(1)
         for a in expression.args:
-            value *= exact(a, known)
+            value *= exact(a, evaluated)
     elif isinstance(expression, sp.Pow):
-        value = exact(expression.base, known) ** int(expression.exp)
+        value = exact(expression.base, evaluated) ** int(expression.exp)
     elif isinstance(expression, (sp.cos, sp.sin)):
-        angle = float(exact(expression.args[0], known))
+        angle = float(exact(expression.args[0], evaluated))
         value = Fraction(math.cos(angle) if isinstance(expression, sp.cos) else math.sin(angle))
     elif isinstance(expression, sp.Rational):
         value = Fraction(int(expression.p), int(expression.q))
     else:
         value = Fraction(float(expression))
-    known[expression] = value
+    evaluated[expression] = value
     return value
 
 
@@ -333,12 +333,12 @@ _KEYS = {"uu": (0, 0), "vv": (1, 1), "tt": (2, 2), "uv": (0, 1), "ut": (0, 2), "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HingeConstants:
-    """What a hinge puts into the generic block."""
+    """Constants of a hinge in the generic block."""
 
     name: str
     """Name of the hinge."""
     bodies: tuple[int, int]
-    """Numbers of bodies a and b among the free ones, from 1; 0 for what is held."""
+    """Numbers of bodies a and b among the free ones, from 1; 0 for fixed bodies."""
     constants: dict[sp.Symbol, sp.Expr]
     """Expression for each symbol of `flexstage.lumped.symbols.generic_hinge`."""
 
@@ -346,7 +346,7 @@ class HingeConstants:
 def hinge_constants(
     source: Mechanism, table: SymbolTable, i: int, damping: str
 ) -> dict[sp.Symbol, sp.Expr]:
-    """Return what a hinge puts in the place of each symbol of the generic hinge.
+    """Return the constant of a hinge for each symbol of the generic hinge.
 
     With `damping` ``hinge`` it has a damper as well.
     """
@@ -354,9 +354,9 @@ def hinge_constants(
     out: dict[sp.Symbol, sp.Expr] = {}
     for side, body in enumerate(hinge.bodies):
         for axis in (0, 1):
-            held = source.bodies[body].fixed
+            is_fixed = source.bodies[body].fixed
             arm = hinge.at[axis] - source.bodies[body].centre[axis]
-            out[generic.arms[2 * side + axis]] = sp.S.Zero if held else table.length(arm)
+            out[generic.arms[2 * side + axis]] = sp.S.Zero if is_fixed else table.length(arm)
     out[generic.cosine], out[generic.sine] = table.direction(hinge.direction)
     group = table.hinge_type(hinge.stiffness)
     for key, at in _KEYS.items():
@@ -375,7 +375,7 @@ def assemble_blocks(
     local: tuple[sp.Symbol, ...],
     q: tuple[sp.Symbol, ...],
 ) -> tuple[dict[tuple[int, int], sp.Expr], sp.Expr]:
-    """Sum the blocks and energies of all hinges; held bodies have no coordinates.
+    """Sum the blocks and energies of all hinges; fixed bodies have no coordinates.
 
     `block` and `energy` are those of the generic hinge, `local` its six coordinates or rates, and
     `q` those of the stage. Returns the entries of the matrix by row and column, and the energy of

@@ -45,7 +45,7 @@ class Motion:
     kinetic_energy: Array
     """T [J], shape (k,)."""
     potential_energy: Array
-    """Energy in the hinges V [J], shape (k,)."""
+    """Energy V in the hinges [J], shape (k,)."""
 
     @property
     def energy(self) -> Array:
@@ -101,8 +101,8 @@ def motion(
 
     Notes
     -----
-    Validity: as `flexstage.lumped.finite_rotation`. Some 20 steps in a period of the fastest mode
-    that matters follow it closely; energy and the momentum of a free mechanism are conserved
+    Validity: as `flexstage.lumped.finite_rotation`. About 20 steps in a period of the fastest
+    relevant mode follow it closely; energy and the momentum of a free mechanism are conserved
     whatever the step, its angular momentum to the order of the method.
     """
     t = np.asarray(time, dtype=float)
@@ -169,7 +169,7 @@ def _gauss(count: int) -> tuple[Array, Array]:
 
 
 class _Stepper:
-    """One step of the method, with a Newton matrix that is kept while it serves."""
+    """One step of the method, with a Newton matrix that is reused while it converges."""
 
     def __init__(
         self,
@@ -201,9 +201,9 @@ class _Stepper:
             change = lu_solve(self.factor, right.reshape(-1), check_finite=False)
             guess = guess + change.reshape(guess.shape)
             size = float(np.sum(self.model.mass * change.reshape(guess.shape) ** 2))
-            whole = float(np.sum(self.model.mass * guess**2))
+            kinetic = float(np.sum(self.model.mass * guess**2))
             # down to rounding: until the correction is negligible, or small and no longer shrinks
-            if size <= 1e-30 * whole or (size <= 1e-20 * whole and size >= 0.25 * previous):
+            if size <= 1e-30 * kinetic or (size <= 1e-20 * kinetic and size >= 0.25 * previous):
                 self.acceleration = guess
                 dq = h * (rule.b @ (v + h * (rule.a @ guess)))
                 return self._add(0, q, dq), self._add(1, v, h * (rule.b @ guess))

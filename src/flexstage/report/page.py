@@ -167,7 +167,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("Optimum", ""): ("optimum.draw_before_after", "optimum"),
     ("Optimum", "figures"): ("optimum.draw_figures", "optimum"),
     ("Optimum", "history"): ("optimum.draw_history", "optimum"),
-    ("PartResult", ""): ("part.draw_part", "part=part fixed=held moved=moved"),
+    ("PartResult", ""): ("part.draw_part", "part=part fixed=fixed moved=moved"),
     ("Positioning", ""): ("motion_error.draw_positioning", "positioning"),
     ("ReachableArea", ""): ("body_motion.draw_reachable_area", "workspace"),
     ("Predictions", ""): (

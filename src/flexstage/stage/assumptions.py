@@ -1,8 +1,8 @@
-"""What is taken of a stage, its drives, sensors and table where nobody has measured them.
+"""Assumed properties of a stage, its drives, sensors and table, in the absence of measurements.
 
-Every simulation and export takes these figures from here. What a stage's description says, or its
-published measured rows, goes before them. Where no source is named a figure is of the size that
-such parts have, and no one's measurement.
+Every simulation and export uses these figures. The description of a stage, or its published
+measured rows, takes precedence. A figure without a source is typical of such parts, and not a
+measurement.
 """
 
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ LOOP_WIDTH = 0.125
 CREEP = 0.012
 #: Bandwidth of a stack's amplifier [Hz], and its largest current [A].
 AMPLIFIER_BANDWIDTH_HZ, AMPLIFIER_CURRENT = 2000.0, 0.3
-#: Voltage of a stack whose range nobody says [V].
+#: Voltage of a stack without a range [V].
 VOLTAGE_RANGE = (0.0, 120.0)
 #: Bits of the converter in a fast loop, and of that of a slow command.
 LOOP_CONVERTER_BITS, CONVERTER_BITS = 20, 16
@@ -27,10 +27,9 @@ LOOP_CONVERTER_BITS, CONVERTER_BITS = 20, 16
 BACKLASH = 0.5e-6
 
 #: Damping ratio of the modes in a model [1], typical of a bolted monolithic aluminium stage; and in
-#: a virtual stage, where it is a little off from that.
+#: a virtual stage, where it differs a little.
 DAMPING_RATIO, VIRTUAL_DAMPING_RATIO = 0.01, 0.0087
-#: Over the stroke [1]: straightness; spread of the position from cycle to cycle; what differs by
-#: direction.
+#: Over the stroke [1]: straightness; scatter of the position from cycle to cycle; reversal value.
 STRAIGHTNESS, REPEATABILITY, REVERSAL = 2e-3, 1.5e-4, 5e-4
 #: Length over which an error of straightness, or drift, is a rotation [m].
 GUIDE_LENGTH = 50e-3
@@ -42,19 +41,19 @@ STROKE_SPREAD, LOOP_WIDTH_SPREAD, BACKLASH_SPREAD = 0.02, 0.04, 0.2
 #: Rms noise of capacitive sensors along an axis and across it [m], of an autocollimator [rad], in a
 #: quiet room, and of eddy-current sensors [m].
 POSITION_NOISE, TRANSVERSE_NOISE, ANGLE_NOISE, EDDY_CURRENT_NOISE = 5e-9, 3e-9, 5e-8, 20e-9
-#: Standard deviation with which an axis settles where it was sent [m].
+#: Standard deviation of the settled position of an axis about its target [m].
 SETTLING = 2e-9
-#: Orders of what the axis of a table does beside its turns: a cage with its balls runs at some such
-#: rates.
+#: Orders of the error motion of a table that are no whole multiples of its turns: typical rates of
+#: a cage with its balls.
 ASYNCHRONOUS_ORDERS = (0.43, 2.57, 5.43)
 
 
 def assumed_figures(stage: "Stage") -> dict[tuple[str, str], str]:
-    """Return what is assumed of the guides of a simulated stage, in words, by quantity and axis.
+    """Return the assumptions on the guides of a simulated stage, as text, by quantity and axis.
 
-    Straightness where nobody has published it, and the rotations that follow from it.
+    Straightness where it is not published, and the rotations that follow from it.
     """
-    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke, no figure of this stage"
+    words = f"assumed: {100.0 * STRAIGHTNESS:g} % of the stroke, not measured"
     follow = (("straightness",), ("straightness_out_of_plane", "roll", "pitch"))
     return {
         (quantity, axis.name): words

@@ -1,22 +1,22 @@
-"""Says what is wrong with a stage, before anything is computed or cut."""
+"""Checks of the geometry and the mechanism of a stage, before it is computed or cut."""
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexstage.base.errors import StageError
 from flexstage.quantities.characteristic import WHOLE_STAGE
+from flexstage.stage.contour import hinge_root
 from flexstage.stage.drive import Drive, Force
-from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.stage.issue import Issue, millimetres
-from flexstage.stage.mobility import free_motion, reachable_bodies
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.narrowest import overlaps, slots_between, slots_within, wall_of
 from flexstage.stage.shapes import Shape, body_shapes, notch_shapes, ring
 
-#: How far a drive or probe may be off its body [m].
+#: Largest distance of a drive or probe from its body [m].
 ON_BODY = 10e-6
 # how deep under the surface the material is looked for that a drive pushes on [m]
 _INTO_BODY = 50e-6
@@ -37,12 +37,12 @@ def check(stage: Stage) -> tuple[Issue, ...]:
     Returns
     -------
     tuple of Issue
-        Errors first; empty if nothing is wrong.
+        Errors first; empty if there are none.
 
     Notes
     -----
     Outlines with arcs are compared as polygons that deviate by 0.5 um, so overlaps less than 2 um
-    deep are not seen. What depends on something that is wrong already is not reported again.
+    deep are not seen. An issue that follows from another one is not reported again.
 
     Examples
     --------
@@ -58,9 +58,11 @@ def check(stage: Stage) -> tuple[Issue, ...]:
     sound = {s.name for s in bodies}
     rooted: list[Hinge] = []
     for hinge in stage.hinges:
-        found = list(_hinge(stage, hinge, sound))
-        issues += found
-        if sound.issuperset(hinge.bodies) and not any(f.code == "root-off-body" for f in found):
+        hinge_issues = list(_hinge(stage, hinge, sound))
+        issues += hinge_issues
+        if sound.issuperset(hinge.bodies) and not any(
+            f.code == "root-off-body" for f in hinge_issues
+        ):
             rooted.append(hinge)
     shapes = [*bodies, *notch_shapes(rooted)]
     overlapping = list(overlaps(shapes))
@@ -111,7 +113,8 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
             "thin-neck",
             (hinge.name,),
             f"the neck of hinge '{hinge.name}' is {millimetres(profile.neck_thickness)} thick, "
-            f"less than the thinnest that can be cut, {millimetres(limits.minimum_neck)}",
+            "below the minimum neck of the manufacturing process, "
+            f"{millimetres(limits.minimum_neck)}",
         )
     if profile.neck_thickness > stage.thickness:
         yield _warning(
@@ -124,8 +127,8 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
         yield _error(
             "narrow-notch",
             (hinge.name,),
-            f"the notch of hinge '{hinge.name}' is {millimetres(profile.length)} long, shorter "
-            f"than the wire is wide, {millimetres(limits.wire_width)}",
+            f"the notch of hinge '{hinge.name}' is {millimetres(profile.length)} long, less than "
+            f"the wire width of {millimetres(limits.wire_width)}",
         )
     elif 0.0 < profile.neck_radius < 0.5 * limits.wire_width * (1.0 - 1e-9):
         yield _error(
@@ -140,34 +143,34 @@ def _hinge(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
 
 def _roots(stage: Stage, hinge: Hinge, sound: set[str]) -> Iterator[Issue]:
     def faults(trial: Hinge) -> list[Issue]:
-        found = []
+        issues = []
         for which in (0, 1):
             body = trial.bodies[which]
             if body in sound:
                 try:
                     hinge_root(stage, trial, which)
                 except StageError as error:
-                    found.append(_error("root-off-body", (trial.name, body), str(error)))
-        return found
+                    issues.append(_error("root-off-body", (trial.name, body), str(error)))
+        return issues
 
-    found = faults(hinge)
+    root_issues = faults(hinge)
     a, b = hinge.bodies
-    if len(found) == 2 and not faults(replace(hinge, bodies=(b, a))):
+    if len(root_issues) == 2 and not faults(replace(hinge, bodies=(b, a))):
         yield _error(
             "root-off-body",
             (hinge.name, a, b),
-            f"hinge '{hinge.name}' does not grow from body '{a}' towards body '{b}' but the other "
-            f"way round: turn its direction by 180 deg, or name the bodies as '{b}', '{a}'",
+            f"hinge '{hinge.name}' points from body '{b}' to body '{a}', but its bodies are "
+            f"'{a}', '{b}': reverse its direction (180 deg), or name the bodies as '{b}', '{a}'",
         )
     else:
-        yield from found
+        yield from root_issues
 
 
 def _wall(stage: Stage, body: Body, shape: Shape) -> Iterator[Issue]:
     limit = stage.manufacture.minimum_neck
     # a hole that touches the outline may cut the body into two
-    whole = shape.polygon.geom_type == "Polygon"
-    wall = wall_of(body, shape.polygon, limit) if whole else 0.0
+    connected = shape.polygon.geom_type == "Polygon"
+    wall = wall_of(body, shape.polygon, limit) if connected else 0.0
     if wall >= limit * (1.0 - 1e-9):
         return
     breaks = wall < _BREAKS * limit
@@ -177,11 +180,11 @@ def _wall(stage: Stage, body: Body, shape: Shape) -> Iterator[Issue]:
         f"the thinnest wall of body '{body.name}', between its holes, mounting holes and outline, "
         f"is {millimetres(max(wall, 0.0))}, "
         + (
-            f"less than a tenth of the thinnest neck that can be cut, {millimetres(limit)}, and "
-            "will break: make the wall thicker, or leave it out"
+            "less than a tenth of the minimum neck of the manufacturing process, "
+            f"{millimetres(limit)}, and will break: make the wall thicker, or remove it"
             if breaks
-            else f"thinner than the thinnest neck that can be cut, {millimetres(limit)}: make it "
-            "thicker"
+            else f"below the minimum neck of the manufacturing process, {millimetres(limit)}: make "
+            "it thicker"
         ),
     )
 
@@ -191,12 +194,12 @@ def _mechanism(stage: Stage) -> Iterator[Issue]:
         yield _error(
             "no-fixed-body",
             (),
-            "no body is fixed, so the stage is not constrained: write 'fixed: true' for the body "
+            "no body is fixed, so the stage is not constrained: set 'fixed: true' on the body "
             "that is bolted down",
         )
         return
-    held = reachable_bodies(stage)
-    loose = tuple(b.name for b in stage.bodies if b.name not in held)
+    connected = reachable_bodies(stage)
+    loose = tuple(b.name for b in stage.bodies if b.name not in connected)
     if loose:
         yield _error(
             "unconnected-body",
@@ -224,16 +227,16 @@ def _freedom(stage: Stage) -> Iterator[Issue]:
         and b.name not in platforms | ends
         and sum(b.name in h.bodies for h in stage.hinges) == 1
     )
-    how = []
+    motions = []
     if motion.turning:
-        how.append(f"{_list('body', motion.turning)} can turn")
+        motions.append(f"{_list('body', motion.turning)} can rotate")
     if motion.shifting:
-        how.append(f"{_list('body', motion.shifting)} can shift")
-    count = "one motion" if motion.freedoms == 1 else f"{motion.freedoms} motions"
+        motions.append(f"{_list('body', motion.shifting)} can translate")
+    several = "s" if motion.freedoms > 1 else ""
+    count = f"{motion.freedoms} degree{several} of freedom"
     text = (
-        f"with every drive held still, {count} of the mechanism "
-        f"{'is' if motion.freedoms == 1 else 'are'} left free: {' and '.join(how)}, held only by "
-        "the bending of hinges"
+        f"with all drives locked, the mechanism keeps {count}: {' and '.join(motions)}, resisted "
+        "only by the bending of hinges"
     )
     if dangling:
         yield _error(
@@ -297,17 +300,17 @@ def _drive(stage: Stage, drive: Drive, shapes: dict[str, Shape]) -> Iterator[Iss
             "drive-pulls",
             (name, drive.pushes),
             f"drive '{name}' acts away from body '{drive.pushes}' instead of into it, and a "
-            f"{drive.kind} cannot pull: turn its direction round, or push on the other side",
+            f"{drive.kind} cannot pull: reverse its direction, or push on the other side",
         )
     dx, dy = x - drive.at[1][0], y - drive.at[1][1]
-    # beside each other within the patch, the two contacts still face each other
+    # with an offset within the patch the two contacts still face each other
     if abs(dx * s - dy * c) > drive.patch_half_width:
         yield _warning(
             "drive-askew",
             (name,),
-            f"the two points of drive '{name}' lie {millimetres(abs(dx * s - dy * c))} beside the "
-            f"line of its direction, further than its patch reaches "
-            f"({millimetres(drive.patch_half_width)}): the models take the line through the pushed "
+            f"the two points of drive '{name}' are offset by {millimetres(abs(dx * s - dy * c))} "
+            "across its direction, more than the half-width of its patch "
+            f"({millimetres(drive.patch_half_width)}): the models use the line through the pushed "
             "point for push and reaction, so move one of the points",
         )
 
@@ -329,13 +332,15 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
             distance = insides[body.name].distance(at)
             if distance > ON_BODY or inner:
                 where = (
-                    f"on body '{inner[0]}'" if inner else f"{millimetres(distance)} outside of it"
+                    f"on body '{inner[0]}'"
+                    if inner
+                    else f"{millimetres(distance)} outside its outline"
                 )
                 yield _error(
                     "probe-off-body",
                     (probe.name, body.name),
                     f"probe '{probe.name}' reads body '{body.name}' at {millimetres(*probe.at)}, "
-                    f"which lies {where}: move the point onto the body that is to be read",
+                    f"which is {where}: move the point onto the body to be measured",
                 )
         if body.fixed and probe.relative_to is None:
             yield _warning(
@@ -347,11 +352,11 @@ def _probes(stage: Stage, sound: set[str]) -> Iterator[Issue]:
 
 
 def _list(noun: str, names: tuple[str, ...]) -> str:
-    """Name a few things: "body 'a'", "bodies 'a', 'b' and 3 more"."""
-    shown = ", ".join(f"'{n}'" for n in names[:4])
+    """Return a noun and names: "body 'a'", "bodies 'a', 'b' and 3 more"."""
+    listed = ", ".join(f"'{n}'" for n in names[:4])
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     plural = noun[:-1] + "ies" if len(names) > 1 and noun.endswith("y") else noun
-    return f"{plural} {shown}{more}"
+    return f"{plural} {listed}{more}"
 
 
 def _published(stage: Stage) -> Iterator[Issue]:
@@ -360,6 +365,101 @@ def _published(stage: Stage) -> Iterator[Issue]:
         yield _warning(
             "published-axis",
             (name,),
-            f"a published figure belongs to axis '{name}', which the stage does not have "
-            f"(it has {', '.join(sorted(axes)) or 'none'}), so it is compared with nothing",
+            f"a published figure refers to axis '{name}', which the stage does not have (it has "
+            f"{', '.join(sorted(axes)) or 'none'}), so the figure is not compared",
         )
+
+
+# singular values below this, relative to the largest, are motions without strain
+_RANK = 1e-8
+# a body that moves less than this, relative to the one that moves most, stands still
+_STILL = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeMotion:
+    """Motions of a stage with locked drives."""
+
+    freedoms: int
+    """Number of independent motions."""
+    turning: tuple[str, ...]
+    """Bodies that mainly rotate."""
+    shifting: tuple[str, ...]
+    """Bodies that mainly translate."""
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """All bodies that move."""
+        return (*self.turning, *self.shifting)
+
+
+def reachable_bodies(stage: Stage) -> set[str]:
+    """Return the bodies that hinges connect to a fixed one."""
+    neighbours: dict[str, set[str]] = {b.name: set() for b in stage.bodies}
+    for hinge in stage.hinges:
+        a, b = hinge.bodies
+        neighbours[a].add(b)
+        neighbours[b].add(a)
+    reached: set[str] = set()
+    waiting = [b.name for b in stage.bodies if b.fixed]
+    while waiting:
+        name = waiting.pop()
+        if name not in reached:
+            reached.add(name)
+            waiting += neighbours[name] - reached
+    return reached
+
+
+def free_motion(stage: Stage, *, hold_drives: bool = True) -> FreeMotion:
+    """Find the motions that the hinges, taken as pins, leave free.
+
+    Bodies that hinges do not connect to a fixed one are excluded; with `hold_drives` each drive
+    keeps its length.
+
+    Notes
+    -----
+    Small motions: the null space of the matrix that gives the motion at each neck of body b against
+    body a, and the change in length of each drive.
+
+    Validity: plane motion, small displacement.
+    """
+    connected = reachable_bodies(stage)
+    moving = [b for b in stage.bodies if not b.fixed and b.name in connected]
+    if not moving:
+        return FreeMotion(freedoms=0, turning=(), shifting=())
+    first = {b.name: 3 * k for k, b in enumerate(moving)}
+    corners = np.concatenate([np.array(b.outline.points) for b in stage.bodies])
+    scale = float(np.ptp(corners, axis=0).max())
+    centres = {b.name: np.array(b.outline.points).mean(axis=0) for b in moving}
+
+    def motion_at(body: str, point: tuple[float, float]) -> NDArray[np.float64]:
+        """Displacement of a point of a body per coordinate; rotations are scaled to lengths."""
+        out = np.zeros((2, 3 * len(moving)))
+        if body in first:
+            k = first[body]
+            x, y = (np.array(point) - centres[body]) / scale
+            out[:, k : k + 3] = [[1.0, 0.0, -y], [0.0, 1.0, x]]
+        return out
+
+    rows = [
+        motion_at(h.bodies[1], h.at) - motion_at(h.bodies[0], h.at)
+        for h in stage.hinges
+        if h.bodies[0] in connected
+    ]
+    if hold_drives:
+        for d in stage.drives:
+            along = np.array([[np.cos(d.direction), np.sin(d.direction)]])
+            rows.append(along @ (motion_at(d.pushes, d.at[0]) - motion_at(d.reacts, d.at[0])))
+    _, values, basis = np.linalg.svd(np.concatenate(rows), full_matrices=True)
+    rank = int(np.sum(values > _RANK * values[0]))
+    free = basis[rank:]
+    turning, shifting = [], []
+    largest = float(np.abs(free).max(initial=0.0))
+    for body in moving:
+        part = free[:, first[body.name] : first[body.name] + 3]
+        shift = float(np.linalg.norm(part[:, :2]))
+        size = float(np.ptp(np.array(body.outline.points), axis=0).max())
+        turn = float(np.linalg.norm(part[:, 2])) * size / scale
+        if max(shift, turn) > _STILL * largest:
+            (turning if turn > shift else shifting).append(body.name)
+    return FreeMotion(freedoms=len(free), turning=tuple(turning), shifting=tuple(shifting))

@@ -1,17 +1,134 @@
-"""Bodies as they are cut: their outline together with the half notches that they own."""
+"""Contours of bodies as cut: the roots of hinges on them, and their half notches."""
 
 import itertools
 import math
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 from flexstage.base.errors import StageError
 from flexstage.hinges.profile import Vertex
-from flexstage.stage.curve import beside_line
-from flexstage.stage.hinge_attachment import TOLERANCE, root_line
+from flexstage.stage.curve import line_coordinates
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop, arc
 
+#: Largest distance of a root from the edge that it should lie on [m].
+TOLERANCE = 1e-6
+
 _Pair = tuple[float, float]
+
+
+class Root(NamedTuple):
+    """The straight line on which a notch meets a body."""
+
+    body: str
+    """Name of the body."""
+    ends: tuple[_Pair, _Pair]
+    """The two ends of the root [m], right and left of the hinge's direction."""
+    edge: tuple[_Pair, _Pair]
+    """The two ends of the edge of the body that holds the root [m], right and left as well."""
+    width: float
+    """Width of the body behind the root [m]."""
+
+
+def root_line(hinge: Hinge, which: int) -> tuple[_Pair, _Pair]:
+    """Return the ends of the root of a hinge.
+
+    Right and left of the hinge's direction [m]; `which` is 0 for the root on body a, 1 for the one
+    on body b.
+    """
+    profile = hinge.profile
+    along = (-0.5, 0.5)[which] * profile.length
+    half_neck = 0.5 * profile.neck_thickness
+    right = -half_neck if profile.one_sided else -0.5 * profile.root_height
+    return hinge.to_plane(along, right), hinge.to_plane(along, half_neck + profile.depth)
+
+
+def hinge_root(stage: Stage, hinge: Hinge, which: int) -> Root:
+    """Find the edge of a body that a hinge grows from."""
+    body = stage.body(hinge.bodies[which])
+    right, left = root_line(hinge, which)
+    for first, second in _straight_edges(body):
+        if _contains(first, second, right) and _contains(first, second, left):
+            # seen from the neck the edge may run either way
+            across = (left[0] - right[0], left[1] - right[1])
+            swap = (second[0] - first[0]) * across[0] + (second[1] - first[1]) * across[1] < 0.0
+            edge = (second, first) if swap else (first, second)
+            middle = (0.5 * (right[0] + left[0]), 0.5 * (right[1] + left[1]))
+            width = 2.0 * min(math.dist(middle, edge[0]), math.dist(middle, edge[1]))
+            return Root(body.name, (right, left), edge, width)
+    x, y = hinge.to_plane((-0.5, 0.5)[which] * hinge.profile.length, 0.0)
+    raise StageError(
+        f"hinge '{hinge.name}' is not attached to body '{body.name}': its end face, "
+        f"{hinge.profile.root_height * 1e3:.6g} mm wide at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm, "
+        f"must lie on one straight edge of the body's outline (to {TOLERANCE * 1e6:.0f} um); move "
+        "the hinge, correct its direction, or widen the edge"
+    )
+
+
+def root_widths(stage: Stage, hinge: Hinge) -> tuple[float, float]:
+    """Return the widths of the two bodies behind the roots of a hinge.
+
+    The width is twice the distance from the middle of the root (which is on the hinge's line for a
+    notch cut from both sides) to the nearer end of the edge, so it is never less than the root.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage.
+    hinge : Hinge
+        One of its hinges.
+
+    Returns
+    -------
+    tuple of float
+        Width of body a and of body b [m].
+
+    Raises
+    ------
+    StageError
+        A root does not lie on its body.
+    """
+    return hinge_root(stage, hinge, 0).width, hinge_root(stage, hinge, 1).width
+
+
+# several hinges grow from a body
+@lru_cache(maxsize=1024)
+def _straight_edges(body: Body) -> list[tuple[_Pair, _Pair]]:
+    """Return the straight edges of the outline and the holes, collinear neighbours joined."""
+    loops = [body.outline, *(hole for hole in body.holes if isinstance(hole, Loop))]
+    edges: list[tuple[_Pair, _Pair]] = []
+    for loop in loops:
+        run: list[tuple[_Pair, _Pair]] = []
+        for start, end, bulge in loop.segments():
+            if bulge or start == end:
+                continue
+            if run and run[-1][1] == start and _in_line(run[-1], end):
+                run[-1] = (run[-1][0], end)
+            else:
+                run.append((start, end))
+        # the first corner of a loop may lie within a straight side
+        if len(run) > 1 and run[-1][1] == run[0][0] and _in_line(run[-1], run[0][1]):
+            run[0] = (run.pop()[0], run[0][1])
+        edges += run
+    return edges
+
+
+def _in_line(edge: tuple[_Pair, _Pair], onward: _Pair) -> bool:
+    """Return whether an edge keeps its direction when it is continued to a point."""
+    (x0, y0), (x1, y1) = edge
+    ax, ay, bx, by = x1 - x0, y1 - y0, onward[0] - x1, onward[1] - y1
+    # a corner that is off the chord by less than a nanometre is a rounding, not a corner
+    chord = math.hypot(ax + bx, ay + by)
+    return ax * bx + ay * by > 0.0 and abs(ax * by - ay * bx) <= 1e-9 * chord
+
+
+def _contains(first: _Pair, second: _Pair, point: _Pair) -> bool:
+    dx, dy = second[0] - first[0], second[1] - first[1]
+    length = math.hypot(dx, dy)
+    px, py = point[0] - first[0], point[1] - first[1]
+    along, across = (px * dx + py * dy) / length, (dx * py - dy * px) / length
+    return abs(across) <= TOLERANCE and -TOLERANCE <= along <= length + TOLERANCE
 
 
 def half_notch(hinge: Hinge, which: int) -> Loop:
@@ -34,9 +151,9 @@ def half_notch(hinge: Hinge, which: int) -> Loop:
 
 
 def _from_neck(hinge: Hinge, which: int, contour: Sequence[Vertex]) -> Loop:
-    """Return the outline of what lies between the neck and the end of a contour of one side.
+    """Return the outline between the neck and the end of a contour of one side.
 
-    It runs along the left side from the neck to the end, across, and back along the right side.
+    It runs along the left side from the neck to the end, across, and back on the right side.
     """
     (left, bent), (right, right_bent) = _both_sides(hinge, which, contour)
     bulges = (*bent, 0.0, *right_bent, 0.0)
@@ -103,9 +220,9 @@ def _sides(hinge: Hinge, share: float) -> tuple[list[Vertex], list[Vertex]]:
 
 
 def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], list[float]]:
-    """Walk round the outer part of a half notch, from the right end of the root to the left one.
+    """Return the outer part of a half notch, from the right end of the root to the left one.
 
-    Right and left are those of the hinge's direction. Bulges belong to the step that follows.
+    Right and left are those of the hinge's direction. Bulges belong to the segment that follows.
     """
     (left, bent), (right, right_bent) = _both_sides(hinge, which, outer)
     return [*right, *left], [*right_bent, 0.0, *bent]
@@ -114,8 +231,8 @@ def _path(hinge: Hinge, which: int, outer: list[Vertex]) -> tuple[list[_Pair], l
 def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
     """Return the part of a half notch next to the neck.
 
-    Where a notch runs out tangent to the edge it grows from, a region that ends there would end in
-    a cusp without an angle, which no mesh can bear; this one ends before.
+    Where a notch ends tangent to the edge of its body, a region up to that end would have a cusp,
+    which cannot be meshed; this one ends before.
 
     `which` is 0 for the half of body a, 1 for that of body b. It reaches a `share`, above 0 and
     below 1, of the half length of the notch, and ends in a straight line across.
@@ -126,9 +243,9 @@ def inner_notch(hinge: Hinge, which: int, share: float) -> Loop:
 def body_contour(
     stage: Stage, body: Body, share: float = 0.0
 ) -> tuple[Loop, tuple[Loop | Circle, ...]]:
-    """Return a body as it is cut: its outline and holes with its half notches grown on.
+    """Return a body as cut: its outline and holes with its half notches added.
 
-    `share` is the part of each half notch, from the neck on, that is left off [1].
+    `share` is the part of each half notch, from the neck on, that is omitted [1].
 
     Examples
     --------
@@ -153,8 +270,8 @@ def body_contour(
                     break
             else:
                 raise StageError(
-                    f"hinge '{hinge.name}' does not grow from one straight edge of body "
-                    f"'{body.name}': run 'flexstage check' on it"
+                    f"hinge '{hinge.name}' is not attached to one straight edge of body "
+                    f"'{body.name}': run 'flexstage check'"
                 )
     outline = loops[0]
     assert isinstance(outline, Loop)
@@ -164,7 +281,7 @@ def body_contour(
 def _grow(
     loop: Loop, root: tuple[_Pair, _Pair], points: list[_Pair], bulges: list[float]
 ) -> Loop | None:
-    """Put a path in place of the stretch of a loop between the ends of a root."""
+    """Replace the part of a loop between the ends of a root by a path."""
     segments = loop.segments()
     first = _segment_at(segments, root[0], root[1])
     last = _segment_at(segments, root[1], root[0])
@@ -201,12 +318,12 @@ def _grow(
 
 
 def _segment_at(segments: list[tuple[_Pair, _Pair, float]], end: _Pair, other: _Pair) -> int | None:
-    """Find the straight segment that one end of a root lies on and the root goes on along."""
+    """Find the straight segment on which one end of a root lies and along which the root runs."""
     for i, (a, b, bulge) in enumerate(segments):
         length = math.dist(a, b)
         if bulge or length < _SAME:
             continue
-        along, aside, (ux, uy) = beside_line(end, a, b)
+        along, aside, (ux, uy) = line_coordinates(end, a, b)
         if abs(aside) > TOLERANCE or not -TOLERANCE <= along <= length + TOLERANCE:
             continue
         towards = (other[0] - end[0]) * ux + (other[1] - end[1]) * uy

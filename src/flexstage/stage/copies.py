@@ -1,4 +1,4 @@
-"""What a stage file writes once and has several times: shared profiles, mirror images, patterns."""
+"""Shared profiles, mirror images and patterns of a stage file."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +22,7 @@ from flexstage.stage.model import Body, Hinge, Probe, Stage
 from flexstage.stage.outline import Loop, Point
 from flexstage.stage.transform import PlaneMotion, moved
 
-#: What can be copied: the groups of a stage.
+#: Groups of a stage whose parts can be copied.
 GROUPS = ("bodies", "hinges", "drives", "probes")
 
 _Part = Body | Hinge | Drive | Probe
@@ -36,16 +36,16 @@ class MirrorImages:
     """Mirror images of what the file describes."""
 
     line: PlaneMotion
-    """The line of symmetry: x or y for that axis, {x: 40 mm} or {y: 40 mm} for the line where that
-    coordinate is so much, or [[0, 0], [1, 1]] for the line through two points.
+    """The line of symmetry: x or y for that axis, {x: 40 mm} or {y: 40 mm} for the line of that
+    coordinate, or [[0, 0], [1, 1]] for the line through two points.
     """
     of: tuple[str, ...]
     """Names of bodies, hinges, drives and probes that are mirrored."""
     rename: Mapping[str, str]
-    """Words in their names, and what stands in place of each in the names of the images."""
+    """Words in their names, and the word that replaces each in the names of the images."""
 
     def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
-        """Yield how each copy lies, and how it is called."""
+        """Yield the position and the names of each copy."""
         yield self.line, lambda name: _renamed(name, self.rename)
 
 
@@ -56,7 +56,7 @@ class Pattern:
     of: tuple[str, ...]
     """Names of bodies, hinges, drives and probes that are copied."""
     count: Annotated[int, Range(low=2, high=1000)]
-    """How many there are then, with the first."""
+    """Total number, including the original."""
     turn: Angle | None = None
     """Angle from each to the next, to the left [rad]."""
     about: Point = (0.0, 0.0)
@@ -64,14 +64,14 @@ class Pattern:
     step: Point | None = None
     """Displacement from each to the next [m], instead of turn."""
     rename: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Words in their names, and what stands in place of each in the copies in turn; where not
-    given, names end in -2, -3 and so on.
+    """Words in their names, and the words that replace each in the copies in turn; where not given,
+    names end in -2, -3 and so on.
     """
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "a pattern")
         if (self.turn is None) == (self.step is None):
-            raise StageError("a pattern has either 'turn' or 'step': say how the copies lie")
+            raise StageError("a pattern needs either 'turn' or 'step'")
         for word, names in self.rename.items():
             if len(names) != self.count - 1:
                 raise StageError(
@@ -79,7 +79,7 @@ class Pattern:
                 )
 
     def copies(self) -> Iterator[tuple[PlaneMotion, Callable[[str], str]]]:
-        """Yield how each copy lies, and how it is called."""
+        """Yield the position and the names of each copy."""
         for k in range(1, self.count):
             words = {word: names[k - 1] for word, names in self.rename.items()}
             if self.turn is not None:
@@ -90,7 +90,7 @@ class Pattern:
             yield motion, partial(_renamed, words=words) if words else partial(_numbered, k=k + 1)
 
 
-#: How a file may copy what it describes, by key; the key that stands first is done first.
+#: Ways in which a file may copy its parts, by key, in the order in which they are applied.
 COPIES: Mapping[str, type[MirrorImages] | type[Pattern]] = {
     "mirror": MirrorImages,
     "pattern": Pattern,
@@ -102,10 +102,10 @@ PROFILES = "profiles"
 def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNode:
     """Return a file in which each hinge has its profile written out."""
     shared = root.items.get(PROFILES)
-    known: dict[str, Node] = {}
+    profiles: dict[str, Node] = {}
     if shared is not None:
-        known = decoder.mapping(shared, PROFILES).items
-        for name, node in known.items():
+        profiles = decoder.mapping(shared, PROFILES).items
+        for name, node in profiles.items():
             check_name(name, lambda text: decoder.refuse(shared, PROFILES, text))
             decoder.decode(Profile, node, f"{PROFILES}.{name}")
     hinges = root.items.get("hinges")
@@ -114,11 +114,11 @@ def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNod
     items = {}
     for key, hinge in hinges.items.items():
         items[key] = hinge
-        named = hinge.items.get("profile") if isinstance(hinge, MappingNode) else None
-        if isinstance(hinge, MappingNode) and isinstance(named, Scalar):
-            if named.text not in known:
-                _refuse_profile(decoder, named, f"hinges.{key}.profile", known)
-            inner = {**hinge.items, "profile": known[named.text]}
+        profile_node = hinge.items.get("profile") if isinstance(hinge, MappingNode) else None
+        if isinstance(hinge, MappingNode) and isinstance(profile_node, Scalar):
+            if profile_node.text not in profiles:
+                _refuse_profile(decoder, profile_node, f"hinges.{key}.profile", profiles)
+            inner = {**hinge.items, "profile": profiles[profile_node.text]}
             items[key] = MappingNode(hinge.line, inner, hinge.key_lines)
     hinges = MappingNode(hinges.line, items, hinges.key_lines)
     return MappingNode(root.line, {**root.items, "hinges": hinges}, root.key_lines)
@@ -127,7 +127,7 @@ def with_profiles_written_out(decoder: Decoder, root: MappingNode) -> MappingNod
 def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     """Return the plain data of a stage in which profiles have names, and their quantities as well.
 
-    They are called by what they are, with numbers where there are several.
+    They are named by their kind, with numbers where there are several.
     """
     data = encoder.document(stage)
     profiles = list(dict.fromkeys(hinge.profile for hinge in stage.hinges))
@@ -135,16 +135,12 @@ def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     shared: dict[str, Any] = {}
     for k, profile in enumerate(profiles, start=1):
         end = f"_{k}" if len(profiles) > 1 else ""
-        written = encoder.fields(profile)
+        fields = encoder.fields(profile)
         for name, (_, kind) in field_types(type(profile)).items():
-            if (
-                name in written
-                and dimension_of(kind) is not None
-                and isinstance(written[name], str)
-            ):
-                parameters[f"{name}{end}"] = written[name]
-                written[name] = f"= {name}{end}"
-        shared[f"notch{end}"] = written
+            if name in fields and dimension_of(kind) is not None and isinstance(fields[name], str):
+                parameters[f"{name}{end}"] = fields[name]
+                fields[name] = f"= {name}{end}"
+        shared[f"notch{end}"] = fields
         for hinge in stage.hinges:
             if hinge.profile == profile:
                 data["hinges"][hinge.name]["profile"] = f"notch{end}"
@@ -153,9 +149,11 @@ def with_shared_profiles(encoder: Encoder, stage: Stage) -> dict[str, Any]:
     return {**head, **{key: value for key, value in added.items() if value}, **data}
 
 
-def _refuse_profile(decoder: Decoder, node: Scalar, path: str, known: Mapping[str, Node]) -> None:
-    if known:
-        decoder.refuse(node, path, unknown("profile", node.text, known, 0.4))
+def _refuse_profile(
+    decoder: Decoder, node: Scalar, path: str, profiles: Mapping[str, Node]
+) -> None:
+    if profiles:
+        decoder.refuse(node, path, unknown("profile", node.text, profiles, 0.4))
     decoder.refuse(
         node,
         path,
@@ -183,56 +181,63 @@ def read_with_copies(
     for key in (key for key in root.items if key in COPIES):
         for k, entry in enumerate(decoder.items(root.items[key], key, None, "mappings")):
             path = f"{key}[{k}]"
-            told = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
-            _require_names(decoder, entry, path, told, parts)
-            for group, name, copy in _copies(told, parts):
+            request = decoder.build(COPIES[key], decoder.mapping(entry, path), path)
+            _require_names(decoder, entry, path, request, parts)
+            for group, name, copy in _copies(request, parts):
                 _require_new(decoder, entry, path, (group, name, copy.name), parts)
                 parts[group][copy.name] = copy
                 origins[group, copy.name] = (entry.line, path)
                 points += _size(copy)
                 if len(origins) > _MOST or points > MAX_NODES:
-                    most = f"at most {_MOST} copies, with {MAX_NODES} points, are made for a file"
+                    most = (
+                        f"a file may have at most {_MOST} copies with {MAX_NODES} points in total"
+                    )
                     decoder.refuse(entry, path, most)
-    return {group: tuple(named.values()) for group, named in parts.items()}, origins
+    return {group: tuple(group_parts.values()) for group, group_parts in parts.items()}, origins
 
 
 def _require_names(
     decoder: Decoder,
     entry: Node,
     path: str,
-    told: MirrorImages | Pattern,
+    request: MirrorImages | Pattern,
     parts: dict[str, dict[str, _Part]],
 ) -> None:
     """Refuse names of parts, and words of names, that there are not."""
-    if not 0 < len(told.of) <= _MOST_NAMES or len(told.rename) > _MOST_NAMES:
-        message = f"expected 1 to {_MOST_NAMES} names, got {len(told.of)}"
+    if not 0 < len(request.of) <= _MOST_NAMES or len(request.rename) > _MOST_NAMES:
+        message = f"expected 1 to {_MOST_NAMES} names, got {len(request.of)}"
         decoder.refuse(_place(entry, "of", ""), f"{path}.of", message)
-    every = {name for named in parts.values() for name in named}
-    for name in told.of:
+    every = {name for group_parts in parts.values() for name in group_parts}
+    for name in request.of:
         if name not in every:
             hint = did_you_mean(name, every, 0.5)
             message = f"there is no body, hinge, drive or probe '{name[:60]}'{hint}"
             decoder.refuse(_place(entry, "of", name), f"{path}.of", message)
-    for word in told.rename:
-        if not any(_renamed(name, {word: ""}) != name for name in told.of):
+    for word in request.rename:
+        if not any(_renamed(name, {word: ""}) != name for name in request.of):
             message = f"no name in 'of' has the word '{word[:60]}'"
             decoder.refuse(_place(entry, "rename", word), f"{path}.rename", message)
 
 
 def _copies(
-    told: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
+    request: MirrorImages | Pattern, parts: dict[str, dict[str, _Part]]
 ) -> Iterator[tuple[str, str, _Part]]:
     """Yield the copies that an entry asks for, each with its group and the name that it is of."""
-    of = dict.fromkeys(told.of)
-    first = [(group, named[name]) for group, named in parts.items() for name in of if name in named]
-    beside = {body for _, part in first for body in _stands_on(part)} - of.keys()
-    for motion, rename in told.copies():
+    of = dict.fromkeys(request.of)
+    first = [
+        (group, group_parts[name])
+        for group, group_parts in parts.items()
+        for name in of
+        if name in group_parts
+    ]
+    outside = {body for _, part in first for body in _stands_on(part)} - of.keys()
+    for motion, rename in request.copies():
         names = {name: rename(name) for name in of}
-        made = {names[part.name] for group, part in first if group == "bodies"}
+        copied_bodies = {names[part.name] for group, part in first if group == "bodies"}
         # a body that is not copied: that of the new name where there is one, or else itself
-        for body in beside:
+        for body in outside:
             new = rename(body)
-            names[body] = new if new in parts["bodies"] or new in made else body
+            names[body] = new if new in parts["bodies"] or new in copied_bodies else body
         for group, part in first:
             yield group, part.name, moved(part, motion, names)
 
@@ -251,13 +256,13 @@ def _require_new(
         decoder.refuse(
             entry,
             path,
-            f"the copy of {_NOUNS[group]} '{name}' would be called '{new}', and there is one of "
-            "that name: say in 'rename' what it is called",
+            f"the copy of {_NOUNS[group]} '{name}' would be called '{new}', a name that is in "
+            "use: give another name in 'rename'",
         )
 
 
 def _stands_on(part: _Part) -> tuple[str, ...]:
-    """Names of the bodies that a part names."""
+    """Return the names of the bodies to which a part refers."""
     match part:
         case Hinge():
             return part.bodies
@@ -269,7 +274,7 @@ def _stands_on(part: _Part) -> tuple[str, ...]:
 
 
 def _place(entry: Node, key: str, word: str) -> Node:
-    """Where a word of an entry stands."""
+    """Return the position of a word of an entry."""
     assert isinstance(entry, MappingNode)
     node = entry.items[key]
     if isinstance(node, MappingNode):
@@ -288,11 +293,11 @@ def _renamed(name: str, words: Mapping[str, str]) -> str:
     for word in sorted(words, key=len, reverse=True):
         before, after = _boundary(word[0]), _boundary(word[-1])
         patterns.append(f"{before and f'(?<!{before})'}{re.escape(word)}{after and f'(?!{after})'}")
-    return re.sub("|".join(patterns), lambda found: words[found[0]], name) if words else name
+    return re.sub("|".join(patterns), lambda match: words[match[0]], name) if words else name
 
 
 def _boundary(character: str) -> str:
-    """What does not stand beside a word that begins or ends so."""
+    """Return the characters that must not adjoin a word that begins or ends so."""
     if character.isdigit():
         return r"\d"
     return r"[^\W\d_]" if character.isalpha() else ""

@@ -11,7 +11,7 @@ Pair = tuple[float, float]
 _REACH = 1e-12
 
 
-def beside_line(point: Pair, start: Pair, end: Pair) -> tuple[float, float, Pair]:
+def line_coordinates(point: Pair, start: Pair, end: Pair) -> tuple[float, float, Pair]:
     """Return how far a point is along a line and to its left [m], and the line's unit tangent."""
     length = math.dist(start, end)
     ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
@@ -23,9 +23,9 @@ class Curve(NamedTuple):
     """A straight line or an arc."""
 
     start: Pair
-    """Where it begins [m]."""
+    """Start point [m]."""
     end: Pair
-    """Where it ends [m]."""
+    """End point [m]."""
     bulge: float = 0.0
     """Tangent of a quarter of its angle, positive where it turns left [1]; 0 of a line."""
 
@@ -129,12 +129,12 @@ def crossings(a: Curve, b: Curve) -> list[tuple[float, float]]:
         points = _line_arc(b, a) if a.bulge else _line_arc(a, b)
     else:
         points = _line_line(a, b)
-    found = []
+    shares = []
     for p in points:
         s, t = a.share(p), b.share(p)
         if s is not None and t is not None:
-            found.append((s, t))
-    return found
+            shares.append((s, t))
+    return shares
 
 
 def _line_line(a: Curve, b: Curve) -> list[Pair]:

@@ -1,4 +1,4 @@
-"""What pushes a stage: the part that one buys, and the spring that it is between two bodies."""
+"""Drives of a stage: the actuator, and its place and spring between two bodies."""
 
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar
@@ -11,7 +11,7 @@ from flexstage.stage.outline import Point
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Actuator:
-    """What every actuator has, wherever it stands; use one of its kinds."""
+    """Base class of actuators; use one of its kinds."""
 
     kind: ClassVar[str]
 
@@ -103,29 +103,29 @@ class VoiceCoil(Actuator):
         return 0.0
 
 
-#: An actuator of any kind, told apart by ``kind``.
+#: An actuator of any kind, distinguished by ``kind``.
 AnyActuator = ScrewActuator | StackActuator | VoiceCoil
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive(Actuator):
-    """What every drive has: an actuator and its place in a stage; use one of its kinds.
+    """Base class of drives, an actuator and its place in a stage; use one of its kinds.
 
     Notes
     -----
     Push and reaction act along one line, which goes through the pushed point in the direction of
-    the drive and turns with the reacting body. The point on the reacting body says where the drive
-    stands; `flexstage.stage.check` warns where it is further from that line than the patch reaches.
+    the drive and turns with the reacting body. The point on the reacting body is the place of the
+    drive; `flexstage.stage.check` warns where it is further from that line than the patch reaches.
     """
 
-    __slots__ = ()  # a kind has room for these fields beside those of its actuator
+    __slots__ = ()  # a kind has room for these fields and those of its actuator
 
     name: str
-    """Its name."""
+    """Name."""
     pushes: str
     """The body that it moves."""
     reacts: str
-    """The body that it stands on."""
+    """The body that it reacts on."""
     at: tuple[Point, Point]
     """The points on the pushed and on the reacting body [m]."""
     direction: Annotated[float, DIMENSIONS["angle"]]
@@ -164,6 +164,6 @@ DRIVES: dict[str, type[Drive]] = {kind.kind: kind for kind in (Screw, PiezoStack
 
 
 def placed(actuator: AnyActuator, **place: Any) -> Drive:
-    """Put an actuator into a stage; `place` holds the fields that every `Drive` has."""
-    own = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
-    return DRIVES[actuator.kind](**place, **own)
+    """Return an actuator as a drive of a stage; `place` has the fields of every `Drive`."""
+    actuator_fields = {f.name: getattr(actuator, f.name) for f in fields(actuator)}
+    return DRIVES[actuator.kind](**place, **actuator_fields)

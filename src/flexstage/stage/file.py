@@ -1,4 +1,4 @@
-"""Reads and writes stage files: YAML with units in the text; their format and JSON Schema.
+"""Stage files, their format and JSON Schema: YAML with units in the text.
 
 A file begins with ``flexstage: 1``, the version of the format. It either spells the stage out or
 names a parametric design. ``length_unit: mm`` at the top gives lengths without a unit one.
@@ -127,7 +127,7 @@ def _loop_schema(builder: Any) -> dict[str, Any]:
     arc = {
         "type": "object",
         "properties": {
-            "to": {**point, "description": "Where the arc ends."},
+            "to": {**point, "description": "End of the arc."},
             "bulge": {
                 **builder.of(float),
                 "description": "Tangent of a quarter of its angle, positive if it turns left.",
@@ -254,7 +254,7 @@ DesignBuilder = Callable[[str, Mapping[str, object]], Stage]
 _HEAD = ("flexstage", "length_unit", "parameters", "design")
 # what a file may call the stage of a design
 _CALLED = ("name", "title")
-_NAMED = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
+_GROUP_OF_NOUN = {"hinge": "hinges", "drive": "drives", "probe": "probes", "axis": "axes"}
 
 
 def read_stage(
@@ -274,7 +274,7 @@ def read_stage(
         ``flexstage.stage.designs.build``; without it a file with ``design:`` is refused.
     set : mapping, optional
         Parameters of its design by name, with dots for those of a group, and values as the file
-        has them; they stand in place of those in the file.
+        has them; they replace those in the file.
 
     Returns
     -------
@@ -284,8 +284,8 @@ def read_stage(
     Raises
     ------
     FlexstageError
-        There is no such file, or it does not hold a possible stage; the message is one sentence
-        with file, line and key.
+        There is no such file, or it does not describe a possible stage; the message has file, line
+        and key.
     """
     text = read_text(Path(path), STAGE_FILE.noun, StageError)
     return stage_from_text(text, designs, set=set, source=os.fspath(path))
@@ -309,7 +309,7 @@ def stage_from_text(
     set : mapping, optional
         Parameters by name, as `read_stage` takes them.
     source : str
-        What to call the text in messages.
+        Name of the text in messages.
 
     Returns
     -------
@@ -319,7 +319,7 @@ def stage_from_text(
     Raises
     ------
     FlexstageError
-        The text does not hold a possible stage.
+        The text does not describe a possible stage.
 
     Examples
     --------
@@ -338,11 +338,11 @@ def stage_from_text(
     decoder, root = read(text, source, STAGE_FILE, settings_of(set or {}, StageError))
     if "design" in root.items:
         decoder.check_keys(root, "", (*_HEAD, *_CALLED))
-        found = _from_design(decoder, root.items["design"], designs)
+        designed_stage = _from_design(decoder, root.items["design"], designs)
         words = {key: decoder.text(root.items[key], key) for key in _CALLED if key in root.items}
         if "name" in words:
             check_name(words["name"], lambda text: decoder.refuse(root.items["name"], "name", text))
-        return replace(found, **words) if words else found
+        return replace(designed_stage, **words) if words else designed_stage
     for name in decoder.settings.items:
         require_known(source, name, decoder.parameters, StageError)
     also = (*_HEAD, SHARED, *COPIES)
@@ -403,7 +403,7 @@ def stage_to_text(stage: Stage, *, shared: bool = False) -> str:
 
 
 def write_stage(stage: Stage, path: str | os.PathLike[str], *, shared: bool = False) -> None:
-    """Write a stage file; it appears whole or not at all.
+    """Write a stage file; it appears complete or not at all.
 
     Parameters
     ----------
@@ -432,12 +432,14 @@ def _from_design(
     name = node.items["name"]
     for key in ("name", "based_on"):
         if key in decoder.settings.items:
-            raise StageError(f"'{key}' of a design is no parameter: change it in {decoder.source}")
+            raise StageError(
+                f"'{key}' of a design is not a parameter: change it in {decoder.source}"
+            )
     rest = {key: value for key, value in node.items.items() if key != "name"}
     entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
-    given = Given(entry, decoder)
+    settings = Given(entry, decoder)
     try:
-        return designs(name.text if isinstance(name, Scalar) else "", given)
+        return designs(name.text if isinstance(name, Scalar) else "", settings)
     except FlexstageError as error:
         # the parameter that is at fault is named in the message: point at its line
         culprit = next(
@@ -453,21 +455,21 @@ def _placed(
     root: MappingNode,
     origins: Mapping[tuple[str, str], tuple[int | None, str]],
 ) -> FlexstageError:
-    """Point an error of the whole stage at the thing that it is about."""
+    """Attribute an error of the whole stage to the part that it concerns."""
     text = str(error)
     start = f"{decoder.source}, line {root.line}: "
     if not text.startswith(start):
         return error
     text = text.removeprefix(start)
-    if found := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
-        group = root.items.get(_NAMED[found[1]])
-        if (copied := (_NAMED[found[1]], found[2])) in origins:
+    if match := re.match(r"(hinge|drive|probe|axis) '(.*?)' ", text):
+        group = root.items.get(_GROUP_OF_NOUN[match[1]])
+        if (copied := (_GROUP_OF_NOUN[match[1]], match[2])) in origins:
             line, path = origins[copied]
             return type(error)(f"{decoder.source}, line {line}, {path}: {text}")
-        if isinstance(group, MappingNode) and found[2] in group.key_lines:
-            path = f"{_NAMED[found[1]]}.{found[2]}"
+        if isinstance(group, MappingNode) and match[2] in group.key_lines:
+            path = f"{_GROUP_OF_NOUN[match[1]]}.{match[2]}"
             return type(error)(
-                f"{decoder.source}, line {group.key_lines[found[2]]}, {path}: {text}"
+                f"{decoder.source}, line {group.key_lines[match[2]]}, {path}: {text}"
             )
     return error
 

@@ -1,4 +1,4 @@
-"""One thing that is wrong with a stage."""
+"""An issue of a stage."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,20 +6,20 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Issue:
-    """One thing that is wrong with a stage, or looks so."""
+    """An error in the description of a stage, or a likely one."""
 
     severity: Literal["error", "warning"]
-    """Whether the stage cannot be as described, or only looks unlike what is meant."""
+    """``error`` if the stage is impossible as described, ``warning`` if it looks unintended."""
     code: str
     """Short name of the kind of issue."""
     what: tuple[str, ...]
-    """Names of the bodies, hinges, drives or probes that it is about."""
+    """Names of the bodies, hinges, drives or probes concerned."""
     message: str
-    """One sentence: what is wrong, what was found, how to mend it."""
+    """The fault, the value, and the remedy, in one sentence."""
 
 
 def millimetres(*values: float) -> str:
-    """Write lengths for people.
+    """Format lengths for messages.
 
     One length, or the coordinates of a point [m].
 

@@ -1,4 +1,4 @@
-"""What the description of a stage allows to be commanded of one of its axes."""
+"""Limits of the commands to an axis, from the description of the stage."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLimits:
-    """What may be commanded of one axis."""
+    """Limits of the commands to one axis."""
 
     position: Range | None = None
     """Lowest and highest position [m]; not checked where not given."""
@@ -36,7 +36,7 @@ class AxisLimits:
                 raise ModelError(f"the largest {name} must be positive and finite, got {value!r}")
 
     def within(self, other: "AxisLimits") -> "AxisLimits":
-        """Return the narrower of two limits, with the safe voltage of these, led into the range."""
+        """Return the narrower of two limits, with the safe voltage of these within the range."""
         voltage = _common(self.voltage, other.voltage, "voltage")
         safe = self.safe_voltage
         if voltage is not None:
@@ -51,10 +51,10 @@ class AxisLimits:
 
 
 def stage_limits(stage: Stage, axis: str) -> AxisLimits:
-    """Return what the description of a stage allows on one of its axes.
+    """Return the limits of one axis by the description of its stage.
 
     Voltage range and slew of a stack, travel and speed of a screw. The position of a piezo stage is
-    measured at its platform, and not limited by what is said of its drive.
+    measured at its platform, and not limited by the data of its drive.
 
     Examples
     --------
@@ -79,11 +79,11 @@ def _common(a: Range | None, b: Range | None, what: str) -> Range | None:
     if not low < high:
         raise ModelError(
             f"the stage allows a {what} of {a[0]:g} to {a[1]:g}, the controller {b[0]:g} to "
-            f"{b[1]:g}: they have nothing in common, so one of them describes another stage"
+            f"{b[1]:g}: the ranges do not overlap, so one of them describes another stage"
         )
     return low, high
 
 
 def _smaller(a: float | None, b: float | None) -> float | None:
-    given = [v for v in (a, b) if v is not None]
-    return min(given) if given else None
+    limits = [v for v in (a, b) if v is not None]
+    return min(limits) if limits else None

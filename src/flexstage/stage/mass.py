@@ -13,21 +13,21 @@ _SIDES = (-1.0, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MassProperties:
-    """Mass of a body and how it is spread in the plane."""
+    """Mass of a body and its distribution in the plane."""
 
     mass: float
-    """Its mass [kg]."""
+    """Mass [kg]."""
     centre: tuple[float, float]
-    """Its centre of mass (x, y) [m]."""
+    """Centre of mass (x, y) [m]."""
     inertia: float
-    """Its moment of inertia about its own centre of mass, normal to the plane [kg m^2]."""
+    """Moment of inertia about its own centre of mass, normal to the plane [kg m^2]."""
 
 
 def mass_properties(stage: Stage) -> dict[str, MassProperties]:
     """Return mass, centre of mass and inertia of every body.
 
     A body is its outline less its holes and mounting holes, the half notch of each of its hinges
-    that touches it, and what is mounted on it.
+    that touches it, and its extra masses.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def outer_size(stage: Stage) -> tuple[float, float, float]:
     >>> [round(1e3 * v, 3) for v in outer_size(design("parallelogram"))]
     [68.5, 61.0, 8.0]
     """
-    found = [body.outline.bounds() for body in stage.bodies]
-    x0, y0, x1, y1 = zip(*found, strict=True)
+    bounds = [body.outline.bounds() for body in stage.bodies]
+    x0, y0, x1, y1 = zip(*bounds, strict=True)
     return max(x1) - min(x0), max(y1) - min(y0), stage.thickness
 
 

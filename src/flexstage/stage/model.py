@@ -21,7 +21,7 @@ _T = TypeVar("_T", "Body", "Hinge", "Drive", "Probe", "Axis")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtraMass:
-    """Something mounted on a body that is not of the plate.
+    """A mass mounted on a body, not part of the plate.
 
     Raises
     ------
@@ -30,11 +30,11 @@ class ExtraMass:
     """
 
     mass: Annotated[float, DIMENSIONS["mass"], NOT_NEGATIVE]
-    """Its mass [kg]."""
+    """Mass [kg]."""
     at: Point
-    """Its centre of mass in the plane [m]."""
+    """Centre of mass in the plane [m]."""
     inertia: Annotated[float, DIMENSIONS["inertia"], NOT_NEGATIVE] = 0.0
-    """Its moment of inertia about its own centre, normal to the plane [kg m^2]."""
+    """Moment of inertia about its own centre, normal to the plane [kg m^2]."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "an extra mass")
@@ -44,21 +44,21 @@ class ExtraMass:
 class Body:
     """A part of the plate that is meant to be rigid.
 
-    Its outline leaves the notches out; the half of each notch that touches it belongs to it.
+    Its outline excludes the notches; the half of each notch that touches it belongs to it.
     """
 
     name: str
-    """Its name."""
+    """Name."""
     outline: Loop
-    """Its outline, without the half notches cut into it."""
+    """Outline, without the half notches cut into it."""
     holes: tuple[Loop | Circle, ...] = ()
     """Openings in it; other bodies may lie inside them."""
     mounting_holes: tuple[Circle, ...] = ()
     """Holes by which it is bolted down or carries a load."""
     fixed: bool = False
-    """Whether it is held."""
+    """True if it is fixed."""
     extra_masses: tuple[ExtraMass, ...] = ()
-    """What is mounted on it."""
+    """Masses mounted on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,7 @@ class Hinge:
     """A notch between two bodies."""
 
     name: str
-    """Its name."""
+    """Name."""
     bodies: tuple[str, str]
     """The bodies a and b that it joins."""
     at: Point
@@ -105,7 +105,7 @@ class Hinge:
         Returns
         -------
         tuple of float
-            What `to_plane` takes for it.
+            Distances along and across the hinge, the arguments of `to_plane` [m].
         """
         c, s = math.cos(self.direction), math.sin(self.direction)
         x, y = point[0] - self.at[0], point[1] - self.at[1]
@@ -114,7 +114,7 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """A place where motion is read.
+    """A point at which motion is measured.
 
     Raises
     ------
@@ -123,17 +123,17 @@ class Probe:
     """
 
     name: str
-    """Its name."""
+    """Name."""
     body: str
-    """The body whose motion is read."""
+    """The measured body."""
     at: Point
     """The point [m]; of a rotation, where it is drawn and the distance of drives is taken from."""
     direction: Angle | None = None
     """The direction in which a displacement is read, from the x axis to the left [rad]."""
     relative_to: str | None = None
-    """The body against which it is read; the ground where not given."""
+    """The reference body; the ground where not given."""
     reads: Literal["displacement", "rotation"] = "displacement"
-    """What is read: the displacement of the point [m], or the rotation of the body [rad]."""
+    """Measured quantity: the displacement of the point [m], or the rotation of the body [rad]."""
 
     def __post_init__(self) -> None:
         if self.reads == "displacement" and self.direction is None:
@@ -143,8 +143,8 @@ class Probe:
             )
         if self.reads == "rotation" and self.direction is not None:
             raise StageError(
-                f"probe '{self.name}' reads a rotation, which has no direction in the plane: leave "
-                "its direction out"
+                f"probe '{self.name}' reads a rotation, which has no direction in the plane: "
+                "remove its direction"
             )
 
     @property
@@ -154,7 +154,7 @@ class Probe:
 
     @property
     def row(self) -> tuple[float, float, float]:
-        """Its reading for a unit of displacement x, y and of rotation of the body at its point."""
+        """Reading for a unit of displacement x, y and of rotation of the body at its point."""
         if self.direction is None:
             return (0.0, 0.0, 1.0)
         return (math.cos(self.direction), math.sin(self.direction), 0.0)
@@ -178,16 +178,16 @@ class Probe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One direction of positioning: what drives it and where its motion is read.
+    """One direction of positioning, with its drives and its probe.
 
     Raises
     ------
     StageError
-        It names no drive, one both ways, or the same one twice.
+        It has no drive, both `drive` and `drives`, or the same drive twice.
     """
 
     name: str
-    """Its name."""
+    """Name."""
     drive: str | None = None
     """The drive that moves it, where it is one."""
     probe: str
@@ -198,8 +198,8 @@ class Axis:
     def __post_init__(self) -> None:
         if (self.drive is None) == (not self.drives):
             raise StageError(
-                f"axis '{self.name}' must name what moves it: 'drive' for one drive, or 'drives' "
-                f"for several, got {'none' if self.drive is None else 'both'}"
+                f"axis '{self.name}' must name its drives: 'drive' for one, or 'drives' for "
+                f"several, got {'none' if self.drive is None else 'both'}"
             )
         if len(set(self.drives)) < len(self.drives):
             raise StageError(f"axis '{self.name}' names a drive twice: {', '.join(self.drives)}")
@@ -240,33 +240,33 @@ class Stage:
     Raises
     ------
     StageError
-        Two things share a name, or a name is used that nothing has.
+        Two parts share a name, or a name refers to no part.
     """
 
     name: str
-    """Its name."""
+    """Name."""
     title: str = ""
-    """One line that says what it is."""
+    """Description in one line."""
     thickness: Size
     """Thickness of the plate [m]."""
     material: Material
-    """What it is cut from."""
+    """Material of the plate."""
     bodies: tuple[Body, ...]
-    """Its rigid parts."""
+    """Rigid parts."""
     hinges: tuple[Hinge, ...] = ()
-    """Its notches."""
+    """Notches."""
     drives: tuple[Drive, ...] = ()
-    """What moves it."""
+    """Drives."""
     probes: tuple[Probe, ...] = ()
-    """Where its motion is read."""
+    """Probes."""
     axes: tuple[Axis, ...] = ()
-    """Its directions of positioning."""
+    """Directions of positioning."""
     manufacture: Manufacture = field(default_factory=Manufacture)
     """Limits of the cutting process."""
     published: tuple[Characteristic, ...] = ()
-    """Figures that others have given for it."""
+    """Published figures."""
     notes: tuple[str, ...] = ()
-    """Remarks that belong to every result of it; those that begin with Published to a study."""
+    """Notes for every result; those that begin with Published appear in a study only."""
 
     # how a notebook shows a stage; set by the room that draws
     _notebook_html: ClassVar["Callable[[Stage], str] | None"] = None
@@ -288,23 +288,23 @@ class Stage:
         _unique("axis", self.axes)
         for h in self.hinges:
             for name in h.bodies:
-                _known(f"hinge '{h.name}'", "body", name, bodies)
+                _require_name(f"hinge '{h.name}'", "body", name, bodies)
             if h.bodies[0] == h.bodies[1]:
                 raise StageError(f"hinge '{h.name}' joins body '{h.bodies[0]}' to itself")
         for d in self.drives:
             for name in (d.pushes, d.reacts):
-                _known(f"drive '{d.name}'", "body", name, bodies)
+                _require_name(f"drive '{d.name}'", "body", name, bodies)
         for p in self.probes:
             for name in (p.body, *(() if p.relative_to is None else (p.relative_to,))):
-                _known(f"probe '{p.name}'", "body", name, bodies)
+                _require_name(f"probe '{p.name}'", "body", name, bodies)
         for a in self.axes:
             for name in a.moved_by:
-                _known(f"axis '{a.name}'", "drive", name, drives)
-            _known(f"axis '{a.name}'", "probe", a.probe, probes)
+                _require_name(f"axis '{a.name}'", "drive", name, drives)
+            _require_name(f"axis '{a.name}'", "probe", a.probe, probes)
 
     @property
     def own_notes(self) -> tuple[str, ...]:
-        """Its remarks without those on what was published."""
+        """Notes without those on published figures."""
         return tuple(note for note in self.notes if not note.startswith("Published"))
 
     def body(self, name: str) -> Body:
@@ -407,24 +407,24 @@ def only_drive(axis: str, drives: tuple[str, ...], error: type[FlexstageError]) 
     """Return the one drive of an axis; refuse, with an error of a class, one that has several."""
     if len(drives) != 1:
         raise error(
-            f"axis '{axis}' is moved by the drives {', '.join(drives)} together, which this cannot "
-            "do: it needs an axis that one drive moves (an axis whose 'drive' names one)"
+            f"axis '{axis}' is moved by the drives {', '.join(drives)} together, but this needs "
+            "an axis with a single drive (its key 'drive')"
         )
     return drives[0]
 
 
 def _unique(noun: str, things: tuple) -> set[str]:
-    seen: set[str] = set()
+    names: set[str] = set()
     for thing in things:
-        if thing.name in seen:
+        if thing.name in names:
             raise StageError(
                 f"two {noun} entries are called '{thing.name}': give each its own name"
             )
-        seen.add(thing.name)
-    return seen
+        names.add(thing.name)
+    return names
 
 
-def _known(who: str, noun: str, name: str, names: set[str]) -> None:
+def _require_name(who: str, noun: str, name: str, names: set[str]) -> None:
     if name not in names:
         hint = did_you_mean(name, names, 0.3)
         have = ", ".join(sorted(names)[:12]) or "none"
@@ -437,5 +437,5 @@ def _find(noun: str, name: str, things: tuple[_T, ...]) -> _T:
     for thing in things:
         if thing.name == name:
             return thing
-    _known("the request", noun, name, {t.name for t in things})
+    _require_name("the request", noun, name, {t.name for t in things})
     raise AssertionError

@@ -1,4 +1,4 @@
-"""The narrowest cut and the thinnest part of a stage, and what the checks hold to limits.
+"""The narrowest cut and the thinnest part of a stage, and the checks against limits.
 
 The checks say whether a stage can be cut: overlaps of bodies and notches, slots that the wire does
 not fit through. The numbers say by how much, so that a search can follow them. They go with the
@@ -33,7 +33,7 @@ _ROWS = 256
 
 
 def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
-    """Find pairs of bodies and notches that fill the same place.
+    """Find pairs of bodies and notches that overlap.
 
     The shapes are bodies without their notches, and notches.
     """
@@ -51,15 +51,15 @@ def overlaps(shapes: list[Shape]) -> Iterator[Issue]:
         if common.is_empty or common.buffer(-_DISC).is_empty:
             continue
         where = common.representative_point()
-        own = a.name in b.bodies or b.name in a.bodies
+        related = a.name in b.bodies or b.name in a.bodies
         if a.is_notch and b.is_notch:
-            code, cure = "hinges-coincide", "move one of them or leave it out"
+            code, cure = "hinges-coincide", "move one of them or remove it"
         elif a.is_notch or b.is_notch:
             code = "notch-overlap"
             cure = (
-                "leave the notch out of the outline of the body, and have 'direction' point from "
+                "exclude the notch from the outline of the body, and let 'direction' point from "
                 "the first body to the second"
-                if own
+                if related
                 else "move the hinge or shorten its notch"
             )
         else:
@@ -83,11 +83,11 @@ def slots_between(
 
     Two bodies face each other across the full length of the notch that joins them, so bodies are
     compared without their notches; a notch is compared with everything but its own two bodies, from
-    which it grows. What is left out in this way is the opening of the notch itself, and that is as
-    wide as the profile says.
+    which it grows. Only the opening of the notch itself is excluded in this way, and its width is
+    that of the profile.
 
     `wire_width` is the width of the narrowest slot that can be cut [m]; `skip` are pairs of names
-    that have been spoken of.
+    with an issue already.
     """
     from shapely import STRtree, box
     from shapely.ops import nearest_points
@@ -194,10 +194,10 @@ def _facing_distance(part: Any, tree: Any, normals: Array, wire_width: float) ->
     faces = shapely.intersection(tree.geometries[near], part.buffer(2.0 * CHORD))
     reached = ~shapely.is_empty(faces)
     faces, normals = faces[reached], normals[near[reached]]
-    found = shapely.STRtree(faces)
+    face_tree = shapely.STRtree(faces)
     best = wire_width
     for face, normal in zip(faces, normals, strict=True):
-        others = found.query(face, predicate="dwithin", distance=best)
+        others = face_tree.query(face, predicate="dwithin", distance=best)
         # the two faces of a thin wall are parallel too, but the slot is not between them
         others = others[normals[others] @ normal <= _FACING]
         if others.size:
@@ -247,30 +247,30 @@ def narrowest_slot(stage: Stage) -> float:
     bodies = _bodies(stage)
     shapes = [*bodies, *notch_shapes(list(stage.hinges))]
     profiles = {hinge.profile for hinge in stage.hinges}
-    found = [profile.length for profile in profiles]
-    found += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
-    found += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
-    found.append(
-        _between(shapes, _REACH * stage.manufacture.wire_width, min(found, default=np.inf))
+    widths = [profile.length for profile in profiles]
+    widths += [2.0 * profile.neck_radius for profile in profiles if profile.neck_radius > 0.0]
+    widths += [2.0 * hole.radius for body in stage.bodies for hole in _circles(body)]
+    widths.append(
+        _between(shapes, _REACH * stage.manufacture.wire_width, min(widths, default=np.inf))
     )
-    narrowest = min(found)
+    narrowest = min(widths)
     for body in stage.bodies if narrowest > 0.0 else ():
-        if (drawn := drawn_openings(body)) is not None:
-            narrowest = min(narrowest, _within(drawn, narrowest, outside=True))
+        if (openings := drawn_openings(body)) is not None:
+            narrowest = min(narrowest, _within(openings, narrowest, outside=True))
     return float(narrowest)
 
 
 def thinnest_wall(stage: Stage, body: str | None = None) -> float:
     """Return the thickness of the thinnest place of a body, between two sides that face away [m].
 
-    Necks are no part of it; sharp corners are none either.
+    Necks and sharp corners do not count.
 
     Parameters
     ----------
     stage : Stage
         The stage.
     body : str, optional
-        The body that is looked at; all where not given.
+        The body; all where not given.
 
     Returns
     -------
@@ -304,7 +304,7 @@ def wall_of(body: Body, polygon: Any, reach: float = np.inf) -> float:
     """Return the thickness of the thinnest place of one body [m]; the polygon has its holes.
 
     Mounting holes count as the others do. Walls that are not thinner than `reach` [m] are not
-    looked for, which saves time; then `reach` is returned, or what was found on the way.
+    sought, which saves time; then `reach` or more is returned.
     """
     from shapely import Point
     from shapely.geometry import Polygon
@@ -342,7 +342,7 @@ def _is_round(ring: Any, circles: Iterable[Circle]) -> bool:
 
 
 def _between(shapes: Sequence[Shape], reach: float, narrowest: float) -> float:
-    """Least distance between shapes where it is less than what is found already, or the overlap."""
+    """Return the least distance between shapes if it is below a known one, or the overlap."""
     from shapely import STRtree, distance
 
     polygons = np.array([s.polygon for s in shapes])
@@ -369,7 +369,7 @@ def _between(shapes: Sequence[Shape], reach: float, narrowest: float) -> float:
 
 
 def _depth(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """How deep the deepest of some overlaps is."""
+    """Return the depth of the deepest overlap."""
     from shapely import get_parts, intersection, minimum_rotated_rectangle
 
     deepest = 0.0
@@ -412,9 +412,9 @@ def _within(polygon: Any, reach: float, *, outside: bool) -> float:
         )
         # in the middle of what lies side by side, as corners lie on other edges
         along = np.stack([-normals[a][:, 1], normals[a][:, 0]], axis=1)
-        beside = [_dot(along, e[b] - middle[a]) for e in (start, end)]
-        low = np.maximum(np.minimum(*beside), -half[a])
-        high = np.minimum(np.maximum(*beside), half[a])
+        limits = [_dot(along, e[b] - middle[a]) for e in (start, end)]
+        low = np.maximum(np.minimum(*limits), -half[a])
+        high = np.minimum(np.maximum(*limits), half[a])
         place = 0.5 * (ends[::2] + ends[1::2])
         inner = middle[a] + 0.5 * (
             (low + high)[:, None] * along + sign * width[:, None] * normals[a]

@@ -70,7 +70,7 @@ class Loop:
     points: tuple[tuple[float, float], ...]
     """The corners [m], each (x, y), at least three, or two where arcs join them."""
     bulges: tuple[float, ...] = ()
-    """One for each segment [1]; left out if all are straight."""
+    """One for each segment [1]; empty if all are straight."""
 
     def __post_init__(self) -> None:
         n = len(self.points)
@@ -204,9 +204,9 @@ class Circle:
     """
 
     centre: Point
-    """Its centre [m]."""
+    """Centre [m]."""
     radius: Annotated[float, DIMENSIONS["length"]]
-    """Its radius [m]."""
+    """Radius [m]."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.radius <= LARGEST:

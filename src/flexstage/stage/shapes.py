@@ -14,7 +14,7 @@ from flexstage.stage.issue import Issue, millimetres
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop
 
-#: Largest distance of a polygon from the arc that it stands for [m].
+#: Largest distance of a polygon from the arc that it approximates [m].
 CHORD = 0.5e-6
 #: How far a hole may reach over the edge before it counts [m].
 _ROUNDING = 1e-6
@@ -31,11 +31,11 @@ class Shape:
     bodies: tuple[str, ...]
     """The body itself, or the two that a notch joins."""
     is_notch: bool
-    """Whether it is a notch."""
+    """True if it is a notch."""
 
     @property
     def label(self) -> str:
-        """What messages call it."""
+        """Name in messages."""
         return f"the notch of hinge '{self.name}'" if self.is_notch else f"body '{self.name}'"
 
 
@@ -52,7 +52,7 @@ def ring(shape: Loop | Circle) -> Any:
 def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
     """Return a body with the openings that may have narrow places, or None where it has none.
 
-    They are what its outline has, and its holes but for round ones that are wide enough [m].
+    They are those of its outline, and its holes except round ones that are wide enough [m].
     """
     holes = [
         ring(hole)
@@ -68,10 +68,10 @@ def drawn_openings(body: Body, narrower_than: float = 0.0) -> Any:
 
 
 def body_shapes(stage: Stage) -> tuple[list[Shape], list[Issue]]:
-    """Return the polygons of bodies with proper outlines, and what is wrong with the others."""
-    found = [_body_shape(body) for body in stage.bodies]
-    shapes = [shape for shape, _ in found if shape is not None]
-    return shapes, [issue for _, issues in found for issue in issues]
+    """Return the polygons of bodies with valid outlines, and the issues of the others."""
+    results = [_body_shape(body) for body in stage.bodies]
+    shapes = [shape for shape, _ in results if shape is not None]
+    return shapes, [issue for _, issues in results for issue in issues]
 
 
 # checks and figures of one stage ask for the same bodies
@@ -126,8 +126,8 @@ def _outline_faults(body: Body) -> Iterator[Issue]:
             where = f" at {millimetres(*map(float, place))}" if len(place) == 2 else ""
             yield fault(
                 "self-intersection",
-                f"{label} of body '{body.name}' crosses or touches itself{where}: put its "
-                "points in order, once round",
+                f"{label} of body '{body.name}' crosses or touches itself{where}: order its "
+                "points once around",
             )
             return
     for label, hole in labelled[1:]:

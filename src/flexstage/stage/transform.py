@@ -1,4 +1,4 @@
-"""Rigid motions and reflections of the plane, applied to what a stage is made of."""
+"""Rigid motions and reflections of the plane, applied to the parts of a stage."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ class PlaneMotion:
     shift: _Pair = (0.0, 0.0)
     """Displacement after that [m]."""
     mirrored: bool = False
-    """Whether y is turned round before that."""
+    """True if y is turned round before that."""
 
     @classmethod
     def rotation(cls, angle: float, *, about: _Pair = (0.0, 0.0)) -> "PlaneMotion":
@@ -67,9 +67,9 @@ def moved(part: _Part, motion: PlaneMotion, names: Names | None = None) -> _Part
     Parameters
     ----------
     part : Loop or Circle or Body or Hinge or Drive or Probe or Axis or Stage
-        What is moved.
+        The part.
     motion : PlaneMotion
-        How; of an axis, only the names change.
+        The motion; of an axis, only the names change.
     names : callable or Mapping, optional
         New names, of the part itself and of the bodies, drives and probes that it names.
 

@@ -15,7 +15,7 @@ from flexstage.hinges.compliance import require_sizes
 from flexstage.lumped import lumped_system
 from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage import Stage
-from flexstage.stage.hinge_attachment import root_widths
+from flexstage.stage.contour import root_widths
 from flexstage.stage.mass import mass_properties
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
 from flexstage.studies.results import analysis_results
@@ -130,7 +130,7 @@ def _condensed(stage: Stage, options: ModelOptions, model: str) -> ModelRun:
                     found = _superelements(stage, model, options, near)
         analysis = analyse(stage, found.system)
     if options.estimate:
-        from flexstage.fem.accuracy import with_estimates
+        from flexstage.fem.superelement import with_estimates
 
         with progress.subtask(0.5, 1.0):
             analysis = with_estimates(analysis, found, cache=options.cache)
@@ -191,12 +191,14 @@ def _meshed(
     name: str,
     build: "Callable[[MeshSettings | None], StageModel]",
 ) -> ModelRun:
-    from flexstage.fem import LADDERS, refine
+    from flexstage.fem import REFINEMENT_MESHES, refine
 
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
-    found = refine(build, LADDERS[name], accuracy=options.accuracy, quantity=options.quantity)
+    found = refine(
+        build, REFINEMENT_MESHES[name], accuracy=options.accuracy, quantity=options.quantity
+    )
     return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
 
 

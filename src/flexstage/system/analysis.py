@@ -1,4 +1,4 @@
-"""Everything that is said of a stage by one model: statics, modes, responses, characteristics."""
+"""Analysis of a stage by one model: statics, modes, responses, characteristics."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ _CONDITIONS: tuple[DriveCondition, ...] = ("removed", "in place", "locked")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Analysis:
-    """What one model says of a stage."""
+    """Results of one model of a stage."""
 
     stage: Stage
     """The stage."""
@@ -35,13 +35,13 @@ class Analysis:
     responses: tuple[FrequencyResponse, ...]
     """Response of each axis' probe to its drive, drives removed and in place."""
     characteristics: Characteristics
-    """The figures that are quoted."""
+    """The characteristics."""
     validity: tuple[str, ...]
-    """Where they stop being valid."""
+    """Limits of validity of the results."""
     provenance: Provenance
-    """Where they come from."""
+    """Provenance of the results."""
     coupling: CoupledAxes | None = None
-    """What all drives do to all axes, where there are several drives."""
+    """Coupling of all drives and axes, where there are several drives."""
 
     __repr__ = short_repr
 
@@ -75,39 +75,43 @@ def analyse(stage: Stage, system: MechanicalSystem) -> Analysis:
     # without drives the three conditions are one
     conditions = _CONDITIONS if system.drives else _CONDITIONS[:1]
     every = {c: modes(system, drives=c, count=None) for c in conditions}
-    found: dict[DriveCondition, Modes] = {c: every[c].lowest(MODES_SEARCHED) for c in conditions}
+    lowest_modes: dict[DriveCondition, Modes] = {
+        c: every[c].lowest(MODES_SEARCHED) for c in conditions
+    }
     responses = []
     for axis in system.axes:
         for condition in conditions[:2]:
-            f = default_frequencies_hz(found[condition])
+            f = default_frequencies_hz(lowest_modes[condition])
             responses += [
                 response_of_modes(system, every[condition], f, drive, axis.probe)
                 for drive in axis.drives
             ]
-    rows = every_characteristic(stage, system, states, found["removed"], found.get("in place"))
+    rows = every_characteristic(
+        stage, system, states, lowest_modes["removed"], lowest_modes.get("in place")
+    )
     return Analysis(
         stage=stage,
         system=system,
         axes=states.axes,
-        modes=found,
+        modes=lowest_modes,
         responses=tuple(responses),
         characteristics=Characteristics(rows),
-        validity=(*system.validity, *_missing(system, found["removed"])),
+        validity=(*system.validity, *_missing(system, lowest_modes["removed"])),
         provenance=provenance(stage, system.settings),
         coupling=states.coupling,
     )
 
 
 def _missing(system: MechanicalSystem, bare: Modes) -> tuple[str, ...]:
-    """Say what a description leaves out that the figures above would need."""
+    """Return notes on missing axes and unconstrained bodies."""
     notes = []
     if not system.axes:
-        notes.append("No axis is named (a drive and the probe that reads it): modes only.")
+        notes.append(
+            "The stage has no axis (a drive with the probe that reads it): only modes are computed."
+        )
     f = bare.frequency_hz
     # rounding leaves 1e-8 of the highest frequency in place of nothing
     loose = int((f <= 1e-6 * f.max(initial=0.0)).sum())
     if loose:
-        notes.append(
-            f"{loose} of these modes, at 0 Hz, deform no hinge: a body is not constrained."
-        )
+        notes.append(f"{loose} of these modes, at 0 Hz, deform no hinge: a body is unconstrained.")
     return tuple(notes)

@@ -1,8 +1,8 @@
 r"""Many stages of one topology as linear mechanical systems, all at once.
 
-A `SystemBatch` is to thousands of stages what `MechanicalSystem` is to one: the same matrices, with
-a leading axis of samples, and what they have in common once. Arrays may be NumPy's or those of any
-library that follows the Python array API standard; numbers stay in that library.
+A `SystemBatch` is to thousands of stages as `MechanicalSystem` is to one: the same matrices, with a
+leading axis of samples, and their common data once. Arrays may be NumPy's or those of any library
+that follows the Python array API standard; numbers stay in that library.
 """
 
 from dataclasses import dataclass, fields
@@ -17,13 +17,13 @@ from flexstage.system.mechanical import MechanicalSystem
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StageNumbers:
-    """What is the same in the description of many stages and in their systems.
+    """Data of many stages that their systems share.
 
     With a leading axis of samples S; an array that is the same for all may have one of 1.
     """
 
     stage: Stage
-    """The nominal stage: names, and what is decided once for all samples."""
+    """The nominal stage: names, and decisions for all samples."""
     drive_at: Array
     """Pushed point of each drive [m], shape (S, d, 2)."""
     probe_at: Array
@@ -68,14 +68,14 @@ class SystemBatch(StageNumbers):
     blocks: tuple[tuple[int, int], ...]
     """Row and column of each block, as bodies, the former not smaller; c of them."""
     drive: Array
-    """Elongation of each drive for the coordinates of the two bodies that it stands between, shape
-    (S, d, 2, 3).
+    """Elongation of each drive for the coordinates of the two bodies that it joins, shape (S, d, 2,
+    3).
     """
     drive_bodies: tuple[tuple[int, int], ...]
     """These bodies."""
     probe: Array
-    """Reading of each probe for the coordinates of the body that it reads, and of that which it is
-    read against, shape (S, p, 2, 3).
+    """Reading of each probe for the coordinates of the body that it reads, and of the reference
+    body, shape (S, p, 2, 3).
     """
     probe_bodies: tuple[tuple[int, int], ...]
     """These bodies."""
@@ -95,8 +95,8 @@ class SystemBatch(StageNumbers):
 
 def arrays_of(batch: Any) -> dict[str, Array]:
     """Return the arrays of a batch by field, in the order of its fields."""
-    found = {f.name: getattr(batch, f.name) for f in fields(batch)}
-    return {name: value for name, value in found.items() if hasattr(value, "ndim")}
+    arrays = {f.name: getattr(batch, f.name) for f in fields(batch)}
+    return {name: value for name, value in arrays.items() if hasattr(value, "ndim")}
 
 
 def namespace_of(batch: Any) -> Any:

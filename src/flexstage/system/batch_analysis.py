@@ -23,7 +23,7 @@ _DESCRIBED = ("mass", "moving_mass", "width", "height", "thickness")
 
 
 def batch_characteristics(
-    batch: SystemBatch, wanted: Collection[Key] | None = None
+    batch: SystemBatch, keys: Collection[Key] | None = None
 ) -> dict[Key, Array]:
     r"""Return the characteristics of many stages of one topology.
 
@@ -35,9 +35,9 @@ def batch_characteristics(
     ----------
     batch : SystemBatch
         The systems.
-    wanted : Collection of tuple, optional
-        Figures as quantity and axis, ``("transmission_ratio", "x")``; all that are known where not
-        given. Only what they need is computed.
+    keys : Collection of tuple, optional
+        Figures as quantity and axis, ``("transmission_ratio", "x")``; all where not given. Nothing
+        else is computed.
 
     Returns
     -------
@@ -49,15 +49,15 @@ def batch_characteristics(
     Raises
     ------
     ModelError
-        A figure is not known of this topology.
+        A figure is not available for this topology.
 
     Notes
     -----
-    Validity: as the model. What is quoted is decided on the nominal stage. An axis of which more
-    drives than axes make the motion is left to `flexstage.system.analyse`, and so is the workspace
-    of two displacements and a rotation by more than three drives.
+    Validity: as the model. The nominal stage decides which figures are quoted. An axis of which
+    more drives than axes make the motion is left to `flexstage.system.analyse`, and so is the
+    workspace of two displacements and a rotation by more than three drives.
 
-    A value does not depend on the samples beside it, to the last bit.
+    A value does not depend on the other samples, to the last bit.
 
     Examples
     --------
@@ -71,17 +71,17 @@ def batch_characteristics(
     decided = decisions(batch.stage, batch.nominal)
     source = _Values(batch, decided)
     figures = source.figures = StageFigures(decided, source)
-    known = figures.rows
-    chosen = list(known) if wanted is None else list(wanted)
-    require_known(batch, chosen, known)
-    source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in chosen)
+    rows = figures.rows
+    selected = list(rows) if keys is None else list(keys)
+    require_known(batch, selected, rows)
+    source.shapes = any(name in ("effective_mass", "effective_inertia") for name, _ in selected)
     xp, out = source.xp, {}
     # a mechanism divides by nothing, and is no number in the end
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        moving = any(name not in _DESCRIBED for name, _ in chosen)
+        moving = any(name not in _DESCRIBED for name, _ in selected)
         sure = _sure(figures, source) if moving else None
-        for key in chosen:
-            value = known[key]()
+        for key in selected:
+            value = rows[key]()
             if key[0] not in _DESCRIBED:
                 value = xp.where(sure, value, xp.nan)
             out[key] = xp.broadcast_to(value, (batch.samples,))
@@ -89,25 +89,26 @@ def batch_characteristics(
 
 
 def quoted(batch: SystemBatch) -> tuple[Key, ...]:
-    """Return which figures a batch knows, by quantity and axis, and compute none."""
+    """Return the figures that a batch gives, by quantity and axis, without computing them."""
     decided = decisions(batch.stage, batch.nominal)
     return tuple(StageFigures(decided, _Values(batch, decided)).rows)
 
 
-def require_known(batch: SystemBatch, wanted: Collection[Key], known: Collection[Key]) -> None:
-    """Refuse figures that are not known, and say which are."""
-    texts = [f"{quantity} of {axis}" for quantity, axis in known]
-    for key in wanted:
-        if key not in known:
+def require_known(batch: SystemBatch, keys: Collection[Key], available: Collection[Key]) -> None:
+    """Refuse figures that are not available, and list those that are."""
+    texts = [f"{quantity} of {axis}" for quantity, axis in available]
+    for key in keys:
+        if key not in available:
             name = f"{key[0]} of {key[1]}"
             raise ModelError(
-                f"a batch of stage '{batch.stage.name}' knows no {name}, but {', '.join(texts)}; "
-                f"the analysis of a single stage may know more{did_you_mean(name, texts)}"
+                f"a batch of stage '{batch.stage.name}' does not give {name}, only "
+                f"{', '.join(texts)}; the analysis of a single stage may give "
+                f"more{did_you_mean(name, texts)}"
             )
 
 
 def _sure(figures: StageFigures, source: "_Values") -> Array:
-    """Samples that are no mechanisms, and are coupled where the nominal stage is."""
+    """Return the samples that are no mechanisms, and coupled if the nominal stage is."""
     xp, fine = source.xp, source.fine()
     coupling = figures.coupling
     if coupling is None or any(len(axis.drives) > 1 for axis in coupling.nominal.axes):
@@ -116,16 +117,16 @@ def _sure(figures: StageFigures, source: "_Values") -> Array:
     coupled = xp.zeros_like(fine)
     for i, axis in enumerate(nominal.axes):
         j = nominal.drives.index(axis.drives[0])
-        own = xp.abs(coupling.scaled[i][j])
+        own_motion = xp.abs(coupling.scaled[i][j])
         for k, other in enumerate(nominal.axes):
             if other.drives != axis.drives:
                 size = xp.abs(coupling.scaled[k][j])
-                coupled = xp.logical_or(coupled, size > COUPLED * own)
+                coupled = xp.logical_or(coupled, size > COUPLED * own_motion)
     return xp.logical_and(fine, coupled if nominal.coupled else xp.logical_not(coupled))
 
 
 class FieldSource(ABC):
-    """What figures are made of that is a field of a batch."""
+    """Ingredients of figures that are fields of a batch."""
 
     batch: SystemBatch
 
@@ -159,13 +160,13 @@ class FieldSource(ABC):
 
 
 class _Values(FieldSource):
-    """What figures are made of, over the samples of a batch."""
+    """Ingredients of figures, over the samples of a batch."""
 
     figures: StageFigures
     shapes = False
 
     def __init__(self, batch: SystemBatch, decided: Decisions) -> None:
-        self.batch, self.decided, self.xp = batch, decided, namespace_of(batch)
+        self.batch, self.decisions, self.xp = batch, decided, namespace_of(batch)
         self._last: dict[str, Array] = {}
         self._stress: dict[int, Array] = {}
 
@@ -219,7 +220,7 @@ class _Values(FieldSource):
     def _probes(self) -> tuple[dict[int, int], Array]:
         """Shapes for a unit force along the probe of each axis, and where each probe is."""
         names = [probe.name for probe in self.batch.nominal.probes]
-        read = list(dict.fromkeys(names.index(axis.probe) for axis in self.decided.axes))
+        read = list(dict.fromkeys(names.index(axis.probe) for axis in self.decisions.axes))
         shapes = self._solved([self.form("probe", p) for p in read])
         return {p: i for i, p in enumerate(read)}, shapes
 
@@ -235,7 +236,7 @@ class _Values(FieldSource):
     def reach(self, probe: int, drive: int) -> Array:
         return applied(self.form("probe", probe), self._drives[:, :, drive : drive + 1, :])[0, ...]
 
-    def own(self, probe: int) -> Array:
+    def self_response(self, probe: int) -> Array:
         shape = self._shape(probe)[:, :, None, :]
         return applied(self.form("probe", probe), shape)[0, ...]
 
@@ -285,21 +286,23 @@ class _Values(FieldSource):
             )
             reading = self.form("probe", axis.probe)
             responses.append(
-                DrivenReading(force=form, reading=reading, pushed=pushed, read=self.own(axis.probe))
+                DrivenReading(
+                    force=form, reading=reading, pushed=pushed, read=self.self_response(axis.probe)
+                )
             )
         return axis_modes(
             self.factor,
             self.blocks,
             self.mass,
-            self.decided.start,
+            self.decisions.start,
             responses,
             count=self.batch.samples,
             shapes=self.shapes,
         )
 
     def mode(self, axis: int) -> tuple[Array, Array]:
-        squared, shown = self._modes
-        return squared[axis], shown[axis]
+        squared, read_squares = self._modes
+        return squared[axis], read_squares[axis]
 
     def fine(self) -> Array:
         return self.factor.regular

@@ -1,9 +1,9 @@
-"""The figures of the axes of a stage, each from what unit forces of the drives do.
+"""The figures of the axes of a stage, each from the responses to unit forces of the drives.
 
-They are those of `flexstage.system.characteristics` and `flexstage.system.coupled_axes`, which read
-them off the states of any model, whose stress need not be linear. Here they are written in what
-unit forces do, for values over many samples or values with derivatives: a source gives either. What
-an engineer would decide by looking is decided on the nominal stage, for all.
+They are those of `flexstage.system.characteristics` and `flexstage.system.coupled_axes`, which take
+them from the states of any model, whose stress need not be linear. Here they are functions of the
+responses to unit forces, for values over many samples or values with derivatives: a source gives
+either. Decisions that an engineer would make are made on the nominal stage, for all.
 """
 
 import math
@@ -45,7 +45,7 @@ from flexstage.system.statics import AxisAnalysis, probe_stiffness
 
 
 class CouplingFigures:
-    """What all drives do to all axes."""
+    """Coupling of all drives and axes."""
 
     def __init__(
         self, stage: Stage, system: MechanicalSystem, nominal: CoupledAxes, source: Source
@@ -56,7 +56,7 @@ class CouplingFigures:
         self.probes = [probes.index(axis.probe) for axis in nominal.axes]
         self.stiff = [j for j in self.drives if system.drives[j].stiffness != 0.0]
         # drives of no axis are held, where they hold
-        self.rest = [
+        self.other_drives = [
             j
             for j, drive in enumerate(system.drives)
             if j not in self.drives and drive.stiffness != 0.0
@@ -67,15 +67,15 @@ class CouplingFigures:
         """Forces of all drives for a unit elongation of each, the others held."""
         gram, out = self.source.gram, {}
         for j in self.drives:
-            held = [*dict.fromkeys([*self.stiff, j]), *self.rest]
-            unit = [float(i == j) for i in held]
-            found = solved([[gram(a, b) for b in held] for a in held], unit)
-            out[j] = dict(zip(held, found, strict=True))
+            locked = [*dict.fromkeys([*self.stiff, j]), *self.other_drives]
+            unit = [float(i == j) for i in locked]
+            solution = solved([[gram(a, b) for b in locked] for a in locked], unit)
+            out[j] = dict(zip(locked, solution, strict=True))
         return out
 
     @cached_property
     def jacobian(self) -> list[list[Any]]:
-        """What each axis reads for a unit of each drive."""
+        """Reading of each axis for unit elongation of each drive."""
         reach = self.source.reach
         return [
             [added([f * reach(p, i) for i, f in self.forces[j].items()]) for j in self.drives]
@@ -96,7 +96,7 @@ class CouplingFigures:
         ]
 
     def gains(self, axis: int) -> dict[int, Any]:
-        """What an axis reads for a unit of each drive."""
+        """Reading of an axis for unit elongation of each drive."""
         return dict(zip(self.drives, self.jacobian[axis], strict=True))
 
     @cached_property
@@ -131,7 +131,7 @@ class CouplingFigures:
         return moved, {j: every[j] for j in self.drives}, every
 
     def rows(self) -> dict[Key, Callable[[], Any]]:
-        """Its figures, in the order of `flexstage.system.analyse`."""
+        """Figures, in the order of `flexstage.system.analyse`."""
         rows: dict[Key, Callable[[], Any]] = {}
         nominal = self.nominal
         if len(nominal.axes) < 2:
@@ -139,12 +139,12 @@ class CouplingFigures:
         if nominal.independent:
             rows["condition_number", WHOLE_STAGE] = lambda: self.sigma[0] / self.sigma[-1]
             rows["isotropy", WHOLE_STAGE] = self._isotropy
-        known = self.system.stress is not None and len(self.drives) <= MOST_DRIVES
-        if nominal.coupled and known:
-            found = stress_figures(
+        with_stress = self.system.stress is not None and len(self.drives) <= MOST_DRIVES
+        if nominal.coupled and with_stress:
+            stress_rows = stress_figures(
                 self.stage.material, self.source.strength, lambda: self._stress_anywhere
             )
-            rows |= {(name, WHOLE_STAGE): row for name, row in found}
+            rows |= {(name, WHOLE_STAGE): row for name, row in stress_rows}
         reached = nominal.workspace
         if reached is not None and (len(reached.axes) == 2 or len(self.drives) == 3):
             rows["workspace_area", "".join(reached.axes[:2])] = self._area
@@ -157,10 +157,10 @@ class CouplingFigures:
 
     def _isotropy(self) -> Any:
         squares = [s * s for s in self.sigma]
-        whole = squares[0]
+        product = squares[0]
         for square in squares[1:]:
-            whole = whole * square
-        return power(whole, 1.0 / len(squares)) / (added(squares) / len(squares))
+            product = product * square
+        return power(product, 1.0 / len(squares)) / (added(squares) / len(squares))
 
     @cached_property
     def _stress_anywhere(self) -> Any:
@@ -172,7 +172,7 @@ class CouplingFigures:
         return largest(ends)
 
     def _area(self) -> Any:
-        """Area of the workspace, with a rotation that at its middle."""
+        """Area of the workspace; with a rotation, at its middle."""
         units = self.nominal.units
         straight = [i for i, unit in enumerate(units) if unit == "m"][:2]
         turning = [i for i, unit in enumerate(units) if unit == "rad"]
@@ -197,7 +197,7 @@ class CouplingFigures:
 
 
 def _pivot_rows(matrix: Array) -> list[int]:
-    """Order of rows by which elimination never meets a small pivot."""
+    """Return an order of rows in which elimination has no small pivot."""
     left, order = matrix / np.abs(matrix).max(), []
     rows = list(range(len(matrix)))
     for column in range(len(matrix)):
@@ -211,25 +211,25 @@ def _pivot_rows(matrix: Array) -> list[int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Decisions:
-    """What is decided on the nominal stage, for all samples of its topology."""
+    """Decisions on the nominal stage, for all samples of its topology."""
 
     stage: Stage
     """The nominal stage."""
     system: MechanicalSystem
-    """Its system."""
+    """The system of the nominal stage."""
     coupling: CoupledAxes | None
-    """What all drives do to all axes."""
+    """Coupling of all drives and axes."""
     together: CoupledAxes | None
     """The same, where all drives together make the motion of each axis."""
     axes: tuple[AxisAnalysis, ...]
     """The full stroke of each axis."""
     start: Array | None
-    """Modes to begin with; None where all modes are wanted."""
+    """Initial modes of the iteration; None where all modes are needed."""
 
 
 @lru_cache(maxsize=32)
 def decisions(stage: Stage, system: MechanicalSystem) -> Decisions:
-    """Decide on the nominal stage, once."""
+    """Return the decisions on the nominal stage."""
     coupling, together, axes = axis_states(stage, system)
     responses = [
         (_force(system, axis.static.drive_force), system.probe(axis.probe).vector) for axis in axes
@@ -250,10 +250,10 @@ def _force(system: MechanicalSystem, forces: Mapping[str, float]) -> Array:
 
 
 class StageFigures:
-    """All figures that are known of a topology, each computed when it is called for."""
+    """All figures of a topology, each computed when it is called."""
 
     def __init__(self, decided: Decisions, source: Source) -> None:
-        self.decided, self.source = decided, source
+        self.decisions, self.source = decided, source
         names = [drive.name for drive in decided.system.drives]
         self.drive = {name: i for i, name in enumerate(names)}
         self.probe = {probe.name: i for i, probe in enumerate(decided.system.probes)}
@@ -271,15 +271,15 @@ class StageFigures:
         for axis in self.axes:
             self.rows |= {(name, axis.name): row for name, row in axis.rows()}
         if decided.axes:
-            self.rows |= self._whole()
+            self.rows |= self._stage_rows()
 
-    def _whole(self) -> dict[Key, Callable[[], Any]]:
+    def _stage_rows(self) -> dict[Key, Callable[[], Any]]:
         source = self.source
-        fixed = [body.fixed for body in self.decided.stage.bodies]
+        fixed = [body.fixed for body in self.decisions.stage.bodies]
 
         def mass(moving: bool) -> Any:
             masses = zip(source.masses(), fixed, strict=True)
-            return added([m for m, held in masses if not (moving and held)])
+            return added([m for m, is_fixed in masses if not (moving and is_fixed)])
 
         rows: dict[Key, Callable[[], Any]] = {
             ("mass", WHOLE_STAGE): lambda: mass(False),
@@ -298,7 +298,7 @@ class AxisFigures:
         self.stage, self.source, self.index, self.nominal = stage, stage.source, index, nominal
         self.name = nominal.axis
         self.probe = stage.probe[nominal.probe]
-        self.together = stage.coupling if stage.decided.together is not None else None
+        self.together = stage.coupling if stage.decisions.together is not None else None
 
     @cached_property
     def motion(self) -> tuple[dict[int, Any], dict[int, Any], dict[int, Any]]:
@@ -307,7 +307,7 @@ class AxisFigures:
             return self.together.motion(self.index)
         drive = self.stage.drive[self.nominal.drive]
         against = self.source.gram(drive, drive)
-        if self.stage.decided.system.drives[drive].stroke is None:
+        if self.stage.decisions.system.drives[drive].stroke is None:
             moved = self.source.of_drive("largest_force", drive) * against
         else:
             moved = self.source.of_drive("stroke", drive)
@@ -330,11 +330,11 @@ class AxisFigures:
         return self.reading(self.probe)
 
     @cached_property
-    def held(self) -> tuple[Any, dict[int, Any]]:
-        """Reading for a unit force on the probe, drives in place, and the forces that they hold."""
-        system, source = self.stage.decided.system, self.source
+    def probe_compliance(self) -> tuple[Any, dict[int, Any]]:
+        """Reading for a unit force on the probe, drives in place, and the forces of the drives."""
+        system, source = self.stage.decisions.system, self.source
         drives = [j for j, d in enumerate(system.drives) if d.stiffness != 0.0]
-        soft = source.own(self.probe)
+        soft = source.self_response(self.probe)
         if not drives:
             return soft, {}
         matrix = [
@@ -351,8 +351,8 @@ class AxisFigures:
         return soft - added([f * source.reach(self.probe, j) for j, f in force.items()]), force
 
     def rows(self) -> Iterator[tuple[str, Callable[[], Any]]]:
-        """Its figures, in the order of `flexstage.system.analyse`."""
-        decided, source, nominal = self.stage.decided, self.source, self.nominal
+        """Figures, in the order of `flexstage.system.analyse`."""
+        decided, source, nominal = self.stage.decisions, self.source, self.nominal
         system = decided.system
         measures = AxisMeasures(
             input=lambda: self.input,
@@ -361,7 +361,7 @@ class AxisFigures:
             strength=source.strength,
             step=self._step,
             frequency_hz=lambda: root(source.mode(self.index)[0]) / math.tau,
-            shown=lambda: source.mode(self.index)[1],
+            reading_squares=lambda: source.mode(self.index)[1],
             worst=lambda probes: largest(
                 [self.reading(self.stage.probe[p]) for p in probes], by_magnitude=True
             ),
@@ -369,10 +369,10 @@ class AxisFigures:
                 [f * source.rotation(self.probe, j) for j, f in self.motion[2].items()]
             ),
             input_stiffness=self._input_stiffness,
-            output_stiffness=lambda: 1.0 / self.held[0],
+            output_stiffness=lambda: 1.0 / self.probe_compliance[0],
             sag=self._sag,
             yields=math.isfinite(probe_stiffness(system, nominal.probe, drives="in place")),
-            seen=bool(np.any(system.probes[self.probe].vector)),
+            visible=bool(np.any(system.probes[self.probe].vector)),
         )
         return axis_figures(system, nominal, decided.stage.material, measures)
 
@@ -391,6 +391,6 @@ class AxisFigures:
 
     def _sag(self) -> Any:
         source = self.source
-        parts = [f * source.sag_drive(self.probe, j) for j, f in self.held[1].items()]
+        parts = [f * source.sag_drive(self.probe, j) for j, f in self.probe_compliance[1].items()]
         sag = source.sag(self.probe)
         return sag - added(parts) if parts else sag

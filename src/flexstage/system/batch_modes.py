@@ -2,10 +2,10 @@ r"""Natural frequencies of many stages at once, of the modes by which the axes m
 
 Subspace iteration (K.-J. Bathe, E. L. Wilson, Int. J. Numer. Methods Eng. 6 (1973) 213) from modes
 of the nominal stage: :math:`Y = K^{-1} M X`, then the small problem of :math:`Y^T K Y = Y^T M X`
-and :math:`Y^T M Y`. It needs nothing but the factor that the statics have made already. A sample is
-done when two things are shown for it: that the residual of the mode is negligible, and that no mode
-outside of the subspace can give more of the static response than the one that was chosen, by the
-inequality of A. L. Cauchy and H. A. Schwarz. All others are solved in full.
+and :math:`Y^T M Y`. It needs only the factor of the statics. A sample is complete when two
+conditions hold: that the residual of the mode is negligible, and that no mode outside of the
+subspace can give more of the static response than the selected one, by the inequality of A.
+L. Cauchy and H. A. Schwarz. All others are solved in full.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.system.batch import samples_first, samples_last
 from flexstage.system.block_cholesky import BlockFactor
-from flexstage.system.characteristics import ALIKE, AS_MUCH, MODES_SEARCHED
+from flexstage.system.characteristics import AS_MUCH, MODES_SEARCHED, SAME_FREQUENCY
 from flexstage.system.forward_mode import array_namespace, root
 from flexstage.system.mechanical import MechanicalSystem
 from flexstage.system.modes import generalized_modes
@@ -35,7 +35,7 @@ _STEPS = 16
 _RESIDUAL_FREQUENCY = 1e-8
 _RESIDUAL_SHAPE = 1e-11
 # Shapes with a larger one are not modes yet: they count as outside of the subspace.
-_KNOWN = 1e-3
+_CONVERGED = 1e-3
 
 
 def start_shapes(
@@ -65,22 +65,22 @@ def start_shapes(
     return None
 
 
-#: A vector of few bodies: their numbers, and its parts, each of shape (3, S).
+#: A vector of a few bodies: their numbers, and its parts, each of shape (3, S).
 Form = Sequence[tuple[int, Array]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenReading:
-    """A force and a reading: sought is the mode that gives most of the one for the other."""
+    """A force and a reading, for the mode that gives the largest share of the response."""
 
     force: Form
     """Force d on each coordinate."""
     reading: Form
     """Reading p of each coordinate."""
     pushed: Array
-    """What the force moves itself at rest, :math:`d^T K^{-1} d`, shape (S,)."""
+    """Static compliance at the force, :math:`d^T K^{-1} d`, shape (S,)."""
     read: Array
-    """What the reading would, taken as a force, :math:`p^T K^{-1} p`, shape (S,)."""
+    """Static compliance at the reading, :math:`p^T K^{-1} p`, shape (S,)."""
 
 
 def axis_modes(
@@ -97,62 +97,62 @@ def axis_modes(
 
     `mass` is the diagonal of M by body, shape (k, 3, S), `blocks` are those of K, `count` is S;
     `shapes` asks for more digits, for what depends on the shapes. Returns by axis the squared
-    angular frequency, and the sum of squares of what its probe reads of this mode and of those
-    alike, which is one over the effective mass, each of shape (S,).
+    angular frequency, and the sum of squares of the readings of its probe in this mode and those of
+    the same frequency, which is the inverse of the effective mass, each of shape (S,).
     """
     xp = factor.xp
     mass = xp.broadcast_to(mass, (*mass.shape[:2], count))
     left = xp.arange(count)
     work = _Work(factor, mass, responses, shapes)
-    found: list[tuple[Array, Array]] = []
+    results: list[tuple[Array, Array]] = []
     if start is not None:
         x = xp.reshape(xp.asarray(start, dtype=mass.dtype), (mass.shape[0], 3, -1, 1))
         for _ in range(_STEPS):
             values, x, done = work.step(x)
             finished, keep = xp.nonzero(done)[0], xp.nonzero(xp.logical_not(done))[0]
-            found.append((xp.take(left, finished), xp.take(values, finished, axis=-1)))
+            results.append((xp.take(left, finished), xp.take(values, finished, axis=-1)))
             left = xp.take(left, keep)
             if not keep.shape[0]:
                 break
             if finished.shape[0]:
-                work, x = work.taken(keep), xp.take(x, keep, axis=-1)
+                work, x = work.subset(keep), xp.take(x, keep, axis=-1)
     if left.shape[0]:
-        some = {at: taken_samples(xp, block, left) for at, block in blocks.items()}
-        whole = _Work(
-            factor.taken(left),
-            taken_samples(xp, mass, left),
-            [_taken_response(xp, r, left) for r in responses],
+        some = {at: select_samples(xp, block, left) for at, block in blocks.items()}
+        remaining = _Work(
+            factor.subset(left),
+            select_samples(xp, mass, left),
+            [_select_response(xp, r, left) for r in responses],
             shapes,
         )
-        found.append((left, whole.in_full(some)))
-    where = xp.argsort(xp.concat([at for at, _ in found]))
-    values = xp.take(xp.concat([value for _, value in found], axis=-1), where, axis=-1)
+        results.append((left, remaining.in_full(some)))
+    where = xp.argsort(xp.concat([at for at, _ in results]))
+    values = xp.take(xp.concat([value for _, value in results], axis=-1), where, axis=-1)
     axes = range(len(responses))
     return [values[0, a, ...] for a in axes], [values[1, a, ...] for a in axes]
 
 
 class _Work:
-    """Samples that are not done yet."""
+    """Samples that are not complete yet."""
 
     def __init__(
         self, factor: BlockFactor, mass: Array, responses: Sequence[DrivenReading], shapes: bool
     ) -> None:
         self.factor, self.mass, self.responses, self.shapes = factor, mass, responses, shapes
 
-    def taken(self, chosen: Array) -> "_Work":
+    def subset(self, numbers: Array) -> "_Work":
         """Return some of the samples, by their numbers."""
         xp = self.factor.xp
         return _Work(
-            self.factor.taken(chosen),
-            taken_samples(xp, self.mass, chosen),
-            [_taken_response(xp, r, chosen) for r in self.responses],
+            self.factor.subset(numbers),
+            select_samples(xp, self.mass, numbers),
+            [_select_response(xp, r, numbers) for r in self.responses],
             self.shapes,
         )
 
     def step(self, x: Array) -> tuple[Array, Array, Array]:
         """Do one step from shapes, (k, 3, m, S).
 
-        Returns what is found, shape (2, a, S), the next shapes, and which samples are done.
+        Returns the results, shape (2, a, S), the next shapes, and which samples are complete.
         """
         xp, mass = self.factor.xp, self.mass[:, :, None, :]
         right = mass * x
@@ -163,15 +163,15 @@ class _Work:
         away = old - value * new
         squares = mass * away * away
         off = xp.sqrt(total(squares, 2)) / value
-        values, done = self._judged(value, new, off)
+        values, done = self._selected_modes(value, new, off)
         return values, new, xp.logical_or(done, xp.logical_not(self.factor.regular))
 
-    def _judged(self, value: Array, shape: Array, off: Array) -> tuple[Array, Array]:
-        """Choose the mode of each axis, and say for which samples that is sure and exact."""
+    def _selected_modes(self, value: Array, shape: Array, off: Array) -> tuple[Array, Array]:
+        """Select the mode of each axis; also return for which samples that is certain and exact."""
         xp = self.factor.xp
         limit = _RESIDUAL_SHAPE if self.shapes else _RESIDUAL_FREQUENCY
-        known = off < _KNOWN
-        omega, shown, sure = [], [], xp.ones_like(self.factor.regular)
+        converged = off < _CONVERGED
+        omega, readings, sure = [], [], xp.ones_like(self.factor.regular)
         for response in self.responses:
             p, d = applied(response.reading, shape), applied(response.force, shape)
             share = xp.abs(p * d) / value
@@ -183,21 +183,21 @@ class _Work:
                 as_much = share[k, ...] >= (1.0 - AS_MUCH) * best
                 squared = xp.where(as_much, value[k, ...], squared)
                 error = xp.where(as_much, off[k, ...], error)
-            alike = xp.abs(xp.sqrt(value / squared) - 1.0) < ALIKE
-            seen = xp.where(alike, p * p, xp.zeros_like(p))
+            same_frequency = xp.abs(xp.sqrt(value / squared) - 1.0) < SAME_FREQUENCY
+            squares = xp.where(same_frequency, p * p, xp.zeros_like(p))
             if self.shapes:
-                error = xp.max(xp.where(alike, off, xp.zeros_like(off)), axis=0)
+                error = xp.max(xp.where(same_frequency, off, xp.zeros_like(off)), axis=0)
             nothing = xp.zeros_like(value)
-            read = response.read - total(xp.where(known, p * p / value, nothing), 1)
-            pushed = response.pushed - total(xp.where(known, d * d / value, nothing), 1)
+            read = response.read - total(xp.where(converged, p * p / value, nothing), 1)
+            pushed = response.pushed - total(xp.where(converged, d * d / value, nothing), 1)
             outside = xp.sqrt(xp.clip(read, 0.0, None) * xp.clip(pushed, 0.0, None))
             sure = xp.logical_and(sure, xp.logical_and(error <= limit, outside < best))
             omega.append(squared)
-            shown.append(total(seen, 1))
-        return xp.stack((xp.stack(omega), xp.stack(shown))), sure
+            readings.append(total(squares, 1))
+        return xp.stack((xp.stack(omega), xp.stack(readings))), sure
 
     def in_full(self, blocks: Mapping[tuple[int, int], Array]) -> Array:
-        """Find all modes, and of them what is asked for, shape (2, a, S)."""
+        """Find all modes, and return the requested results, shape (2, a, S)."""
         xp = self.factor.xp
         bodies = self.mass.shape[0]
         scale = 1.0 / xp.sqrt(self.mass)
@@ -251,11 +251,11 @@ def _small_problem(
     ]
     if m == 1:
         return xp.stack(small[0]), xp.stack((xp.stack(inverse[0]),))
-    whole = xp.stack([small[max(i, j)][min(i, j)] for i in range(m) for j in range(m)], axis=-1)
+    matrix = xp.stack([small[max(i, j)][min(i, j)] for i in range(m) for j in range(m)], axis=-1)
     fine = xp.logical_and(factor.regular, xp.isfinite(_sum([w for row in small for w in row])))
-    usual = xp.eye(m, dtype=whole.dtype)
-    whole = xp.where(fine[:, None, None], xp.reshape(whole, (-1, m, m)), usual)
-    value, vector = xp.linalg.eigh(whole)
+    usual = xp.eye(m, dtype=matrix.dtype)
+    matrix = xp.where(fine[:, None, None], xp.reshape(matrix, (-1, m, m)), usual)
+    value, vector = xp.linalg.eigh(matrix)
     value, vector = samples_last(xp, value), samples_last(xp, vector)
     z = [_sum([inverse[k][i] * vector[k, ...] for k in range(i, m)]) for i in range(m)]
     return value, xp.stack(z)
@@ -275,7 +275,7 @@ def _less(value: Array, products: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _gram(xp: Any, a: Array, b: Array) -> list[list[Array]]:
-    """Products of each shape with each, of what is symmetric; the same below and above."""
+    """Products of each shape with each; symmetric."""
     m = a.shape[2]
     low = [[total(a[:, :, i, :] * b[:, :, j, :], 2) for j in range(i + 1)] for i in range(m)]
     return [[low[max(i, j)][min(i, j)] for j in range(m)] for i in range(m)]
@@ -310,18 +310,18 @@ def total(x: Array, axes: int) -> Array:
     return x[0, ...]
 
 
-def taken_samples(xp: Any, x: Array, chosen: Array) -> Array:
+def select_samples(xp: Any, x: Array, numbers: Array) -> Array:
     """Return some samples of an array that has them last; one for all stays."""
-    return x if x.shape[-1] == 1 else xp.take(x, chosen, axis=-1)
+    return x if x.shape[-1] == 1 else xp.take(x, numbers, axis=-1)
 
 
-def _taken_response(xp: Any, response: DrivenReading, chosen: Array) -> DrivenReading:
+def _select_response(xp: Any, response: DrivenReading, numbers: Array) -> DrivenReading:
     def form(of: Form) -> Form:
-        return [(body, taken_samples(xp, row, chosen)) for body, row in of]
+        return [(body, select_samples(xp, row, numbers)) for body, row in of]
 
     return DrivenReading(
         force=form(response.force),
         reading=form(response.reading),
-        pushed=taken_samples(xp, response.pushed, chosen),
-        read=taken_samples(xp, response.read, chosen),
+        pushed=select_samples(xp, response.pushed, numbers),
+        read=select_samples(xp, response.read, numbers),
     )

@@ -4,7 +4,7 @@ A stage is a sparse graph: a body is joined to a few others, so most of K is emp
 its factor if the bodies are taken in a good order. The order is found once, for the pattern; then
 every number of the elimination is an array over the samples, and each operation is done for all of
 them at once. Only sums, products, quotients and roots of single numbers occur, which IEEE 754
-rounds in one way: a sample has the same bits whatever others it is computed beside.
+rounds in one way: a sample has the same bits whatever other samples are computed with it.
 
 Samples are the last axis of every array here, so that they lie next to each other in memory.
 """
@@ -26,7 +26,7 @@ _PIVOT = 1e-16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elimination:
-    """In which order bodies are eliminated, and which later ones each of them then touches."""
+    """Order of elimination of the bodies, and the later ones that each of them touches."""
 
     order: tuple[int, ...]
     """The bodies."""
@@ -36,7 +36,7 @@ class Elimination:
 
 @lru_cache(maxsize=256)
 def elimination(count: int, pairs: tuple[tuple[int, int], ...]) -> Elimination:
-    """Return the order of elimination by least degree, and what fills in.
+    """Return the order of elimination by least degree, with the fill-in.
 
     W. F. Tinney, J. W. Walker, Proc. IEEE 55 (1967) 1801, scheme 2: next comes the body that is
     joined to the fewest others. `pairs` are the bodies that are joined.
@@ -75,7 +75,7 @@ class BlockFactor:
     xp: Any
     """The namespace of the arrays."""
     plan: Elimination
-    """The order."""
+    """Order of elimination."""
     pivots: tuple[tuple[Array, ...], ...]
     """By body its own factor: the reciprocals of the diagonal l00, l11, l22, then l10, l20, l21,
     each of shape (S,).
@@ -83,7 +83,7 @@ class BlockFactor:
     panels: tuple[Array | None, ...]
     """By body the columns of L below it, those of its later bodies, shape (3 d, 3, S)."""
     regular: Any
-    """Whether the matrix of a sample is positive definite; the factor of one that is not is
+    """True if the matrix of a sample is positive definite; the factor of one that is not is
     finite, and means nothing. Shape (S,).
     """
 
@@ -96,13 +96,13 @@ class BlockFactor:
         xp, plan = self.xp, self.plan
         b = list(right)
         for i in plan.order:
-            own = b[i]
-            if own is None:
+            right_side = b[i]
+            if right_side is None:
                 continue
             r0, r1, r2, l10, l20, l21 = self.pivots[i]
-            y0 = own[0, ...] * r0
-            y1 = (own[1, ...] - l10 * y0) * r1
-            y2 = (own[2, ...] - l20 * y0 - l21 * y1) * r2
+            y0 = right_side[0, ...] * r0
+            y1 = (right_side[1, ...] - l10 * y0) * r1
+            y2 = (right_side[2, ...] - l20 * y0 - l21 * y1) * r2
             b[i] = xp.stack((y0, y1, y2))
             w = self.panels[i]
             if w is None:
@@ -130,11 +130,11 @@ class BlockFactor:
             x[i] = xp.stack((x0, x1, x2))
         return xp.stack(xp.broadcast_arrays(*x))
 
-    def taken(self, chosen: Array) -> "BlockFactor":
+    def subset(self, numbers: Array) -> "BlockFactor":
         """Return the factors of some samples, by their numbers."""
 
         def take(x: Array) -> Array:
-            return x if x.shape[-1] == 1 else self.xp.take(x, chosen, axis=-1)
+            return x if x.shape[-1] == 1 else self.xp.take(x, numbers, axis=-1)
 
         return BlockFactor(
             xp=self.xp,
@@ -166,12 +166,12 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
         return 1.0 / xp.sqrt(xp.where(fine, value, xp.where(full > 0.0, full, one)))
 
     for i in plan.order:
-        own, full = k[i, i], diagonal[i]
-        r0 = root(own[0, 0, ...], full[0, 0, ...])
-        l10, l20 = own[1, 0, ...] * r0, own[2, 0, ...] * r0
-        r1 = root(own[1, 1, ...] - l10 * l10, full[1, 1, ...])
-        l21 = (own[2, 1, ...] - l20 * l10) * r1
-        r2 = root(own[2, 2, ...] - l20 * l20 - l21 * l21, full[2, 2, ...])
+        pivot, full = k[i, i], diagonal[i]
+        r0 = root(pivot[0, 0, ...], full[0, 0, ...])
+        l10, l20 = pivot[1, 0, ...] * r0, pivot[2, 0, ...] * r0
+        r1 = root(pivot[1, 1, ...] - l10 * l10, full[1, 1, ...])
+        l21 = (pivot[2, 1, ...] - l20 * l10) * r1
+        r2 = root(pivot[2, 2, ...] - l20 * l20 - l21 * l21, full[2, 2, ...])
         pivots[i] = (r0, r1, r2, l10, l20, l21)
         later = plan.later[i]
         if not later:
@@ -205,7 +205,7 @@ def factorise(xp: Any, count: int, blocks: Mapping[tuple[int, int], Array]) -> B
 
 
 def _furthest(factor: BlockFactor, diagonal: Mapping[int, Array]) -> Array:
-    """How far a force of the order of 1 on each coordinate moves one, scaled to a unit diagonal."""
+    """Return the displacement by a unit force on each coordinate, scaled to a unit diagonal."""
     xp, count = factor.xp, len(diagonal)
     size = xp.stack([xp.stack([diagonal[i][c, c, ...] for c in range(3)]) for i in range(count)])
     size = xp.sqrt(xp.clip(size, 0.0, None))

@@ -1,4 +1,4 @@
-"""The characteristics of a stage by one model, and the states of its axes that they are read of."""
+"""The characteristics of a stage by one model, and the states of its axes."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -29,24 +29,24 @@ from flexstage.system.statics import (
 
 
 def _coupling(stage: Stage, system: MechanicalSystem) -> CoupledAxes | None:
-    """What all drives do to all axes; None where it says nothing, or cannot be found."""
+    """Return the coupling of all drives and axes; None where there is none, or it is undefined."""
     if len({drive for axis in system.axes for drive in axis.drives}) < 2:
         return None
     try:
-        found = coupled_axes(stage, system)
+        coupling = coupled_axes(stage, system)
     except ModelError:
         # drives that hold the same: then each is looked at by itself
         if any(len(axis.drives) > 1 for axis in system.axes):
             raise
         return None
-    return found
+    return coupling
 
 
 class AxisStates(NamedTuple):
-    """What the drives of a stage do to its axes."""
+    """States of the axes of a stage under its drives."""
 
     coupling: CoupledAxes | None
-    """What all drives do to all axes; None where there is one drive, or drives hold the same."""
+    """Coupling of all drives and axes; None with one drive, or with redundant drives."""
     together: CoupledAxes | None
     """The same where all drives together make the motion of each axis; else each has its own."""
     axes: tuple[AxisAnalysis, ...]
@@ -54,7 +54,7 @@ class AxisStates(NamedTuple):
 
 
 def axis_states(stage: Stage, system: MechanicalSystem) -> AxisStates:
-    """Return what all drives do to all axes, whether that moves the axes, and each at full stroke.
+    """Return the coupling of drives and axes, and the state of each axis at full stroke.
 
     Raises
     ------
@@ -87,14 +87,14 @@ def decoupled_axis(system: MechanicalSystem, coupled: CoupledAxes, axis: str) ->
     system : MechanicalSystem
         The system.
     coupled : CoupledAxes
-        What its drives do to its axes.
+        Coupling of its drives and axes.
     axis : str
         Name of the axis.
 
     Returns
     -------
     AxisAnalysis
-        The motion from its beginning to its end, and the stress that it adds on the way.
+        The motion from its beginning to its end, and the change of stress.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str,
     system : MechanicalSystem
         The system.
     coupled : CoupledAxes
-        What its drives do to its axes.
+        Coupling of its drives and axes.
 
     Returns
     -------
@@ -146,7 +146,8 @@ def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str,
         return {}
     if len(coupled.drives) > MOST_DRIVES:
         raise ModelError(
-            f"the ends of at most {MOST_DRIVES} drives are gone through, got {len(coupled.drives)}"
+            f"stress at the ends of the strokes is computed for at most {MOST_DRIVES} drives, got "
+            f"{len(coupled.drives)}"
         )
     ends = (system.stress.largest(coupled.shapes @ np.array(w)) for w in product(*coupled.strokes))
     worst: dict[str, float] = {}
@@ -156,19 +157,19 @@ def stress_anywhere(system: MechanicalSystem, coupled: CoupledAxes) -> dict[str,
 
 
 #: Natural frequencies that differ by less are one [1].
-ALIKE = 1e-3
+SAME_FREQUENCY = 1e-3
 #: Shares of a response that differ by less, as a part of the larger, are equal [1].
 AS_MUCH = 1e-3
-# what a largest stress, which is read at points of a mesh, differs by from mesh to mesh [1].
+# relative scatter of a largest stress, read at points of a mesh, from mesh to mesh [1].
 _AT_POINTS = 1e-2
-#: Modes that are computed, among which that of an axis is sought.
+#: Number of modes among which that of an axis is selected.
 MODES_SEARCHED = 12
 
 
 def axis_mode(
     system: MechanicalSystem, result: Modes, drive: str | Mapping[str, float], probe: str
 ) -> int:
-    r"""Return the mode by which a drive, or drives with their forces, moves a probe.
+    r"""Return the mode by which a drive, or drives with given forces, moves a probe.
 
     It is the one that gives most of the static response, by
     :math:`|p^T\phi\,\phi^T d|/\omega^2` (`strongest`).
@@ -183,7 +184,7 @@ def axis_mode(
 def strongest(share: Array) -> int:
     """Return the lowest mode that gives the largest share of a response, to `AS_MUCH`.
 
-    Of two axes that are alike and coupled both modes give half; which gives more, rounding says.
+    Of two equal, coupled axes both modes give half, and rounding would decide between them.
     """
     return int(np.flatnonzero(share >= (1.0 - AS_MUCH) * np.nanmax(share))[0])
 
@@ -224,9 +225,9 @@ def axis_characteristics(
     static, port, add = axis.static, system.probe(axis.probe), _Rows(system.model, axis.axis)
     mode = axis_mode(system, removed, static.drive_force, axis.probe)
     frequency_hz = removed.frequency_hz
-    # of modes of one frequency any mixture is one: what they do together is sure
-    alike = np.abs(frequency_hz / frequency_hz[mode] - 1.0) < ALIKE
-    shown = np.sum((port.vector @ removed.shapes[:, alike]) ** 2)
+    # modes of one frequency mix arbitrarily; only their sum is well defined
+    same_frequency = np.abs(frequency_hz / frequency_hz[mode] - 1.0) < SAME_FREQUENCY
+    reading_squares = np.sum((port.vector @ removed.shapes[:, same_frequency]) ** 2)
     stiffness = probe_stiffness(system, axis.probe, drives="in place")
     stress = static.hinge_stress
     hinge = max(stress, key=lambda name: stress[name], default="")
@@ -241,26 +242,28 @@ def axis_characteristics(
             np.float64(gains[name]) * (system.drive(name).smallest_displacement or 0.0)
         ),
         frequency_hz=lambda: frequency_hz[mode],
-        shown=lambda: shown,
+        reading_squares=lambda: reading_squares,
         worst=lambda probes: max((static.readings[p] for p in probes), key=abs),
         rotation=lambda: static.body_motion[port.body][2],
         input_stiffness=lambda: axis.input_stiffness,
         output_stiffness=lambda: stiffness,
         sag=lambda: _sag(stage, system, axis.probe),
         yields=stiffness < math.inf,
-        seen=bool(shown),
+        visible=bool(reading_squares),
     )
     published = {(row.quantity, row.axis) for row in stage.published}
     stacks = any(isinstance(d, PiezoStack) and d.name in axis.drives for d in stage.drives)
     both = stacks and ("natural_frequency_hz", axis.axis) not in published
-    which = "mode" if alike.sum() == 1 else f"the {alike.sum()} modes like"
+    which = "mode" if same_frequency.sum() == 1 else f"the {same_frequency.sum()} modes like"
     notes = {
         **_motion_notes(system, axis, alone=coupled is None),
         **_stress_notes(stage.material, f"hinge '{hinge}', {_over(coupled)}"),
         "natural_frequency_hz": f"mode {mode + 1}, "
         + ("without stack (drives removed)" if both else "drives removed"),
-        axis_quantity("effective_mass", port.unit): f"modal mass of {which} {mode + 1} (drives "
-        "removed) where the probe moves by one",
+        axis_quantity(
+            "effective_mass", port.unit
+        ): f"modal mass of {which} {mode + 1} (drives removed), normalised to unit motion at the "
+        "probe",
     }
     for quantity, value in axis_figures(system, axis, stage.material, measures):
         scatter = _scatter(axis, hinge) if quantity == "max_stress" else None
@@ -276,14 +279,14 @@ def axis_characteristics(
 
 
 def _over(coupled: CoupledAxes | None) -> str:
-    """Say over what the stress of an axis is the largest."""
+    """Return the range of motion over which the stress of an axis is the largest, as text."""
     if coupled is None:
         return "full stroke"
-    return "change from end to end (the largest is of the stage)"
+    return "change over the stroke (the stage has the largest stress)"
 
 
 def _scatter(axis: AxisAnalysis, hinge: str) -> float | None:
-    """Return what the largest stress of an axis may be off by, as far as a mesh tells [Pa]."""
+    """Return the scatter of the largest stress of an axis on its mesh [Pa]."""
     static = axis.static
     if static.stress is None:
         return None
@@ -294,14 +297,14 @@ def _scatter(axis: AxisAnalysis, hinge: str) -> float | None:
 
 
 def _sag(stage: Stage, system: MechanicalSystem, probe: str) -> float:
-    """Return what the weight along the direction of a probe does to it."""
+    """Return the reading of a probe under the weight along its direction."""
     c, s = stage.probe(probe).along
     weight = {"gravity x": c, "gravity y": s}
     return static_loads(system, weight, drives="in place").readings[probe]
 
 
 def _motion_notes(system: MechanicalSystem, axis: AxisAnalysis, *, alone: bool) -> dict[str, str]:
-    """Return what is said of the figures of a motion, by one drive `alone` or by all together."""
+    """Return the notes on the figures of a motion, by one drive `alone` or by all together."""
     port = system.probe(axis.probe)
     unit, turns = port.unit, port.unit == "rad"
     if alone:
@@ -315,7 +318,7 @@ def _motion_notes(system: MechanicalSystem, axis: AxisAnalysis, *, alone: bool) 
     together = len(axis.drives) > 1
     how = "after decoupling" if together else "at full stroke"
     # of the kind of its own: not in parts of a motion that is next to none
-    hardly = "; this axis hardly moves beside it"
+    hardly = "; this axis itself hardly moves"
     cross = f"largest of the other axes, {how}"
     return {
         "input_displacement": pushed,
@@ -361,7 +364,7 @@ class _Rows:
         )
 
     def stress(self, material: Material, stress: float, where: str) -> None:
-        """Add a largest stress, and how far it is from yield and from fatigue."""
+        """Add a largest stress, and its safety factors against yield and fatigue."""
         notes = _stress_notes(material, where)
         strength = partial(_strength, material)
         for quantity, value in stress_figures(material, strength, lambda: stress, stress > 0.0):
@@ -373,7 +376,7 @@ def _strength(material: Material, which: int) -> float | None:
 
 
 def _stress_notes(material: Material, where: str) -> dict[str, str]:
-    """Return what is said of a largest stress and its safeties.
+    """Return the notes on a largest stress and its safety factors.
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the stress as
     its mean and half as its amplitude: 1/n = sigma_a/sigma_f + sigma_m/sigma_y.
@@ -382,20 +385,20 @@ def _stress_notes(material: Material, where: str) -> dict[str, str]:
     return {
         "max_stress": f"equivalent stress at {where}",
         "safety_factor": "against yield",
-        "fatigue_safety": f"stroke from zero to full and back, Soderberg line{cycles}",
+        "fatigue_safety": f"pulsating load, zero to full stroke, Soderberg line{cycles}",
     }
 
 
 def scatter_at_points(row: Characteristic) -> float:
-    """Return what the elements about its point leave a largest stress uncertain by.
+    """Return the uncertainty of a largest stress by the elements about its point.
 
-    Where several meshes tell, what one alone does not know of others is no part of it.
+    It excludes the scatter between meshes, for use where several meshes are known.
     """
     return max((row.uncertainty or 0.0) - _AT_POINTS * abs(row.value), 0.0)
 
 
 def pulsating_limit(material: Material) -> float | None:
-    r"""Return the peak stress that fatigue allows when it goes from zero to it and back.
+    r"""Return the largest peak stress that fatigue allows under pulsating load.
 
     Soderberg's line (C. R. Soderberg, Trans. ASME 52 (1930) APM-52-2), with half of the peak as
     mean and half as amplitude: 1/sigma = (1/sigma_f + 1/sigma_y)/2.
@@ -415,11 +418,11 @@ def pulsating_limit(material: Material) -> float | None:
 
 
 def _loaded(system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, str]]:
-    """Give what temperature, and a force out of the plane, do to a probe, where the model knows."""
-    known = {load.name for load in system.loads}
+    """Yield thermal drift, and stiffness and frequency out of the plane, if the model has them."""
+    load_names = {load.name for load in system.loads}
     if system.probe(probe).unit == "rad":
         return
-    if "temperature" in known:
+    if "temperature" in load_names:
         drift = static_loads(system, {"temperature": 1.0}).readings[probe]
         yield (
             "thermal_drift",
@@ -448,11 +451,11 @@ def _loaded(system: MechanicalSystem, probe: str) -> Iterator[tuple[str, float, 
 def stage_characteristics(
     stage: Stage, system: MechanicalSystem, coupling: CoupledAxes | None
 ) -> list[Characteristic]:
-    """Return the characteristics of the whole: size, mass, and what its drives reach together."""
+    """Return the characteristics of the stage: size, mass, coupling and workspace."""
     model = system.model
     add = _Rows(model, WHOLE_STAGE)
-    masses = {name: found.mass for name, found in mass_properties(stage).items()}
-    add("mass", sum(masses.values()), "all bodies and what is mounted on them")
+    masses = {name: properties.mass for name, properties in mass_properties(stage).items()}
+    add("mass", sum(masses.values()), "all bodies and the masses mounted on them")
     moving = sum(masses[body.name] for body in stage.bodies if not body.fixed)
     add("moving_mass", moving, "all bodies that are not fixed")
     for quantity, value in zip(("width", "height", "thickness"), outer_size(stage), strict=True):
@@ -468,7 +471,7 @@ def stage_characteristics(
     if coupling.coupled and (stress := stress_anywhere(system, coupling)):
         worst = max(stress, key=lambda hinge: stress[hinge])
         add.stress(
-            stage.material, stress[worst], f"hinge '{worst}', drives anywhere in their strokes"
+            stage.material, stress[worst], f"hinge '{worst}', drives anywhere within their strokes"
         )
     reached = coupling.workspace
     if reached is not None:

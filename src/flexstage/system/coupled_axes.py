@@ -14,7 +14,7 @@ from flexstage.stage import Stage
 from flexstage.system.mechanical import AxisPort, DrivePort, MechanicalSystem
 from flexstage.system.statics import static_displacements
 
-#: Drives whose ends of stroke are gone through, 2 to the power of their number.
+#: Most drives of which all combinations of stroke ends are evaluated.
 MOST_DRIVES = 12
 
 
@@ -45,8 +45,8 @@ def zonotope_volume(generators: Array) -> float:
     11.0
     """
     n, d = generators.shape
-    chosen = (generators[:, list(k)] for k in combinations(range(d), n))
-    return float(sum(abs(np.linalg.det(g)) for g in chosen))
+    combined = (generators[:, list(k)] for k in combinations(range(d), n))
+    return float(sum(abs(np.linalg.det(g)) for g in combined))
 
 
 def zonogon_outline(generators: Array) -> Array:
@@ -121,21 +121,21 @@ def box_section(generators: Array, level: float) -> Array:
 
     d = generators.shape[1]
     if d > MOST_DRIVES:
-        raise ModelError(f"a workspace is found of at most {MOST_DRIVES} drives, got {d}")
+        raise ModelError(f"a workspace is computed for at most {MOST_DRIVES} drives, got {d}")
     # a tiny part of the size, so that a section through a corner is not lost to rounding
     slack = 1e-12 * float(np.abs(generators[2]).sum())
-    found = []
+    corners = []
     for free in range(d):
         rest = np.delete(generators, free, axis=1)
-        own = generators[:, free]
+        edge = generators[:, free]
         for signs in product((-0.5, 0.5), repeat=d - 1):
             corner = rest @ np.array(signs)
             gap = level - corner[2]
-            if abs(gap) <= 0.5 * abs(own[2]) + slack:
-                share = 0.0 if own[2] == 0.0 else float(np.clip(gap / own[2], -0.5, 0.5))
-                shares = (share,) if own[2] != 0.0 else (-0.5, 0.5)
-                found += [corner[:2] + s * own[:2] for s in shares]
-    points = np.array(found).reshape(-1, 2)
+            if abs(gap) <= 0.5 * abs(edge[2]) + slack:
+                share = 0.0 if edge[2] == 0.0 else float(np.clip(gap / edge[2], -0.5, 0.5))
+                shares = (share,) if edge[2] != 0.0 else (-0.5, 0.5)
+                corners += [corner[:2] + s * edge[:2] for s in shares]
+    points = np.array(corners).reshape(-1, 2)
     if len(points) < 3:
         return points
     try:
@@ -157,10 +157,10 @@ def polygon_area(corners: Array) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReachableArea:
-    """The positions that all drives reach together, and the angles with them.
+    """The positions, and angles, that all drives reach together.
 
     It is the sum of the strokes of the drives, each along its column of the Jacobian: a polygon, or
-    with a rotation a polyhedron, whose points opposite of the middle are alike.
+    with a rotation a polyhedron, which is symmetric about its middle.
     """
 
     axes: tuple[str, ...]
@@ -168,11 +168,11 @@ class ReachableArea:
     drives: tuple[str, ...]
     """The drives."""
     generators: Array
-    """What the stroke of each drive does [m, m, rad], shape (2, d) or (3, d)."""
+    """Motion for the stroke of each drive [m, m, rad], shape (2, d) or (3, d)."""
     lowest: Array
-    """Where all drives are at the lower end of their strokes [m, m, rad], shape (2,) or (3,)."""
+    """Position with all drives at the start of their strokes [m, m, rad], shape (2,) or (3,)."""
     middle: Array
-    """Where all drives are in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
+    """Position with all drives in the middle of their strokes [m, m, rad], shape (2,) or (3,)."""
 
     __repr__ = short_repr
 
@@ -220,22 +220,22 @@ class ReachableArea:
         return zonotope_volume(self.generators)
 
 
-#: Of the largest singular value, less is none.
+#: A singular value below this part of the largest counts as zero.
 SINGULAR = 1e-9
-#: A drive that moves another axis by more than this of what it moves its own couples them.
+#: A drive that moves another axis by more than this part of its own motion couples them.
 COUPLED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoupledAxes:
-    r"""What all drives of a stage do to all of its axes.
+    r"""Coupling of all drives and axes of a stage.
 
     .. math:: y = J w
 
     with the readings y of the axes and the elongations w of the drives. A column of J is the state
-    with one drive at unit length and all others held at no elongation, as the drives of a parallel
-    mechanism all hold, by their own stiffness or by a sensor of their length. A drive that is a
-    pure force holds nothing: its column is for the force that makes its elongation one by itself.
+    with one drive at unit length and all others held at no elongation, as in a parallel mechanism,
+    by their own stiffness or by a sensor of their length. A drive that is a pure force has no
+    stiffness: its column is for the force that alone gives unit elongation.
     """
 
     axes: tuple[AxisPort, ...]
@@ -277,7 +277,7 @@ class CoupledAxes:
 
     @property
     def independent(self) -> bool:
-        """Whether the drives can move every axis alone: J has the rank of its rows."""
+        """True if the drives can move every axis alone: J has the rank of its rows."""
         values = self.singular_values
         return len(values) == len(self.axes) and bool(values[-1] > SINGULAR * values[0])
 
@@ -296,7 +296,7 @@ class CoupledAxes:
     def isotropy(self) -> float:
         r"""Geometric over arithmetic mean of the squared singular values of the scaled J [1].
 
-        J.-O. Kim, P. K. Khosla, IROS (1991) 758: 1 if all directions are alike, 0 if one is lost.
+        J.-O. Kim, P. K. Khosla, IROS (1991) 758: 1 if all directions are equal, 0 if one is lost.
         """
         squares = self.singular_values**2
         if len(squares) < len(self.axes):
@@ -314,16 +314,16 @@ class CoupledAxes:
 
     @property
     def coupled(self) -> bool:
-        """Whether the axes have to be looked at together.
+        """True if the axes have to be treated together.
 
-        So it is where an axis has several drives, or where a drive moves the axis of another by
-        more than half of what it moves its own, rotations times the characteristic length.
+        This holds where an axis has several drives, or where a drive moves the axis of another by
+        more than half of the motion of its own, rotations times the characteristic length.
 
         Notes
         -----
         Validity: a convention. Two axes that name each other's drives are called coupled, though
-        each drive moves one axis alone; and of a rotation beside a displacement the answer
-        depends on the length, so that a larger platform may be called otherwise.
+        each drive moves one axis alone; and with a rotation and a displacement the answer depends
+        on the length, so that it may differ for a larger platform.
         """
         if any(len(axis.drives) > 1 for axis in self.axes):
             return True
@@ -350,23 +350,23 @@ class CoupledAxes:
         if not self.independent:
             raise ModelError(
                 f"the drives {', '.join(self.drives)} cannot move the axes "
-                f"{', '.join(self.names)} one by one, as what they do is not independent: leave an "
-                "axis out, or add a drive"
+                f"{', '.join(self.names)} one by one, because their effects are not independent: "
+                "remove an axis, or add a drive"
             )
         return np.linalg.pinv(self.jacobian / self._sizes[:, None]) / self._sizes
 
     @property
     def _sizes(self) -> Array:
-        """Size of each axis' motion, so that metres and radians are alike to the solvers."""
+        """Size of the motion of each axis, by which the solvers scale metres and radians."""
         return np.abs(self.jacobian).max(axis=1)
 
     def gains(self, axis: str) -> dict[str, float]:
-        """Return what an axis reads for a unit of each drive [m/m, or rad/m], by drive."""
+        """Return the reading of an axis for unit elongation of each drive [m/m, or rad/m]."""
         row = self.jacobian[self.names.index(axis)]
         return dict(zip(self.drives, row.tolist(), strict=True))
 
     def elongations(self, axis: str) -> Array:
-        r"""Return how far each drive goes for the longest motion along an axis alone.
+        r"""Return the elongation of each drive for the longest motion along an axis alone.
 
         The motion t is the largest for which drives within their strokes begin and end it, from
         wherever suits it: :math:`J v = t e` with :math:`|v_j|` at most the stroke of drive j. For
@@ -399,17 +399,17 @@ class CoupledAxes:
 
         # unknowns: the part of its stroke that each drive takes, and the motion, of the order of 1
         rows = self.jacobian * span / (self._sizes * span.max())[:, None]
-        wanted = np.zeros((len(self.axes), 1))
-        wanted[i] = -1.0
+        unit_motion = np.zeros((len(self.axes), 1))
+        unit_motion[i] = -1.0
         d = len(self.drives)
-        found = linprog(
+        solution = linprog(
             np.r_[np.zeros(d), -1.0],
-            A_eq=np.hstack((rows, wanted)),
+            A_eq=np.hstack((rows, unit_motion)),
             b_eq=np.zeros(len(self.axes)),
             bounds=[(-1.0, 1.0)] * d + [(0.0, None)],
             method="highs",
         )
-        return span * found.x[:d]
+        return span * solution.x[:d]
 
     def _plane(self) -> tuple[int, int, tuple[int, ...]]:
         """Rows of the first two displacements, and of the rotations."""
@@ -417,14 +417,14 @@ class CoupledAxes:
         turning = tuple(i for i, unit in enumerate(self.units) if unit == "rad")
         if len(straight) < 2 or len(turning) > 1:
             raise ModelError(
-                "a workspace is that of two displacements, with one rotation or none: the axes are "
+                "a workspace needs two displacements and at most one rotation: the axes are "
                 f"{', '.join(f'{a} [{u}]' for a, u in zip(self.names, self.units, strict=True))}"
             )
         return straight[0], straight[1], turning
 
     @property
     def workspace(self) -> ReachableArea | None:
-        """What all drives reach together; None where no two displacements are axes."""
+        """Workspace of all drives together; None unless two displacements are axes."""
         try:
             first, second, turning = self._plane()
         except ModelError:
@@ -479,7 +479,7 @@ def characteristic_length(stage: Stage, drives: Sequence[str], probe: str) -> fl
 def coupled_axes(
     stage: Stage, system: MechanicalSystem, *, length: float | None = None
 ) -> CoupledAxes:
-    """Return what the drives of a stage do to its axes together.
+    """Return the coupling of the drives and axes of a stage.
 
     Parameters
     ----------
@@ -499,13 +499,13 @@ def coupled_axes(
     Raises
     ------
     ModelError
-        No axis is named; a drive has no stroke, moves nothing, or moves what others hold.
+        There is no axis; a drive has no stroke, moves nothing, or is redundant.
 
     Notes
     -----
     Validity: small displacements, as the system. The drives keep the elongation that they are
-    given: a stack by itself gives less of its free displacement, by its stiffness against that of
-    the stage.
+    given: a stack reaches less than its free displacement, by its stiffness against that of the
+    stage.
 
     Examples
     --------
@@ -519,7 +519,7 @@ def coupled_axes(
     condition 1.049, 4347 um2
     """
     if not system.axes:
-        raise ModelError(f"stage '{stage.name}' names no axis: add one, with its drives and probe")
+        raise ModelError(f"stage '{stage.name}' has no axis: add one, with its drives and probe")
     axes = system.axes
     names = tuple(d.name for d in system.drives if any(d.name in a.drives for a in axes))
     stiff = [n for n in names if system.drive(n).stiffness != 0.0]
@@ -553,7 +553,7 @@ def coupled_axes(
 
 
 def _range(port: DrivePort, stiffness: float) -> tuple[float, float]:
-    """Least and greatest elongation of a drive; a force works both ways."""
+    """Return the least and greatest elongation of a drive; a force acts both ways."""
     if port.stroke is not None:
         return 0.0, port.stroke
     if port.largest_force is None:

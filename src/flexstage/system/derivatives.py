@@ -1,6 +1,6 @@
 r"""Analytic derivatives of the characteristics of a stage, by any number of parameters at once.
 
-With derivatives of M and K, of what drives push and probes read, marked by a dot, statics are
+With derivatives of M, K and the vectors of drives and probes marked by a dot, statics are
 
 .. math:: K\dot q = \dot f - \dot K q,
 
@@ -17,13 +17,13 @@ and the shape of a mode follows in the basis of all of them (the same; R. B. Nel
 (1976) 1201, avoids that basis, which pays for large systems: here n is small).
 
 *Modes of one frequency.* Where several modes share :math:`\omega^2`, to rounding, those that the
-change leaves apart are the eigenvectors of :math:`\Phi^T(\dot K - \omega^2\dot M)\Phi`, and its
-eigenvalues are the derivatives; that of the mode that moves the axis is taken, as the figure itself
-takes it. An effective mass is that of all modes alike: their projector :math:`\Phi\Phi^T M` is
-smooth even where they cross.
+change separates are the eigenvectors of :math:`\Phi^T(\dot K - \omega^2\dot M)\Phi`, and its
+eigenvalues are the derivatives; that of the mode that moves the axis is used, as by the figure
+itself. An effective mass is that of all modes of one frequency: their projector :math:`\Phi\Phi^T
+M` is smooth even where they cross.
 
-What is a largest of several has the derivative of the active one; of stresses that are the largest
-alike, the mean of the derivatives to either side.
+A largest of several values has the derivative of the active one; of equal largest stresses, the
+mean of the derivatives to either side.
 """
 
 from collections.abc import Collection
@@ -37,7 +37,7 @@ from flexstage.base.errors import ModelError
 from flexstage.system.batch import SystemBatch, samples_last
 from flexstage.system.batch_analysis import FieldSource, require_known
 from flexstage.system.batch_figures import StageFigures, decisions
-from flexstage.system.characteristics import ALIKE, MODES_SEARCHED, strongest
+from flexstage.system.characteristics import MODES_SEARCHED, SAME_FREQUENCY, strongest
 from flexstage.system.figure_source import Key, added
 from flexstage.system.forward_mode import Dual
 from flexstage.system.statics import solve_stiffness
@@ -48,7 +48,7 @@ _ONE = 1e-8
 
 
 def characteristic_derivatives(
-    batch: SystemBatch, slopes: SystemBatch, wanted: Collection[Key] | None = None
+    batch: SystemBatch, slopes: SystemBatch, keys: Collection[Key] | None = None
 ) -> dict[Key, Array]:
     r"""Return the derivatives of the characteristics of a stage by parameters.
 
@@ -58,8 +58,8 @@ def characteristic_derivatives(
         The stage: one sample.
     slopes : SystemBatch
         Derivatives of its fields, with a leading axis of p parameters; of 1 where they are zero.
-    wanted : Collection of tuple, optional
-        Figures as quantity and axis; all that `flexstage.system.batch_characteristics` knows where
+    keys : Collection of tuple, optional
+        Figures as quantity and axis; all those of `flexstage.system.batch_characteristics` where
         not given.
 
     Returns
@@ -71,13 +71,13 @@ def characteristic_derivatives(
     Raises
     ------
     ModelError
-        There are several samples, the stage is a mechanism, or a figure is not known.
+        There are several samples, the stage is a mechanism, or a figure is not available.
 
     Notes
     -----
-    Validity: as the model; exact to rounding. Where several stresses are the largest alike, a
-    figure has a kink, and this is the mean of its two sides; where two modes of one frequency move
-    an axis alike, it is that of one of them.
+    Validity: as the model; exact to rounding. Where several largest stresses are equal, a figure
+    has a kink, and this is the mean of its two sides; where two modes of one frequency move an axis
+    equally, it is that of one of them.
 
     Examples
     --------
@@ -99,14 +99,14 @@ def characteristic_derivatives(
     source = _Slopes(batch, slopes)
     figures = StageFigures(decisions(batch.stage, batch.nominal), source)
     source.figures = figures
-    chosen = list(figures.rows) if wanted is None else list(wanted)
-    require_known(batch, chosen, figures.rows)
+    selected = list(figures.rows) if keys is None else list(keys)
+    require_known(batch, selected, figures.rows)
     count = max(getattr(slopes, name).shape[0] for name in ("stiffness", "mass", "stroke", "size"))
-    return {key: np.broadcast_to(figures.rows[key]().tangent, (count,)).copy() for key in chosen}
+    return {key: np.broadcast_to(figures.rows[key]().tangent, (count,)).copy() for key in selected}
 
 
 class _Slopes(FieldSource):
-    """What figures are made of, with derivatives."""
+    """Ingredients of figures, with derivatives."""
 
     figures: StageFigures
 
@@ -134,7 +134,7 @@ class _Slopes(FieldSource):
                 out[:, 3 * body : 3 * body + 3] += rows[:, side]
         return out
 
-    def _whole(self, blocks: Array) -> Array:
+    def _full_matrices(self, blocks: Array) -> Array:
         """Full matrices of blocks."""
         out = np.zeros((blocks.shape[0], self.order, self.order))
         for i, (row, column) in enumerate(self.batch.blocks):
@@ -147,13 +147,13 @@ class _Slopes(FieldSource):
     @cached_property
     def stiffness(self) -> Array:
         """K."""
-        k = self._whole(self.batch.stiffness)[0]
+        k = self._full_matrices(self.batch.stiffness)[0]
         return 0.5 * (k + k.T)
 
     @cached_property
     def stiffness_slope(self) -> Array:
         """Derivatives of K."""
-        return self._whole(self.slopes.stiffness)
+        return self._full_matrices(self.slopes.stiffness)
 
     @cached_property
     def _loads(self) -> tuple[Array, dict[tuple[str, int], int]]:
@@ -166,8 +166,8 @@ class _Slopes(FieldSource):
         for i in range(len(self._probe)):
             where["weight", i] = len(columns)
             columns.append(self._weight(i)[0])
-        held = np.zeros((self.order, 0))
-        return solve_stiffness(self.stiffness, np.array(columns).T, held)[0], where
+        no_constraints = np.zeros((self.order, 0))
+        return solve_stiffness(self.stiffness, np.array(columns).T, no_constraints)[0], where
 
     def _shape(self, kind: str, which: int) -> Array:
         shapes, where = self._loads
@@ -192,7 +192,7 @@ class _Slopes(FieldSource):
         return (self._drive if kind == "drive" else self._probe)[which]
 
     def _compliance(self, a: tuple[str, int], b: tuple[str, int]) -> Dual:
-        """What one vector reads of the shape for another one, with its derivatives."""
+        """Reading of one vector of the shape for another one, with its derivatives."""
         (u, u_slope), (_, v_slope) = self._pair(*a), self._pair(*b)
         q_u, q_v = self._shape(*a), self._shape(*b)
         slope = (
@@ -208,7 +208,7 @@ class _Slopes(FieldSource):
     def reach(self, probe: int, drive: int) -> Dual:
         return self._compliance(("probe", probe), ("drive", drive))
 
-    def own(self, probe: int) -> Dual:
+    def self_response(self, probe: int) -> Dual:
         return self._compliance(("probe", probe), ("probe", probe))
 
     def sag(self, probe: int) -> Dual:
@@ -217,15 +217,15 @@ class _Slopes(FieldSource):
     def sag_drive(self, probe: int, drive: int) -> Dual:
         return self._compliance(("drive", drive), ("weight", probe))
 
-    def _moved(self, drive: int) -> tuple[Array, Array]:
+    def _drive_shape(self, drive: int) -> tuple[Array, Array]:
         """Shape for a unit force of a drive, and its derivatives."""
         q, (_, slope) = self._shape("drive", drive), self._drive[drive]
         right = slope - self.stiffness_slope @ q
-        held = np.zeros((self.order, 0))
-        return q, solve_stiffness(self.stiffness, right.T, held)[0].T
+        no_constraints = np.zeros((self.order, 0))
+        return q, solve_stiffness(self.stiffness, right.T, no_constraints)[0].T
 
     def stress(self, drive: int) -> Dual:
-        q, slope = self._moved(drive)
+        q, slope = self._drive_shape(drive)
         rows, rows_slope = self.batch.stress[0], self.slopes.stress
         value = np.zeros((rows.shape[0], 1))
         tangent = np.zeros((rows.shape[0], max(slope.shape[0], rows_slope.shape[0])))
@@ -241,7 +241,7 @@ class _Slopes(FieldSource):
         body = self.batch.probe_bodies[probe][0]
         if body < 0:
             return Dual(np.zeros(1), np.zeros(1))
-        q, slope = self._moved(drive)
+        q, slope = self._drive_shape(drive)
         return Dual(q[3 * body + 2 : 3 * body + 3], slope[:, 3 * body + 2])
 
     @cached_property
@@ -256,8 +256,8 @@ class _Slopes(FieldSource):
         d = added([f.value * self._drive[j][0] for j, f in figure.motion[1].items()])
         last = min(MODES_SEARCHED, value.size)
         share = np.abs((p @ shapes) * (d @ shapes))[:last] / value[:last]
-        chosen = strongest(share)
-        squared, mass_slope = value[chosen], self.slopes.mass
+        selected = strongest(share)
+        squared, mass_slope = value[selected], self.slopes.mass
 
         def between(left: Array, right: Array) -> tuple[Array, Array]:
             """Derivatives of K and of M between shapes, (p, a, b)."""
@@ -267,20 +267,26 @@ class _Slopes(FieldSource):
         one = np.flatnonzero(np.abs(value / squared - 1.0) < _ONE)
         k, m = between(shapes[:, one], shapes[:, one])
         slope = self._of_one(k - squared * m, p @ shapes[:, one], d @ shapes[:, one])
-        alike = np.zeros(value.size, dtype=bool)
-        alike[:last] = np.abs(np.sqrt(value[:last] / squared) - 1.0) < ALIKE
+        same_frequency = np.zeros(value.size, dtype=bool)
+        same_frequency[:last] = np.abs(np.sqrt(value[:last] / squared) - 1.0) < SAME_FREQUENCY
         read = p @ shapes
-        shown = float(np.sum(read[alike] ** 2))
-        k, m = between(shapes[:, alike], shapes)
-        change = k - value[alike][:, None] * m
-        # of modes alike among each other only M counts, that of the projector on all of them
-        apart = value[alike][:, None] - value
+        reading_squares = float(np.sum(read[same_frequency] ** 2))
+        k, m = between(shapes[:, same_frequency], shapes)
+        change = k - value[same_frequency][:, None] * m
+        # among modes of one frequency only M counts, that of the projector on all of them
+        apart = value[same_frequency][:, None] - value
         with np.errstate(divide="ignore"):
-            gap = np.where(alike, 0.0, 1.0 / apart)
-        turned = 2.0 * np.einsum("a,pab,ab,b->p", read[alike], change, gap, read, optimize=True)
-        inside = np.einsum("a,pab,b->p", read[alike], m[:, :, alike], read[alike])
-        moved = 2.0 * (p_slope @ shapes[:, alike]) @ read[alike]
-        return Dual(np.array([squared]), slope), Dual(np.array([shown]), turned - inside + moved)
+            gap = np.where(same_frequency, 0.0, 1.0 / apart)
+        turned = 2.0 * np.einsum(
+            "a,pab,ab,b->p", read[same_frequency], change, gap, read, optimize=True
+        )
+        inside = np.einsum(
+            "a,pab,b->p", read[same_frequency], m[:, :, same_frequency], read[same_frequency]
+        )
+        moved = 2.0 * (p_slope @ shapes[:, same_frequency]) @ read[same_frequency]
+        return Dual(np.array([squared]), slope), Dual(
+            np.array([reading_squares]), turned - inside + moved
+        )
 
     @staticmethod
     def _of_one(change: Array, p: Array, d: Array) -> Array:

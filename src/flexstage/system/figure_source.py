@@ -1,7 +1,7 @@
-"""Which figures are quoted of an axis, and what each is made of: once for all that compute them.
+"""Figures of an axis and their ingredients, for every way to compute them.
 
-One stage is told by its states (`flexstage.system.characteristics`), many at once and derivatives
-by what unit forces do (`flexstage.system.batch_figures`): both give what is asked for here.
+For one stage they are its states (`flexstage.system.characteristics`), for many stages and for
+derivatives the responses to unit forces (`flexstage.system.batch_figures`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,15 +27,15 @@ _OF_ROTATION = {
 
 
 def axis_quantity(quantity: str, unit: str) -> str:
-    """Return what a figure of an axis is called, by the unit in which the axis is read."""
+    """Return the name of a figure of an axis, by the unit in which the axis is read."""
     return _OF_ROTATION[quantity] if unit == "rad" else quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisMeasures:
-    """What the figures of an axis are made of, for one stage, over samples or with derivatives.
+    """Ingredients of the figures of an axis, for one stage, over samples or with derivatives.
 
-    Each is computed when it is called for.
+    Each is computed when it is called.
     """
 
     input: Callable[[], Any]
@@ -47,11 +47,11 @@ class AxisMeasures:
     strength: Callable[[int], Any]
     """Yield strength (0), and largest pulsating stress (1) [Pa]."""
     step: Callable[[str], Any]
-    """What the smallest displacement of a drive moves the probe by, signed."""
+    """Reading of the probe for the smallest displacement of a drive, signed."""
     frequency_hz: Callable[[], Any]
     """Frequency of the mode by which the axis moves [Hz]."""
-    shown: Callable[[], Any]
-    """Sum of squares of what the probe reads of this mode and those alike [1/kg, 1/(kg m^2)]."""
+    reading_squares: Callable[[], Any]
+    """Sum of squares of the readings in this mode and those of its frequency [1/kg, 1/(kg m^2)]."""
     worst: Callable[[list[str]], Any]
     """Reading of some probes over the stroke that is the largest, with its sign."""
     rotation: Callable[[], Any]
@@ -63,18 +63,18 @@ class AxisMeasures:
     sag: Callable[[], Any]
     """Reading of the probe for the weight along the axis, drives in place [m]."""
     yields: bool
-    """Whether a force on the probe moves it."""
-    seen: bool
-    """Whether the probe reads the modes by which the axis moves."""
+    """True if a force on the probe moves it."""
+    visible: bool
+    """True if the probe reads the modes by which the axis moves."""
 
 
 def axis_figures(
     system: MechanicalSystem, axis: AxisAnalysis, material: Material, measures: AxisMeasures
 ) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Give the figures of an axis, in their order: quantity, and what computes it.
+    """Yield the figures of an axis, in their order: quantity, and its function.
 
-    Which there are is decided on one stage, `system` with the full stroke of its `axis`, for all
-    that the `measures` are of.
+    The choice of figures is made on one stage, `system` with the full stroke of its `axis`, for all
+    stages of the `measures`.
     """
     port = system.probe(axis.probe)
     unit, turns = port.unit, port.unit == "rad"
@@ -93,40 +93,47 @@ def axis_figures(
         )
     yield "natural_frequency_hz", measures.frequency_hz
     for quantity, probes in _cross_figures(system, axis):
-        own = measures.output if quantity == "cross_coupling" else lambda: 1.0
-        yield quantity, lambda probes=probes, own=own: measures.worst(probes) / own()
+        reference = measures.output if quantity == "cross_coupling" else lambda: 1.0
+        yield (
+            quantity,
+            lambda probes=probes, reference=reference: measures.worst(probes) / reference(),
+        )
     if not turns and port.body in axis.static.body_motion:
         yield "parasitic_rotation", measures.rotation
     yield "input_stiffness", measures.input_stiffness
     if measures.yields:
         yield axis_quantity("output_stiffness", unit), measures.output_stiffness
-    if measures.seen:
-        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.shown()
+    if measures.visible:
+        yield axis_quantity("effective_mass", unit), lambda: 1.0 / measures.reading_squares()
     if not turns and {"gravity x", "gravity y"} <= {load.name for load in system.loads}:
         yield "gravity_sag", measures.sag
 
 
 def _cross_figures(system: MechanicalSystem, axis: AxisAnalysis) -> Iterator[tuple[str, list[str]]]:
-    """Give the figures that tell what the probes of other axes read over the stroke of one.
+    """Yield the figures for the probes of other axes over the stroke of one.
 
-    Each is the largest reading of some of them: in parts of its own motion (``cross_coupling``)
-    where they are of the same kind, and not nothing beside it; as it is otherwise.
+    Each is the largest reading of some of them: relative to the motion of the axis
+    (``cross_coupling``) where they are of the same kind and that motion is not negligible;
+    otherwise absolute.
     """
     others = [other.probe for other in system.axes if other.name != axis.axis]
     unit = system.probe(axis.probe).unit
-    alike = [p for p in others if system.probe(p).unit == unit]
+    same_kind = [p for p in others if system.probe(p).unit == unit]
     unlike = [p for p in others if system.probe(p).unit != unit]
     ways = ("cross_rotation", "cross_displacement")
-    if alike:
-        worst, own = max(abs(axis.static.readings[p]) for p in alike), abs(axis.output_displacement)
-        moves = own >= _NOTHING * worst and own != 0.0
-        yield "cross_coupling" if moves else ways[unit == "m"], alike
+    if same_kind:
+        worst, own_motion = (
+            max(abs(axis.static.readings[p]) for p in same_kind),
+            abs(axis.output_displacement),
+        )
+        moves = own_motion >= _NOTHING * worst and own_motion != 0.0
+        yield "cross_coupling" if moves else ways[unit == "m"], same_kind
     if unlike:
         yield ways[unit == "rad"], unlike
 
 
 class Source(Protocol):
-    """What figures are made of, as values over samples or as values with derivatives.
+    """Ingredients of figures, as values over samples or as values with derivatives.
 
     Drives and probes are numbered as the system has them.
     """
@@ -137,7 +144,7 @@ class Source(Protocol):
     def reach(self, probe: int, drive: int) -> Any:
         """Reading of a probe for a unit force of a drive."""
 
-    def own(self, probe: int) -> Any:
+    def self_response(self, probe: int) -> Any:
         """Reading of a probe for a unit force along itself."""
 
     def sag(self, probe: int) -> Any:
@@ -157,7 +164,7 @@ class Source(Protocol):
         ...
 
     def of_drive(self, field: str, drive: int) -> Any:
-        """A field of the batch that is given by drive."""
+        """Return a field of the batch that is given by drive."""
 
     def strength(self, which: int) -> Any:
         """Yield strength, or largest pulsating stress [Pa]."""
@@ -173,7 +180,7 @@ class Source(Protocol):
         """Width, height and thickness of the plate [m]."""
 
     def fine(self) -> Any:
-        """Samples whose stiffness is regular; None where no other comes up."""
+        """Samples whose stiffness is regular; None where all are."""
 
 
 def added(parts: list[Any]) -> Any:
@@ -195,7 +202,7 @@ def stress_figures(
     stress: Callable[[], Any],
     stressed: bool = True,
 ) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Give a largest stress, and how far it is from yield and from fatigue where it is not zero."""
+    """Yield a largest stress and, where it is not zero, the safety against yield and fatigue."""
     yield "max_stress", stress
     if stressed and material.yield_strength is not None:
         yield "safety_factor", lambda: strength(0) / stress()

@@ -1,4 +1,4 @@
-r"""Numbers with their derivatives, so that a formula is written once for both.
+r"""Numbers with their derivatives, so that one formula serves for both.
 
 A `Dual` is a value and its derivative in several directions, :math:`x + \epsilon\,\dot x`; sums,
 products and quotients follow the rules of calculus (R. E. Wengert, Comm. ACM 7 (1964) 463), exact
@@ -15,7 +15,7 @@ from flexstage.base.errors import ModelError
 from flexstage.base.lazy import require_extra
 
 # values that differ by less than this of them are one, but for rounding
-_ALIKE = 1e-9
+_EQUAL = 1e-9
 
 
 def array_namespace(*arrays: Array) -> Any:
@@ -24,7 +24,7 @@ def array_namespace(*arrays: Array) -> Any:
     Raises
     ------
     ModelError
-        The library has none of itself (CuPy, PyTorch), and array-api-compat is not installed.
+        The library has none of its own (CuPy, PyTorch), and array-api-compat is not installed.
     """
     first = next((a for a in arrays if not isinstance(a, np.generic | float)), None)
     if first is None or isinstance(first, np.ndarray):
@@ -107,13 +107,13 @@ def magnitude(x: Any) -> Any:
 def largest_row(x: Any) -> Any:
     """Return the largest value along the first axis; its derivative is that of the active row.
 
-    Of rows that are alike to rounding it is the mean of the derivatives to either side, as central
-    differences have it.
+    Of rows equal to rounding it is the mean of the derivatives to either side, as by central
+    differences.
     """
     if not isinstance(x, Dual):
         return array_namespace(x).max(x, axis=0)
     value = np.max(x.value, axis=0)
-    active = x.value >= value - _ALIKE * np.abs(value)
+    active = x.value >= value - _EQUAL * np.abs(value)
     least = np.min(np.where(active, x.tangent, np.inf), axis=0)
     most = np.max(np.where(active, x.tangent, -np.inf), axis=0)
     return Dual(value, 0.5 * (least + most))
@@ -127,11 +127,11 @@ def largest(values: Sequence[Any], *, by_magnitude: bool = False) -> Any:
     best = values[0]
     for other in values[1:]:
         a, b = (magnitude(other), magnitude(best)) if by_magnitude else (other, best)
-        best = _chosen(_value(a) > _value(b), other, best)
+        best = _where(_value(a) > _value(b), other, best)
     return best
 
 
-def _chosen(condition: Any, a: Any, b: Any) -> Any:
+def _where(condition: Any, a: Any, b: Any) -> Any:
     if isinstance(a, Dual) or isinstance(b, Dual):
         x, y = _dual(a), _dual(b)
         return Dual(
@@ -147,8 +147,8 @@ def _value(x: Any) -> Array:
 def singular_values(rows: Sequence[Sequence[Any]], fine: Any = None) -> list[Any]:
     r"""Return the singular values of a matrix given by its entries, falling.
 
-    Their derivative is :math:`\dot\sigma_i = u_i^T \dot A v_i`. Where `fine` says no, the matrix is
-    taken for that of the unit, and its values mean nothing.
+    Their derivative is :math:`\dot\sigma_i = u_i^T \dot A v_i`. Where `fine` is false, the identity
+    replaces the matrix, and its values have no meaning.
     """
     flat = [entry for row in rows for entry in row]
     shape = len(rows), len(rows[0])
@@ -160,17 +160,17 @@ def singular_values(rows: Sequence[Sequence[Any]], fine: Any = None) -> list[Any
         slope = np.einsum("ri,rcp,ic->ip", u, tangent, vt)
         return [Dual(sigma[i : i + 1], slope[i]) for i in range(sigma.size)]
     xp = array_namespace(*flat)
-    whole = xp.stack(xp.broadcast_arrays(*flat), axis=-1)
-    whole = xp.reshape(whole, (-1, *shape))
+    matrix = xp.stack(xp.broadcast_arrays(*flat), axis=-1)
+    matrix = xp.reshape(matrix, (-1, *shape))
     if fine is not None:
-        usual = xp.eye(*shape, dtype=whole.dtype)
-        whole = xp.where(fine[:, None, None], whole, usual)
-    found = xp.linalg.svdvals(whole)
-    return [found[:, i] for i in range(min(shape))]
+        usual = xp.eye(*shape, dtype=matrix.dtype)
+        matrix = xp.where(fine[:, None, None], matrix, usual)
+    values = xp.linalg.svdvals(matrix)
+    return [values[:, i] for i in range(min(shape))]
 
 
 def solved(matrix: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
-    """Solve a small system whose pivots, in the order that it is given in, are none of them zero.
+    """Solve a small system whose pivots, in the given order, are not zero.
 
     Entries and right side are values over the samples; elimination is that of C. F. Gauss.
     """
@@ -199,4 +199,4 @@ def power(x: Any, exponent: float) -> Any:
 
 def where_larger(a: Any, b: Any, then: Any, other: Any) -> Any:
     """Return one value where a is not less than b, another one elsewhere."""
-    return _chosen(_value(a) >= _value(b), then, other)
+    return _where(_value(a) >= _value(b), then, other)

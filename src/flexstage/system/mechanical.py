@@ -16,7 +16,7 @@ from flexstage.system.stress_map import StressMap
 
 
 class _Ratios(ABC):
-    """What every kind of damping gives; all of them leave the undamped mode shapes as they are."""
+    """Protocol of damping models; all of them keep the undamped mode shapes."""
 
     __slots__ = ()
 
@@ -48,14 +48,14 @@ class ModalDamping(_Ratios):
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.ratio < 1.0:
-            raise ModelError(f"a damping ratio lies from 0 to below 1, got {self.ratio!r}")
+            raise ModelError(f"a damping ratio must be from 0 to below 1, got {self.ratio!r}")
 
     def ratios(self, omega: Array, hinge_share: Array) -> Array:
         del hinge_share
         return np.full_like(omega, self.ratio)
 
 
-#: Assumed where nothing was measured.
+#: Assumed in the absence of a measurement.
 DEFAULT_DAMPING = ModalDamping(ratio=DAMPING_RATIO)
 
 
@@ -85,7 +85,7 @@ class RayleighDamping(_Ratios):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LossFactor(_Ratios):
-    """Material damping of the hinges, as viscous damping that is right at each resonance.
+    """Material damping of the hinges, as viscous damping that is exact at each resonance.
 
     The ratio of a mode is eta/2 times the share of its energy that is in the hinges.
     """
@@ -97,7 +97,7 @@ class LossFactor(_Ratios):
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.eta < 2.0:
-            raise ModelError(f"a loss factor lies from 0 to below 2, got {self.eta!r}")
+            raise ModelError(f"a loss factor must be from 0 to below 2, got {self.eta!r}")
 
     def ratios(self, omega: Array, hinge_share: Array) -> Array:
         del omega
@@ -106,7 +106,7 @@ class LossFactor(_Ratios):
 
 Damping = ModalDamping | RayleighDamping | LossFactor
 
-#: What is done with the drives: taken out, left in with their stiffness, or held at their length.
+#: Condition of the drives: removed, installed with their stiffness, or locked at their length.
 DriveCondition = Literal["removed", "in place", "locked"]
 
 #: Standard acceleration of gravity [m/s^2] (3rd CGPM, 1901).
@@ -117,7 +117,7 @@ _T = TypeVar("_T", bound=Any)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivePort:
-    """Where a drive acts."""
+    """Point of action of a drive."""
 
     name: str
     """Name of the drive."""
@@ -137,7 +137,7 @@ class DrivePort:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProbePort:
-    """Where motion is read."""
+    """Point of measurement."""
 
     name: str
     """Name of the probe."""
@@ -222,9 +222,9 @@ class MechanicalSystem:
     coordinates: tuple[str, ...]
     """Name and unit of each coordinate."""
     drives: tuple[DrivePort, ...] = ()
-    """Where drives act."""
+    """Points of action of the drives."""
     probes: tuple[ProbePort, ...] = ()
-    """Where motion is read."""
+    """Points of measurement."""
     bodies: tuple[BodyPort, ...] = ()
     """Motion of the bodies."""
     stress: StressMap | None = None
@@ -236,7 +236,7 @@ class MechanicalSystem:
     damping: Damping = DEFAULT_DAMPING
     """Damping."""
     validity: tuple[str, ...] = ()
-    """Where the model stops being valid."""
+    """Limits of validity of the model."""
     settings: Mapping[str, str] = field(default_factory=dict)
     """Choices of the model that change its figures."""
 
@@ -269,7 +269,7 @@ class MechanicalSystem:
         DrivePort
             The drive.
         """
-        return named("drive", name, self.drives)
+        return find_named("drive", name, self.drives)
 
     def probe(self, name: str) -> ProbePort:
         """Return a probe by name.
@@ -284,7 +284,7 @@ class MechanicalSystem:
         ProbePort
             The probe.
         """
-        return named("probe", name, self.probes)
+        return find_named("probe", name, self.probes)
 
     def body(self, name: str) -> BodyPort:
         """Return a body by name.
@@ -299,7 +299,7 @@ class MechanicalSystem:
         BodyPort
             The body.
         """
-        return named("body", name, self.bodies)
+        return find_named("body", name, self.bodies)
 
     def load(self, name: str) -> LoadPort:
         """Return a load by name.
@@ -314,10 +314,10 @@ class MechanicalSystem:
         LoadPort
             The load.
         """
-        return named("load", name, self.loads)
+        return find_named("load", name, self.loads)
 
     def drive_springs(self, condition: DriveCondition) -> tuple[Array, Array]:
-        """Return what the drives add to the bare stage.
+        """Return stiffness and constraints of the drives.
 
         Parameters
         ----------
@@ -340,15 +340,15 @@ class MechanicalSystem:
                 f"unknown drive condition '{condition}': expected removed, in place or locked"
             )
         added = np.zeros_like(self.K)
-        held: list[Array] = []
+        constraints: list[Array] = []
         for d in self.drives:
             if condition == "removed" or d.stiffness == 0.0:
                 continue
             if condition == "locked" or d.stiffness is None:
-                held.append(d.vector)
+                constraints.append(d.vector)
             else:
                 added += d.stiffness * np.outer(d.vector, d.vector)
-        return added, np.array(held).reshape(len(held), self.order).T
+        return added, np.array(constraints).reshape(len(constraints), self.order).T
 
     def with_damping(self, damping: Damping) -> "MechanicalSystem":
         """Return the same system with other damping.
@@ -366,8 +366,8 @@ class MechanicalSystem:
         return replace(self, damping=damping)
 
 
-def named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
-    """Return the one of a name; `where` says in a refusal what has the others."""
+def find_named(noun: str, name: str, among: Sequence[_T], where: str = ": the system has") -> _T:
+    """Return the item of a name; `where` names in the message the owner of the others."""
     for one in among:
         if one.name == name:
             return one

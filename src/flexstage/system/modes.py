@@ -80,12 +80,12 @@ def modes(
     ModelError
         A body has no mass.
     """
-    added, held = system.drive_springs(drives)
+    added, constraints = system.drive_springs(drives)
     total = system.K + added
-    omega, shapes = generalized_modes(total, system.M, held, count)
-    own = np.einsum("ik,ij,jk->k", shapes, system.K, shapes, optimize=True)
+    omega, shapes = generalized_modes(total, system.M, constraints, count)
+    strain_energy = np.einsum("ik,ij,jk->k", shapes, system.K, shapes, optimize=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(omega > 0.0, own / omega**2, 1.0)
+        share = np.where(omega > 0.0, strain_energy / omega**2, 1.0)
         ratio = np.where(omega > 0.0, system.damping.ratios(omega, share), 0.0)
     return Modes(
         drives=drives,
@@ -96,20 +96,21 @@ def modes(
 
 
 def generalized_modes(
-    stiffness: Array, mass: Array, held: Array, count: int | None = None
+    stiffness: Array, mass: Array, constraints: Array, count: int | None = None
 ) -> tuple[Array, Array]:
     """Solve K phi = omega^2 M phi, lowest first.
 
-    K and M are symmetric, and each column v of `held` gives v^T phi = 0. Returns omega [rad/s],
-    shape (k,), and shapes with phi^T M phi = 1, shape (n, k); all modes where `count` is None.
+    K and M are symmetric, and each column v of `constraints` gives v^T phi = 0. Returns omega
+    [rad/s], shape (k,), and shapes with phi^T M phi = 1, shape (n, k); all modes where `count` is
+    None.
     """
-    basis = null_space(held.T) if held.shape[1] else None
+    basis = null_space(constraints.T) if constraints.shape[1] else None
     if basis is not None:
         stiffness, mass = basis.T @ stiffness @ basis, basis.T @ mass @ basis
     n = stiffness.shape[0]
     last = n if count is None else min(count, n)
     if last == 0:
-        return np.zeros(0), np.zeros((held.shape[0], 0))
+        return np.zeros(0), np.zeros((constraints.shape[0], 0))
     values, vectors = _softest_modes(stiffness, mass)
     omega = np.sqrt(np.clip(values[:last], 0.0, None))
     shapes = vectors[:, :last]

@@ -6,10 +6,10 @@ from typing import Annotated, Literal, get_args
 from flexstage.files.ranges import Written
 
 _WHAT = (
-    "lumped: rigid bodies joined by hinges, for thousands of variants and equations; superelement "
-    "or, in space, superelement-3d: finite elements with condensed bodies, for all usual work; "
-    "plane or, in space, solid: finite elements of the whole, as the reference; plane also for "
-    "large displacement."
+    "lumped: rigid bodies joined by hinges, for thousands of variants and for equations; "
+    "superelement or, in three dimensions, superelement-3d: condensed finite elements, for "
+    "everyday work; plane or, in three dimensions, solid: finite elements of the entire stage, "
+    "as a reference; plane also for large displacements."
 )
 _Model = Literal["lumped", "superelement", "plane", "superelement-3d", "solid"]
 #: A model, by the word for it.
@@ -21,7 +21,7 @@ ModelNames = Annotated[
 
 
 def models_of(names: Sequence[str]) -> list[str]:
-    """Return the models that are named, each once.
+    """Return the models of a list of names, each once.
 
     Examples
     --------

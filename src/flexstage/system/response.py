@@ -68,14 +68,14 @@ _SPREAD, _MODES_SHOWN = 600, 6
 
 
 def default_frequencies_hz(result: Modes) -> Array:
-    """Return frequencies that show the lowest modes, denser at each resonance."""
-    shown = result.frequency_hz[:_MODES_SHOWN]
-    shown = shown[shown > 0.0]
-    if shown.size == 0:
+    """Return frequencies that resolve the lowest modes, denser at each resonance."""
+    resonances = result.frequency_hz[:_MODES_SHOWN]
+    resonances = resonances[resonances > 0.0]
+    if resonances.size == 0:
         return np.geomspace(1.0, 1e4, _SPREAD)
-    spread = np.geomspace(shown[0] / 30.0, shown[-1] * 1.5, _SPREAD)
-    width = np.maximum(result.damping_ratio[: shown.size], 1e-4)[:, None]
-    near = shown[:, None] * (1.0 + width * np.linspace(-6.0, 6.0, 61))
+    spread = np.geomspace(resonances[0] / 30.0, resonances[-1] * 1.5, _SPREAD)
+    width = np.maximum(result.damping_ratio[: resonances.size], 1e-4)[:, None]
+    near = resonances[:, None] * (1.0 + width * np.linspace(-6.0, 6.0, 61))
     return np.unique(np.concatenate((spread, near[near > 0.0].ravel())))
 
 
@@ -155,19 +155,19 @@ def response_of_modes(
 
 def _sum_of_modes(result: Modes, weight: Array, f: Array) -> NDArray[np.complex128]:
     omega = 2.0 * np.pi * f[:, None]
-    own = result.omega[None, :]
-    dynamic = own**2 - omega**2 + 2j * result.damping_ratio[None, :] * own * omega
+    natural = result.omega[None, :]
+    dynamic = natural**2 - omega**2 + 2j * result.damping_ratio[None, :] * natural * omega
     return np.sum(weight / dynamic, axis=1)
 
 
 def _imposed(
-    system: MechanicalSystem, drive: DrivePort, probe: Array, f: Array, held: Modes
+    system: MechanicalSystem, drive: DrivePort, probe: Array, f: Array, constraints: Modes
 ) -> NDArray[np.complex128]:
     """Response to an imposed elongation: its static shape, and modes that hold the drive."""
     shape = imposed_shape(system, drive)
     omega = 2.0 * np.pi * f
-    weight = (probe @ held.shapes) * (held.shapes.T @ system.M @ shape)
-    return probe @ shape + omega**2 * _sum_of_modes(held, weight, f)
+    weight = (probe @ constraints.shapes) * (constraints.shapes.T @ system.M @ shape)
+    return probe @ shape + omega**2 * _sum_of_modes(constraints, weight, f)
 
 
 def time_response(
@@ -207,11 +207,11 @@ def time_response(
     Raises
     ------
     ModelError
-        The times do not rise, a shape does not fit, or a rigid drive is in place.
+        The times do not increase, a shape does not fit, or a rigid drive is in place.
     """
     t = np.asarray(time, dtype=np.float64)
     if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
-        raise ModelError("the times of a time response must be at least two and rise")
+        raise ModelError("a time response needs at least two times, in increasing order")
     if drives == "locked":
         raise ModelError("a time response needs the drives removed or in place, got 'locked'")
     result = modes(system, drives=drives, count=None)
@@ -347,10 +347,10 @@ class StateSpace:
         require_extra("control", "control", "a state space of python-control", ModelError)
         import control  # slow to import
 
-        made: Any = control.ss(
+        system: Any = control.ss(
             self.A, self.B, self.C, self.D, inputs=list(self.inputs), outputs=list(self.outputs)
         )
-        return made
+        return system
 
 
 def state_space(
@@ -365,7 +365,7 @@ def state_space(
     .. math:: \eta' = x_2 + 2\zeta\omega g w, \quad
               x_2' = -\omega^2\eta - 2\zeta\omega x_2 + (1 - 4\zeta^2)\,\omega^2 g w
 
-    and what the static shape holds beyond the kept modes is feedthrough.
+    and the static shape beyond the retained modes is feedthrough.
 
     Parameters
     ----------
@@ -376,8 +376,8 @@ def state_space(
         drives that have a stiffness, imposed displacements [m] of those that are rigid, and forces
         [N] of those that are pure forces.
     count : int, optional
-        Number of modes that are kept, all where not given; what the others would add statically is
-        kept as feedthrough.
+        Number of retained modes, all where not given; the static contribution of the others is
+        feedthrough.
 
     Returns
     -------

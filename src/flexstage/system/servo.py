@@ -4,7 +4,7 @@ With the error :math:`e_k = r_k - y_k` after all filters, as a sampled controlle
 
 .. math:: I_k = I_{k-1} + k_i T e_k, \qquad u_k = u^{ff}_k + k_p e_k + I_k
 
-and :math:`I` stands still while :math:`u` rests at an end of its range. Filters are bilinear
+and :math:`I` is constant while :math:`u` is at a limit of its range. Filters are bilinear
 transforms, prewarped at their own frequency. The same coefficients serve the design of a loop and
 the loop itself.
 """
@@ -26,9 +26,9 @@ class Notch:
     """
 
     frequency_hz: float
-    """Its frequency [Hz]."""
+    """Frequency [Hz]."""
     zero_damping: float = 0.01
-    """Damping ratio of its zeros [1]; 0 blocks the frequency wholly."""
+    """Damping ratio of its zeros [1]; 0 blocks the frequency completely."""
     pole_damping: float = 0.5
     """Damping ratio of its poles [1]: the larger, the wider."""
 

@@ -20,7 +20,7 @@ from flexstage.system.mechanical import (
 )
 from flexstage.system.stress_map import StressMap
 
-#: Two drives whose elongations are the same to this part are one.
+#: Two drives whose elongations agree to this relative tolerance are one.
 DEPENDENT = 1e12
 
 
@@ -31,13 +31,13 @@ DEPENDENT = 1e12
 _CONDITION = 1e-15
 
 
-def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array, Array]:
+def solve_stiffness(stiffness: Array, right: Array, constraints: Array) -> tuple[Array, Array]:
     """Solve K q = f with some linear combinations of q held at zero.
 
-    K is symmetric, f and q have one column for each load, and each column v of `held` gives v^T q =
-    0. Returns q and the forces that hold, one row for each column of `held`. K is singular where
-    rounding to 16 digits could have made it what it is, by the condition number that N. J. Higham,
-    ACM Trans. Math. Softw. 14 (1988) 381, estimates from its factor.
+    K is symmetric, f and q have one column for each load, and each column v of `constraints` gives
+    v^T q = 0. Returns q and the constraint forces, one row for each column of `constraints`. K is
+    singular where rounding to 16 digits could have made it what it is, by the condition number that
+    N. J. Higham, ACM Trans. Math. Softw. 14 (1988) 381, estimates from its factor.
     """
     # scaling to a unit diagonal makes metres and radians comparable
     diagonal = np.diag(stiffness)
@@ -54,12 +54,12 @@ def solve_stiffness(stiffness: Array, right: Array, held: Array) -> tuple[Array,
         reciprocal_condition, _ = pocon(factor[0], np.abs(scaled).sum(axis=0).max(), uplo="L")
         if reciprocal_condition < _CONDITION:
             raise ModelError(_SINGULAR)
-    both = np.concatenate((right, held), axis=1) * scale[:, None]
+    both = np.concatenate((right, constraints), axis=1) * scale[:, None]
     solution = cho_solve(factor, both) * scale[:, None]
     free, compliance = solution[:, : right.shape[1]], solution[:, right.shape[1] :]
-    if held.shape[1] == 0:
+    if constraints.shape[1] == 0:
         return free, np.zeros((0, right.shape[1]))
-    holding = -np.linalg.solve(held.T @ compliance, held.T @ free)
+    holding = -np.linalg.solve(constraints.T @ compliance, constraints.T @ free)
     return free + compliance @ holding, holding
 
 
@@ -109,7 +109,7 @@ def static_forces(
     forces : Mapping
         Force by drive [N].
     drives : str
-        ``removed``, ``in place`` or ``locked``: what all drives do besides pushing with `forces`.
+        Condition of all drives besides their `forces`: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def static_displacements(
     displacements : Mapping
         Elongation by drive [m].
     others : str
-        What the drives that are not named do: ``removed``, ``in place`` or ``locked``.
+        Condition of the other drives: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -150,13 +150,13 @@ def static_displacements(
     Raises
     ------
     ModelError
-        A drive does not exist or moves nothing, two hold the same, or the stage is a mechanism.
+        A drive does not exist or moves nothing, two are redundant, or the stage is a mechanism.
     """
     names = list(displacements)
     vectors = np.array([system.drive(n).vector for n in names]).reshape(len(names), -1).T
     rest = replace(system, drives=tuple(d for d in system.drives if d.name not in displacements))
     compliance, loose = _compliance(rest, vectors, others)
-    wanted = np.array([displacements[n] for n in names])
+    targets = np.array([displacements[n] for n in names])
     moved = vectors.T @ compliance
     size = np.sqrt(np.abs(np.diag(moved)))
     # a unit diagonal makes the drives comparable
@@ -165,12 +165,12 @@ def static_displacements(
         or np.linalg.cond(moved / np.outer(size, size)) > DEPENDENT
     ):
         if len(names) == 1 and not rest.drive_springs(others)[1].shape[1]:
-            raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are held")
+            raise ModelError(f"drive '{names[0]}' moves nothing: both of its bodies are fixed")
         raise ModelError(
             f"the displacements of {', '.join(names)} cannot be imposed: a drive moves nothing, "
-            "or moves what the others already hold"
+            "or the others already determine its motion"
         )
-    force = np.linalg.solve(moved, wanted)
+    force = np.linalg.solve(moved, targets)
     return static_state(system, compliance @ force, dict(zip(names, force.tolist(), strict=True)))
 
 
@@ -195,7 +195,7 @@ def static_loads(
     -------
     StaticSolution
         The state. Its hinge stress is that of the deformation alone: under a change of temperature
-        the part that expands freely has to be taken off, so it is left out there.
+        the free expansion would have to be subtracted, so there is none.
 
     Raises
     ------
@@ -203,14 +203,14 @@ def static_loads(
         A load does not exist, or the stage is a mechanism.
     """
     vectors = ((system.load(name).vector, size) for name, size in loads.items())
-    found = static_state(system, _under(system, vectors, drives), {})
+    state = static_state(system, _under(system, vectors, drives), {})
     if any(name.startswith("temperature") for name in loads):
-        return replace(found, stress=None)
-    return found
+        return replace(state, stress=None)
+    return state
 
 
 def load_readings(system: MechanicalSystem) -> dict[str, dict[str, float]]:
-    """Return what every load on the whole stage does to every probe, drives removed.
+    """Return the reading of every probe for every load on the whole stage, drives removed.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def drive_stiffness(
     drive : str
         Name of the drive.
     others : str
-        What the other drives do: ``removed``, ``in place`` or ``locked``.
+        Condition of the other drives: ``removed``, ``in place`` or ``locked``.
 
     Returns
     -------
@@ -280,28 +280,28 @@ def probe_stiffness(
 def _under(
     system: MechanicalSystem, vectors: Iterable[tuple[Array, float]], drives: DriveCondition
 ) -> Array:
-    """Return the coordinates under vectors of force, each times its size."""
+    """Return the coordinates under vectors of force, each times its magnitude."""
     right = np.zeros((system.order, 1))
     for vector, size in vectors:
         right[:, 0] += size * vector
-    added, held = system.drive_springs(drives)
-    return solve_stiffness(system.K + added, right, held)[0][:, 0]
+    added, constraints = system.drive_springs(drives)
+    return solve_stiffness(system.K + added, right, constraints)[0][:, 0]
 
 
 def _compliance(
     system: MechanicalSystem, vectors: Array, drives: DriveCondition
 ) -> tuple[Array, Array]:
-    """Return the shapes for unit vectors of force, and what each moves itself with nothing held."""
-    added, held = system.drive_springs(drives)
-    shapes, _ = solve_stiffness(system.K + added, vectors, held)
+    """Return the shapes for unit vectors of force, and their self-compliances, unconstrained."""
+    added, constraints = system.drive_springs(drives)
+    shapes, _ = solve_stiffness(system.K + added, vectors, constraints)
     free = shapes
-    if held.shape[1]:
-        free, _ = solve_stiffness(system.K + added, vectors, held[:, :0])
+    if constraints.shape[1]:
+        free, _ = solve_stiffness(system.K + added, vectors, constraints[:, :0])
     return shapes, np.einsum("ij,ij->j", vectors, free)
 
 
 def static_state(system: MechanicalSystem, q: Array, force: dict[str, float]) -> StaticSolution:
-    """Return what coordinates and the drive forces that hold them are in a stage."""
+    """Return the state of a stage for coordinates and drive forces."""
     motion = {b.name: b.matrix @ q for b in system.bodies}
     return StaticSolution(
         q=q,
@@ -350,7 +350,7 @@ class AxisAnalysis:
     drives: Mapping[str, float]
     """Elongation of each drive that moves it [m]."""
     probe: str
-    """Its probe."""
+    """Probe."""
     input_displacement: float
     """Largest elongation of a drive [m]."""
     output_displacement: float

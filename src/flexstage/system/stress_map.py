@@ -29,33 +29,33 @@ class StressOfForces:
     count: int
     """Number of places."""
     shares: tuple[StressByForces, ...]
-    """What stresses them; those of the same places add up."""
+    """Contributions to the stress; those of the same places add up."""
 
     def at(self, q: Array) -> Array:
         """Return the components for coordinates, shape (n,): shape (m, 6)."""
-        found = np.zeros((self.count, 6))
+        components_at = np.zeros((self.count, 6))
         for share in self.shares:
             places, components, _ = share.stress.shape
             forces = share.forces @ q
             if not forces.any():  # a motion in the plane puts none on those out of it
                 continue
-            own = share.stress.reshape(-1, forces.size) @ forces
-            own = own.reshape(places, components)
-            where = found[share.first : share.first + places]
+            contribution = share.stress.reshape(-1, forces.size) @ forces
+            contribution = contribution.reshape(places, components)
+            where = components_at[share.first : share.first + places]
             if components == 6:
-                where += own
+                where += contribution
             else:
-                where[:, _IN_PLANE] += own
-        return found
+                where[:, _IN_PLANE] += contribution
+        return components_at
 
-    def of(self, own: NDArray[np.bool_]) -> "StressOfForces":
-        """Return that of some of the places."""
-        before = np.concatenate(([0], np.cumsum(own)))
+    def of(self, selected: NDArray[np.bool_]) -> "StressOfForces":
+        """Return the same for some of the places."""
+        before = np.concatenate(([0], np.cumsum(selected)))
         shares = []
         for first, stress, forces in self.shares:
-            kept = own[first : first + len(stress)]
-            if kept.any():
-                shares.append(StressByForces(int(before[first]), stress[kept], forces))
+            places_here = selected[first : first + len(stress)]
+            if places_here.any():
+                shares.append(StressByForces(int(before[first]), stress[places_here], forces))
         return StressOfForces(count=int(before[-1]), shares=tuple(shares))
 
 
@@ -96,19 +96,19 @@ class StressMap:
         return dict(zip(self.hinges, worst.tolist(), strict=True))
 
     def of(self, hinge: str) -> "StressMap":
-        """Return that of one hinge."""
-        own = self.owner == self.hinges.index(hinge)
+        """Return the map of one hinge."""
+        of_hinge = self.owner == self.hinges.index(hinge)
         return StressMap(
             hinges=(hinge,),
-            matrix=self.matrix.of(own)
+            matrix=self.matrix.of(of_hinge)
             if isinstance(self.matrix, StressOfForces)
-            else self.matrix[own],
-            owner=np.zeros(np.count_nonzero(own), dtype=np.intp),
-            point=None if self.point is None else self.point[own],
+            else self.matrix[of_hinge],
+            owner=np.zeros(np.count_nonzero(of_hinge), dtype=np.intp),
+            point=None if self.point is None else self.point[of_hinge],
         )
 
     def scatter(self, q: Array) -> dict[str, float]:
-        """Return by how much the elements about the most stressed point of each hinge differ.
+        """Return the scatter of the elements about the most stressed point of each hinge.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class StressMap:
         return dict(zip(self.hinges, spread.tolist(), strict=True))
 
     def components(self, q: Array) -> Array:
-        """Return what `matrix` has at each place for coordinates, shape (n,): shape (m[, 6])."""
+        """Return the product of `matrix` and coordinates, shape (n,): shape (m[, 6])."""
         return self.matrix.at(q) if isinstance(self.matrix, StressOfForces) else self.matrix @ q
 
     def equivalent(self, q: Array) -> Array:

@@ -2,8 +2,7 @@
 
 from flexstage.stage.designs.parameters import StageParameter
 from flexstage.stage.designs.registry import DESIGNS, build, design
-from flexstage.stage.designs.source import find_stage, parameters_of
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs.source import StageTemplate, find_stage, parameters_of
 
 __all__ = [
     "DESIGNS",

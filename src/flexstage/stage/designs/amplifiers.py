@@ -1,7 +1,7 @@
 """Bridge and rhombus amplifiers: two blocks pushed apart, four limbs, a guided output.
 
-The drive lies along x about the origin. The amplifier is its own image, left to right and, but for
-guide and frame, top to bottom: the limb at the upper left says what the others are.
+The drive lies along x about the origin. The amplifier is symmetric left to right and, except for
+guide and frame, top to bottom: the limb at the upper left determines the others.
 """
 
 import math
@@ -39,7 +39,7 @@ class AmplifierParameters(GuidedPlateParameters):
     """The dimensions of an amplifier that do not depend on its limbs."""
 
     actuator: AnyActuator = field(default_factory=lambda: round_stack(36e-3))
-    """What drives it."""
+    """Actuator."""
     actuator_length: Size = 36e-3
     """Distance between the two faces that the drive pushes apart [m]."""
     actuator_width: Size = 8e-3
@@ -55,20 +55,20 @@ class Limb:
     """The limb at the upper left, from the block ``left`` to the block ``output``."""
 
     bodies: tuple[Body, ...]
-    """Its bodies between its hinges."""
+    """Bodies between its hinges."""
     hinges: tuple[Hinge, ...]
-    """Its hinges."""
+    """Hinges."""
     input_corner: tuple[Pair, ...]
     """Edge of the block ``left``, from its right face upwards to its highest point [m]."""
     output_side: tuple[Pair, ...]
     """Left edge of the block ``output``, from below to where its guide begins [m]."""
     top: float
-    """Its highest point [m]."""
+    """Highest point [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmplifierFrame:
-    """An amplifier of four equal limbs, and where everything of it lies.
+    """An amplifier of four equal limbs, and its layout.
 
     Raises
     ------
@@ -77,9 +77,9 @@ class AmplifierFrame:
     """
 
     parameters: AmplifierParameters
-    """Its dimensions."""
+    """Dimensions."""
     limb: Limb
-    """Its limb at the upper left."""
+    """Limb at the upper left."""
 
     def __post_init__(self) -> None:
         least = self._outer + self.parameters.slot + self.side
@@ -117,11 +117,11 @@ class AmplifierFrame:
         return [*foot, (self.side, -self.shoulder), (-self.column, -self.shoulder)]
 
     def guided(self, block: str) -> tuple[list[Body], list[Hinge]]:
-        """Return what guides a block that is as wide as the output and lies where it does."""
+        """Return the guide of a block of the width and position of the output."""
         p = self.parameters
         low, ends = self.shoulder + 0.5 * p.guide.width, ("base", block)
         rows = (("inner", low), ("outer", low + p.guide_spacing))
-        # each beside its image on the right
+        # each next to its image on the right
         return legs(
             p.guide,
             (
@@ -135,7 +135,7 @@ class AmplifierFrame:
         )
 
     def parts(self) -> tuple[list[Body], list[Hinge], Drive]:
-        """Return all that moves, its blocks ``left``, ``right`` and ``output``, and the drive."""
+        """Return the moving parts, its blocks ``left``, ``right`` and ``output``, and the drive."""
         p, corner = self.parameters, self.limb.input_corner
         left = Body(name="left", outline=mirrored([*corner, (-self._outer, corner[-1][1])], ALONG))
         output = mirrored([*self.limb.output_side, (self.side, self.top)], ACROSS)
@@ -155,7 +155,7 @@ class AmplifierFrame:
                 yield moved(upper, ALONG, _lower)
 
     def stage(self, name: str, title: str) -> Stage:
-        """Return it on a base of its own, a bar with two columns.
+        """Return the amplifier on a base of its own, a bar with two columns.
 
         Drive, probe and axis are called ``y``; the probe reads the motion towards the drive, to
         which a growing drive moves the output.
@@ -340,8 +340,8 @@ def rhombus(p: RhombusParameters) -> Stage:
     r"""Build a rhombus amplifier.
 
     It is a bridge amplifier (see `flexstage.stage.designs.amplifiers.bridge`) each of whose limbs
-    is one slanted beam, which bends over its whole length; the shape of most amplified actuators
-    that one buys. Its four beams are hinges, called after their corner.
+    is one slanted beam, which bends over its whole length; the shape of most commercial amplified
+    actuators. Its four beams are hinges, called after their corner.
 
     Notes
     -----
@@ -396,7 +396,7 @@ def _beam_limb(p: RhombusParameters) -> Limb:
 
 RHOMBUS = Topology(
     name="rhombus",
-    title="rhombus amplifier, of slanted beams, with a guided output",
+    title="rhombus amplifier of slanted beams with a guided output",
     source="M. Ling, J. Cao, M. Zeng, J. Lin, D. J. Inman, Smart Materials and Structures 25 "
     "(2016) 075022",
     parameters=RhombusParameters,

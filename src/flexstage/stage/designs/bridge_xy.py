@@ -62,7 +62,7 @@ class BridgeXYParameters(BridgeParameters):
             "the length of coupling",
             self.coupling.length,
             cell.column - 0.5 * self.platform_size,
-            "so that the bridges keep off each other",
+            "so that the bridges do not touch",
         )
 
 
@@ -81,7 +81,7 @@ def bridge_xy(p: BridgeXYParameters) -> Stage:
 
     Notes
     -----
-    The leaves to the other axis carry over only what it takes to bend them: with k for that
+    The leaves to the other axis transmit only the force that bends them: with k for that
     stiffness and K for that of the other block with its bridge, about k/K of the motion, so that
     neither axis moves the other (Y. Li, Q. Xu, IEEE Trans. Robot. 25 (2009) 645). The ratio
     is that of a bridge whose output works against all leaves that bend with it: the eight of two
@@ -100,7 +100,7 @@ def bridge_xy(p: BridgeXYParameters) -> Stage:
     drives: list[Drive] = []
     window: list[Pair] = []
     for k, side in enumerate(_SIDES):
-        parts, notches, drive = cell.parts() if k < 2 else _idle(cell)
+        parts, notches, drive = cell.parts() if k < 2 else _guided_block(cell)
         bars, joints = _coupling(p, cell, "output" if k < 2 else "block")
         motion = _side(k, reach)
         bodies += (moved(part, motion, _names(side)) for part in (*parts, *bars))
@@ -127,22 +127,22 @@ def bridge_xy(p: BridgeXYParameters) -> Stage:
 
 
 def _side(k: int, reach: float) -> PlaneMotion:
-    """Bring what lies about a bridge to the k-th side of the platform, right, top and so on."""
+    """Move the parts about a bridge to the k-th side of the platform, right, top and so on."""
     shift = ((reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach))[k]
     return PlaneMotion(angle=0.5 * math.pi * (k + 1), shift=shift)
 
 
 def _names(side: str) -> Callable[[str], str]:
-    """Put the side before a name; a block that only guides has its name."""
-    kept = {"base": "base", "platform": "platform", "y": side, "block": side}
-    return lambda name: kept.get(name, f"{side}-{name}")
+    """Prefix names with the side; a block that only guides is named after it."""
+    fixed_names = {"base": "base", "platform": "platform", "y": side, "block": side}
+    return lambda name: fixed_names.get(name, f"{side}-{name}")
 
 
-def _idle(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
-    """Return a block where a bridge has its output, and its guide."""
+def _guided_block(cell: AmplifierFrame) -> tuple[list[Body], list[Hinge], None]:
+    """Return a block in place of the output of a bridge, and its guide."""
     bars, notches = cell.guided("block")
-    own = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))
-    return [own, *bars], notches, None
+    guided_block = block("block", (cell.side, cell.shoulder), (-cell.side, cell.top))
+    return [guided_block, *bars], notches, None
 
 
 def _coupling(

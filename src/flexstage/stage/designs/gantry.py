@@ -33,21 +33,21 @@ class GantryParameters(PlateParameters):
     """The dimensions of an XY gantry."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(25e-3, 0.4e-3, 0.8e-3))
-    """Its legs, all alike; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     platform_leg_spacing: Size = 20e-3
     """Distance between the two legs that go from the platform to a carriage [m]."""
     carriage_leg_spacing: Size = 10e-3
     """Distance between the two legs that guide a carriage [m]."""
     overhang: Size = 4e-3
-    """How far bodies reach beyond their legs [m]."""
+    """Overhang of bodies beyond their legs [m]."""
     wall: Size = 8e-3
     """Thickness of the frame [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(400e-6))
-    """What drives an axis."""
+    """Actuator of an axis."""
     actuator_length: Size = 3e-3
     """Distance between carriage and frame [m]."""
     opposed: bool = False
-    """Whether a second drive pulls at the opposite carriage, as voice coils can."""
+    """True if a second drive pulls at the opposite carriage, as voice coils can."""
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
@@ -59,7 +59,7 @@ class GantryParameters(PlateParameters):
         self._at_most(
             "mounting_hole_diameter",
             0.5 * (corner + self.wall),
-            "so that a corner of the frame bears a bolt",
+            "so that a bolt fits in a corner of the frame",
         )
 
     @property
@@ -84,8 +84,8 @@ def gantry(p: GantryParameters) -> Stage:
     The platform hangs between four carriages, from each by two legs along its motion; each carriage
     is guided on the frame by two legs across it. The left and right carriage move along x alone,
     the upper and lower one along y alone, and every leg that bends leaves the platform parallel to
-    itself: it does not turn, and no drive carries the other one. All of it is the right quarter,
-    turned to the left three times.
+    itself: it does not turn, and no drive carries the other one. It consists of the right quarter
+    and three copies rotated to the left.
 
     To move the platform, four legs of the platform and four of the carriages bend. Of leaves of
     length L the stiffness is :math:`96 E I/L^3` of one leaf, in both directions: S. Awtar,
@@ -168,7 +168,7 @@ def _quarter(p: GantryParameters) -> tuple[list[Body], list[Hinge]]:
 
 
 def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool) -> Drive:
-    """Return the drive of an axis, which is x turned, or the one that pulls on the other side."""
+    """Return the drive of an axis, that of x rotated, or the one that pulls on the other side."""
     side, face, name = (-1.0, "left", axis) if not opposite else (1.0, "right", f"{axis}-opposed")
     drive = pushing(
         p, name, f"{face}", ((side * p.far, 0.0), (side * (p.far + p.actuator_length), 0.0)), 0.0
@@ -179,7 +179,7 @@ def _drive(p: GantryParameters, axis: str, turn: PlaneMotion, *, opposite: bool)
 
 GANTRY = Topology(
     name="gantry",
-    title="XY gantry: a platform between four carriages that does not turn, drives on the frame",
+    title="XY gantry: a platform without rotation between four carriages, drives on the frame",
     source="S. Awtar, A. H. Slocum, Constraint-based design of parallel kinematic XY flexure "
     "mechanisms, J. Mech. Des. 129 (2007) 816",
     parameters=GantryParameters,

@@ -29,9 +29,9 @@ class Lever:
     """The arms of a lever, both from its fulcrum."""
 
     input_arm: Size
-    """Distance to where it is pushed [m]."""
+    """Distance to its input [m]."""
     output_arm: Size
-    """Distance to where it pushes [m]."""
+    """Distance to its output [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,11 +76,11 @@ class LeverChainParameters(GuidedPlateParameters):
 
 
 class LeverChainLayout:
-    """Where everything of a chain of levers lies."""
+    """Layout of a chain of levers."""
 
     def __init__(self, p: LeverChainParameters) -> None:
         self.p = p
-        #: Half the width of a root and the edge beside it.
+        #: Half the width of a root and the edge next to it.
         self.margin = 0.5 * self.p.notch.root_height + p.edge
         self.fulcrums: list[float] = []
         self.inputs: list[float] = []
@@ -181,7 +181,7 @@ class LeverChainLayout:
         )
 
     def _column(self, side: float, wall: float) -> list[Pair]:
-        """Return the inner edge of a column, from below, with the fulcrums that it holds [m]."""
+        """Return the inner edge of a column, from below, with its fulcrums [m]."""
         p, ceiling = self.p, self.low - self.p.slot
         points: list[Pair] = []
         for k, x in enumerate(self.fulcrums):
@@ -223,9 +223,9 @@ def lever_chain(p: LeverChainParameters) -> Stage:
     Notes
     -----
     With pins for necks the ratio is the product of the ratios of the arms, :math:`\prod b_k/a_k`.
-    Necks stretch under what it takes to turn them and to bend the guide. With :math:`k_{k+1}` for
+    Necks stretch under the forces that bend them and the guide. With :math:`k_{k+1}` for
     the stiffness against which lever k pushes, and :math:`K_k` for that of its output with its
-    input held, what is left is
+    input held, the remaining ratio is
 
     .. math:: R = \prod_k \frac{b_k/a_k}{1 + k_{k+1}/K_k}
 

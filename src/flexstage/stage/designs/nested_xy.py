@@ -36,7 +36,7 @@ class NestedXYParameters:
     platform_wall: Size
     """Thickness of the x platform around the window of the y axis: above and to the right [m]."""
     platform_wall_below: Size
-    """The same on the side where the y drive stands [m]."""
+    """The same on the side of the y drive [m]."""
     platform_wall_at_recess: Size
     """The same on the left, from the bottom of the recesses of the x links [m]."""
     frame_wall: Size
@@ -54,7 +54,7 @@ class NestedXYParameters:
     thickness: Size = 10e-3
     """Thickness of the plate [m]."""
     material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
-    """What it is cut from."""
+    """Material of the plate."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "a nested XY stage")
@@ -102,9 +102,8 @@ def nested_xy(parameters: NestedXYParameters) -> Stage:
     block (lever_arm_input at least notch height + lever_edge + slot), both levers and both recesses
     keep apart at the line of symmetry, the links meet the left edge of the platform, a lever keeps
     a slot from it (link_length at least link_recess - 4 lever_notch_radius + slot), the guide legs
-    stand on the platform with slots apart, and the aperture clears the recesses. Whether the stage
-    is any good, and whether its necks can be cut, is for the models and for the check of the stage
-    to say.
+    stand on the platform with slots apart, and the aperture clears the recesses. The models and the
+    check of the stage evaluate its performance, and whether its necks can be machined.
 
     Examples
     --------
@@ -122,7 +121,7 @@ def nested_xy(parameters: NestedXYParameters) -> Stage:
     x = _outer_axis(p, y)
     check_axis(x)
     at_x = Placement()
-    # the window of the y axis begins at the wall beside the recesses, and one wall from below
+    # the window of the y axis begins at the wall next to the recesses, and one wall from below
     at_y = Placement(
         origin=(
             p.x.link_recess + p.platform_wall_at_recess + y.half_window,
@@ -287,9 +286,10 @@ def check_aperture(parameters: NestedXYParameters, layout: AxisLayout) -> None:
     diameter = parameters.aperture_diameter
     if not room > 0.0:
         raise StageError(
-            f"aperture_offset must keep the centre of the aperture in the solid part of the y "
+            "aperture_offset must keep the centre of the aperture in the solid part of the y "
             f"platform, {millimetres(layout.length)} long, got "
-            f"{millimetres(parameters.aperture_offset)} from its middle: take it nearer to 0"
+            f"{millimetres(parameters.aperture_offset)} from its middle: choose a value nearer to "
+            "0"
         )
     if diameter is not None and diameter / 2.0 > room - layout.slot + ROUNDING:
         raise StageError(
@@ -301,7 +301,7 @@ def check_aperture(parameters: NestedXYParameters, layout: AxisLayout) -> None:
 NESTED_XY = Topology(
     name="nested-xy",
     title="nested, decoupled XY stage with symmetric levers",
-    source="the two stages of the study that flexstage is measured by; their geometry is a "
+    source="the two stages of the study with which flexstage is compared; their geometry is a "
     "reconstruction",
     parameters=NestedXYParameters,
     construct=nested_xy,

@@ -21,7 +21,7 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisParameters:
-    """The dimensions of one axis; both halves of an axis are alike."""
+    """The dimensions of one axis; both halves of an axis are equal."""
 
     lever_arm_input: Size
     """Distance a from the fulcrum to the input notch, along the lever [m]."""
@@ -32,7 +32,7 @@ class AxisParameters:
     lever_width: Size
     """Width of the lever, across its length [m]."""
     lever_edge: Size = 1e-3
-    """How far levers and input block reach beyond the roots of their outermost notches [m]; half of
+    """Overhang of levers and input block beyond the roots of their outermost notches [m]; half of
     it at the input notch if that is the innermost one of the lever.
     """
     lever_notch_radius: Size
@@ -54,13 +54,13 @@ class AxisParameters:
     input_block_length: Size
     """Length of the input block along the motion [m]."""
     actuator_pocket_length: Size
-    """Distance between the faces that the drive pushes and stands on [m]; equal to the slot for a
+    """Distance between the two faces on which the drive acts [m]; equal to the slot for a
     screw that comes through the wall, the length of the stack for a stack.
     """
     actuator_pocket_width: Size = 9e-3
     """Width of the pocket [m]."""
     actuator: AnyActuator
-    """What drives the axis."""
+    """Actuator of the axis."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "an axis")
@@ -68,12 +68,12 @@ class AxisParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """Where the coordinates (u, v) of an axis lie in the plane of the stage."""
+    """Placement of the coordinates (u, v) of an axis in the plane of the stage."""
 
     origin: Pair = (0.0, 0.0)
     """The point u = v = 0 [m]."""
     turned: bool = False
-    """Whether u runs along y instead of x."""
+    """True if u runs along y instead of x."""
 
     @property
     def angle(self) -> float:
@@ -89,12 +89,12 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLayout:
-    """Where everything of one axis lies."""
+    """Layout of one axis."""
 
     name: str
     """Name of the axis, with which the names of its bodies and hinges begin."""
     parameters: AxisParameters
-    """Its dimensions."""
+    """Dimensions."""
     length: float
     """Length of its platform along u [m]."""
     height: float
@@ -127,7 +127,7 @@ class AxisLayout:
 
     @property
     def reaction_face(self) -> float:
-        """Face of the ground on which the drive stands: the left end of the window [m]."""
+        """Face of the ground on which the drive reacts: the left end of the window [m]."""
         return self.block_left - self.parameters.actuator_pocket_length
 
     @property
@@ -181,7 +181,7 @@ class AxisLayout:
 
     @property
     def leg_root(self) -> float:
-        """Where the guide legs are joined to the ground [m]."""
+        """Position at which the guide legs are joined to the ground [m]."""
         return self.leg_span[1] + 2.0 * self.parameters.leg_notch_radius
 
     @property
@@ -227,9 +227,9 @@ class AxisLayout:
     # ------------------------------------------------------------------- bodies and hinges
 
     def bodies(self, place: Placement) -> Iterator[Body]:
-        """Give levers, links, guide legs and input block.
+        """Return levers, links, guide legs and input block.
 
-        u and d in a name tell the half with positive and negative v.
+        u and d in a name denote the half with positive and negative v.
         """
         p, half = self.parameters, self.notch_height / 2.0
         leg = self.leg_width / 2.0
@@ -253,7 +253,7 @@ class AxisLayout:
         yield Body(name=f"{self.name}in", outline=outline.mapped(place.to_plane))
 
     def hinges(self, place: Placement, platform: str, ground: str) -> Iterator[Hinge]:
-        """Give the notches of lever, link and guide legs, on both sides.
+        """Return the notches of lever, link and guide legs, on both sides.
 
         ``ful`` is a fulcrum, ``inp`` an input notch, ``lko`` from lever to link, ``lkp`` from link
         to platform, ``gp`` from platform to guide leg, ``gg`` from guide leg to ground; `platform`
@@ -289,16 +289,16 @@ class AxisLayout:
 
 
 def _corners(points: list[Pair]) -> tuple[Pair, ...]:
-    """Return the points of an axis-parallel line at which it really turns."""
-    kept: list[Pair] = []
+    """Return the corners of an axis-parallel line."""
+    corners: list[Pair] = []
     for point in points:
-        if kept and math.dist(kept[-1], point) < 1e-12:
+        if corners and math.dist(corners[-1], point) < 1e-12:
             continue
-        kept.append(point)
-    n = len(kept)
+        corners.append(point)
+    n = len(corners)
 
     def turns(i: int) -> bool:
-        before, here, after = kept[i - 1], kept[i], kept[(i + 1) % n]
+        before, here, after = corners[i - 1], corners[i], corners[(i + 1) % n]
         return all(max(abs(here[k] - before[k]), abs(after[k] - here[k])) > 1e-12 for k in (0, 1))
 
-    return tuple(kept[i] for i in range(n) if turns(i))
+    return tuple(corners[i] for i in range(n) if turns(i))

@@ -41,7 +41,7 @@ class ParallelogramParameters(PlateParameters):
     )
     """The two legs; each is a bar between two notches, or a leaf."""
     platform_overhang: Size = 4e-3
-    """How far the platform reaches beyond the legs, on both sides [m]."""
+    """Overhang of the platform beyond the legs, on both sides [m]."""
     platform_height: Size = 12e-3
     """Height of the platform across its motion [m]."""
     base_height: Size = 15e-3
@@ -51,7 +51,7 @@ class ParallelogramParameters(PlateParameters):
     actuator_length: Size = 2e-3
     """Distance between column and platform [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
-    """What drives the guide."""
+    """Actuator of the guide."""
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)
@@ -59,9 +59,9 @@ class ParallelogramParameters(PlateParameters):
         slot = self.leg.width + WIRE
         self._at_least("leg_spacing", slot, "so that a slot is between the legs")
         bolts = 2.0 * self.mounting_hole_diameter
-        beside = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
+        material = self.leg.width + 2.0 * (self.platform_overhang + self.actuator_length)
         hole = self.mounting_hole_diameter
-        at_most("mounting_hole_diameter", hole, beside - WIRE, "so that the base reaches round it")
+        at_most("mounting_hole_diameter", hole, material - WIRE, "so that the base encloses it")
         self._at_least("leg_spacing", bolts, "for the bolts under the legs")
         self._below("mounting_hole_diameter", "base_height")
 
@@ -154,21 +154,21 @@ class DoubleParallelogramParameters(PlateParameters):
     """The dimensions of a double parallelogram."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(30e-3, 0.4e-3, 0.8e-3))
-    """Its legs, all alike; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     leg_spacing: Size = 24e-3
     """Distance between the two legs that carry the platform [m]."""
     overhang: Size = 4e-3
-    """How far bodies reach beyond their legs [m]."""
+    """Overhang of bodies beyond their legs [m]."""
     platform_height: Size = 14e-3
     """Height of the platform across its motion [m]."""
     secondary_height: Size = 8e-3
     """Height of the secondary stage, on which the legs turn back [m]."""
     clearance: Size = 1.5e-3
-    """Width of the slots along what moves [m]."""
+    """Width of the slots along the moving parts [m]."""
     wall: Size = 12e-3
     """Thickness of the base beyond the slots [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(1e-3))
-    """What drives the guide."""
+    """Actuator of the guide."""
     actuator_length: Size = 3e-3
     """Distance between the base and the platform along the motion, on both sides [m]."""
 
@@ -221,7 +221,7 @@ def fold(p: DoubleParallelogramParameters, prefix: str = "") -> tuple[list[Body]
 
 
 def driven_platform(p: DoubleParallelogramParameters) -> tuple[Body, Drive, Probe]:
-    """Return the platform below y = 0, what pushes it, and what reads it in its middle."""
+    """Return the platform below y = 0, its drive, and the probe in its middle."""
     platform = block("platform", (-p.half_platform, -p.platform_height), (p.half_platform, 0.0))
     middle = -0.5 * p.platform_height
     drive = pushing(p, "x", "platform", ((-p.half_platform, middle), (-p.face, middle)), 0.0)
@@ -232,8 +232,8 @@ def double_parallelogram(p: DoubleParallelogramParameters) -> Stage:
     r"""Build a double parallelogram guide.
 
     Two outer legs carry a secondary stage on the base, and two inner legs go back from there to
-    the platform. Both parallelograms shorten alike as they move, so the platform, which moves twice
-    as far as the secondary stage, goes straight::
+    the platform. Both parallelograms shorten equally as they move, so the platform, which moves
+    twice as far as the secondary stage, moves straight::
 
          |          secondary           |
          ||        ||        ||        ||   leg.length
@@ -247,10 +247,10 @@ def double_parallelogram(p: DoubleParallelogramParameters) -> Stage:
     .. math:: x = p\,[1/d + y^2(r/4 - e\,i/(2a))] = p\,(1/d + 0.0304\,y^2),
 
     none without a load, and much where the platform has moved by a displacement y: the secondary
-    stage, which nothing holds at half of y, gives way (S. Awtar, A. H. Slocum, E. Sevincer,
+    stage, which nothing holds at half of y, is compliant (S. Awtar, A. H. Slocum, E. Sevincer,
     Characteristics of beam-based flexure modules, J. Mech. Des. 129 (2007) 625). With legs of two
-    notches k whose necks are l apart, a = 2, e = 1, i = -1/2, r = 0 by l, k/l and k:
-    x = p (1/d + y^2/8), and the stiffness is 2 k/l^2.
+    notches k whose necks are l apart, a = 2, e = 1, i = -1/2, r = 0 by l, k/l and k: x = p (1/d +
+    y^2/8), and the stiffness is 2 k/l^2.
 
     Its bodies are ``base`` (fixed), ``secondary``, ``platform`` and the bars of its legs
     ``outer-left``, ``outer-right``, ``inner-left`` and ``inner-right``; its drive, probe and axis
@@ -296,7 +296,7 @@ def double_parallelogram(p: DoubleParallelogramParameters) -> Stage:
 
 DOUBLE_PARALLELOGRAM = Topology(
     name="double-parallelogram",
-    title="double parallelogram guide (folded beam): goes straight, on notches or leaves",
+    title="double parallelogram guide (folded beam) for straight motion, of notches or leaves",
     source="S. Awtar, A. H. Slocum, E. Sevincer, Characteristics of beam-based flexure modules, "
     "J. Mech. Des. 129 (2007) 625",
     parameters=DoubleParallelogramParameters,
@@ -308,9 +308,9 @@ def compound_parallelogram(p: DoubleParallelogramParameters) -> Stage:
     r"""Build a compound guide.
 
     The platform is in the middle of a frame; a double parallelogram above it and its mirror image
-    below it guide it. Loads across the motion and moments are shared by both, and of what one
-    deviates to its side, the other deviates to the opposite one; the two secondary stages are each
-    as free as in a single double parallelogram.
+    below it guide it. Loads across the motion and moments are shared by both, and their lateral
+    deviations are opposite; the two secondary stages are each as free as in a single double
+    parallelogram.
 
     Leaves: the stiffness is 24 E I/L^3 of one leaf, and the way across under a load p (normalised
     as in `flexstage.stage.designs.parallelogram.double_parallelogram`) half of that of one double
@@ -374,7 +374,7 @@ def _lower(name: str) -> str:
 
 COMPOUND_PARALLELOGRAM = Topology(
     name="compound-parallelogram",
-    title="compound guide: two double parallelograms that face each other",
+    title="compound guide of two opposed double parallelograms",
     source="S. Awtar, A. H. Slocum, E. Sevincer, Characteristics of beam-based flexure modules, "
     "J. Mech. Des. 129 (2007) 625",
     parameters=DoubleParallelogramParameters,
@@ -387,13 +387,13 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
     """The dimensions of a double parallelogram with two levers."""
 
     leg: Leg = field(default_factory=lambda: round_leaf(40e-3, 0.5e-3, 0.8e-3))
-    """Its legs, all alike; each is a leaf, or a bar between two notches."""
+    """Equal legs; each is a leaf, or a bar between two notches."""
     overhang: Size = 8e-3
-    """How far bodies reach beyond their legs; on the platform there is room for a post [m]."""
+    """Overhang of bodies beyond their legs; on the platform there is room for a post [m]."""
     secondary_height: Size = 16e-3
     """Height of the secondary stage, on which the legs turn back [m]."""
     link: Leg = field(default_factory=lambda: round_leaf(12e-3, 0.3e-3, 0.6e-3))
-    """What joins a lever with the platform and with the secondary stage, along the motion."""
+    """The link of a lever with the platform and with the secondary stage, along the motion."""
     pivot: Profile = field(
         default_factory=lambda: CornerFilleted(
             neck_thickness=0.3e-3, notch_length=6e-3, fillet_radius=0.6e-3
@@ -409,22 +409,22 @@ class LinkedParallelogramParameters(DoubleParallelogramParameters):
         DoubleParallelogramParameters.__post_init__(self)
         two_sided(self.pivot, "a lever")
         room = self.post_width + self.clearance
-        self._at_least("overhang", room, "for a post beside a leg")
+        self._at_least("overhang", room, "for a post next to a leg")
         self._at_least("lever_width", self.pivot.root_height, "the root of its pivot")
         reach = self.actuator_length + 0.5 * self.pivot.root_height
         at_least("link.length", self.link.length + 0.5 * self.lever_width, reach, "up to the base")
-        at_least("leg.length", self.leg.length, self._shortest_leg, "for the lever beside it")
+        at_least("leg.length", self.leg.length, self._shortest_leg, "for the lever next to it")
 
     @property
     def _shortest_leg(self) -> float:
-        """Length of a leg beside which the post of the secondary stage ends above the base [m]."""
+        """Length of a leg with which the post of the secondary stage ends above the base [m]."""
         return 1.5 * self.pivot.length + 5.0 * self.link.width + 3.0 * self.clearance
 
     @property
     def outer(self) -> float:
         """Distance of the legs on the base from the middle [m]."""
-        beside = self.post_width + self.clearance + 0.5 * self.leg.width
-        return self.half_platform + 2.0 * self.link.length + self.lever_width + beside
+        post = self.post_width + self.clearance + 0.5 * self.leg.width
+        return self.half_platform + 2.0 * self.link.length + self.lever_width + post
 
     @property
     def link_heights(self) -> Pair:
@@ -446,17 +446,17 @@ def linked_parallelogram(p: LinkedParallelogramParameters) -> Stage:
          platform |        |_ _ _|     base
          _________|         ) (  _________
 
-    The secondary stage then moves by half as much as the platform, whatever load acts: what a
-    double parallelogram loses of its stiffness across when it has moved, it keeps here. Of the way
-    across, x = p (1/d + y^2 [r/4 - e i/(2a)]), the second term in brackets goes (the names are
-    those of `flexstage.stage.designs.parallelogram.double_parallelogram`), and so does the low
-    mode of the secondary stage with the platform held. The notches of the levers add to the
-    stiffness along the motion.
+    The secondary stage then moves by half as much as the platform under any load, so that the
+    stiffness across the motion does not decrease with the displacement. Of the way across, x = p
+    (1/d + y^2 [r/4 - e i/(2a)]), the second term in brackets goes (the names are those of
+    `flexstage.stage.designs.parallelogram.double_parallelogram`), and so does the low mode of the
+    secondary stage with the platform held. The notches of the levers add to the stiffness along the
+    motion.
 
     That the secondary stage of a double parallelogram is not constrained, and that a linkage which
-    halves the platform's motion mends it, is from R. M. Panas and J. B. Hopkins, Eliminating
+    halves the platform's motion constrains it, is from R. M. Panas and J. B. Hopkins, Eliminating
     underconstraint in double parallelogram flexure mechanisms, J. Mech. Des. 137 (2015) 092301. The
-    form of the linkage here is one that is cut with the plate, and not theirs.
+    linkage here is cut with the plate, and differs from theirs.
 
     Bodies and hinges are those of the double parallelogram and, ``left`` and ``right``, the body
     ``left-lever`` and the hinges ``left-pivot``, ``left-platform-link`` and
@@ -536,9 +536,9 @@ def _symmetric(right: list[Pair]) -> Loop:
 
 LINKED_PARALLELOGRAM = Topology(
     name="linked-parallelogram",
-    title="double parallelogram guide whose secondary stage is held at half by levers",
+    title="double parallelogram guide with levers that move the secondary stage by half",
     source="R. M. Panas, J. B. Hopkins, Eliminating underconstraint in double parallelogram "
-    "flexure mechanisms, J. Mech. Des. 137 (2015) 092301; the linkage is another one",
+    "flexure mechanisms, J. Mech. Des. 137 (2015) 092301; with a different linkage",
     parameters=LinkedParallelogramParameters,
     construct=linked_parallelogram,
 )

@@ -1,4 +1,4 @@
-"""Families of stages, and the parameters that can be set: their names, values and meaning."""
+"""Families of stages, and their parameters: names, values and meaning."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -19,11 +19,11 @@ class Topology:
     """A family of stages that differ in their dimensions."""
 
     name: str
-    """Its name in stage files."""
+    """Name in stage files."""
     title: str
-    """One line that says what it is."""
+    """Description in one line."""
     source: str
-    """Where it is described: author, title, journal, year."""
+    """Source: author, title, journal, year."""
     parameters: type
     """The dataclass of its dimensions."""
     construct: Callable[[Any], Stage]
@@ -44,14 +44,14 @@ class Topology:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSet:
-    """A built-in stage: dimensions of a family, and what is known of the stage that has them."""
+    """A built-in stage: dimensions of a family, with the published figures of that stage."""
 
     name: str
-    """Its name, and that of its stage."""
+    """Name, and that of its stage."""
     topology: Topology
     """The family."""
     parameters: Any
-    """Its dimensions."""
+    """Dimensions."""
     construct: Callable[[], Stage]
     """Builds it, with its published figures and notes."""
 
@@ -64,15 +64,15 @@ class StageParameter:
     """A parameter of a design or of a stage file."""
 
     name: str
-    """Its name as `find_stage` sets it, with dots for what is nested."""
+    """Name as `find_stage` sets it, with dots for what is nested."""
     value: Any
-    """Its value; of a quantity in SI units, None where there is none."""
+    """Value, in SI units; None where there is none."""
     dimension: str
-    """Its dimension, of `flexstage.quantities.units.DIMENSIONS`; empty for what is no quantity."""
+    """Dimension, of `flexstage.quantities.units.DIMENSIONS`; empty where it is no quantity."""
     text: str
-    """Its value as a file has it and `find_stage` takes it, to the same bits."""
+    """Value as in a file and for `find_stage`, to the same bits."""
     description: str
-    """What it is."""
+    """Description."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,22 +80,22 @@ class Group:
     """A parameter that holds others."""
 
     name: str
-    """Its name, with dots for what is nested."""
+    """Name, with dots for what is nested."""
     description: str
-    """What it is."""
+    """Description."""
 
 
 def entries_of(dimensions: Any, group: str = "") -> Iterator[StageParameter | Group]:
-    """Yield the fields of a description: parameters, and groups before what they hold."""
+    """Yield the fields of a description: parameters, and groups before their members."""
     texts = field_texts(type(dimensions))
     for field, (_, annotation) in field_types(type(dimensions)).items():
         value, name = getattr(dimensions, field), group + field
-        told = re.sub(r"\s*\[[^\]]*\](?=[.;,]|$)", "", texts.get(field, ""))
+        description = re.sub(r"\s*\[[^\]]*\](?=[.;,]|$)", "", texts.get(field, ""))
         kind = optional_part(annotation) or annotation
         if not is_dataclass(value) or kind in STAGE_FILE.forms:
-            yield _parameter(name, kind, value, told)
+            yield _parameter(name, kind, value, description)
             continue
-        yield Group(name=name, description=told)
+        yield Group(name=name, description=description)
         if (family := members(kind, STAGE_FILE)) is not None:
             word = next(word for word, cls in family.items() if cls is type(value))
             of = f"One of {', '.join(family)}."

@@ -1,4 +1,4 @@
-"""Pieces that many designs are put together from: blocks, legs, holes, dimensions, their limits."""
+"""Elements of designs: blocks, legs, holes, dimensions and their limits."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ Pair = tuple[float, float]
 
 #: Rounding of sums of dimensions, far below what can be cut [m].
 ROUNDING = 1e-10
-#: Width of the narrowest slot that is usually cut [m].
+#: Usual width of the narrowest slot [m].
 WIRE = Manufacture().wire_width
 
 
@@ -48,7 +48,7 @@ def bolt_holes(centres: Iterable[Pair], diameter: float) -> tuple[Circle, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlateParameters:
-    """What every plate has beside the dimensions of its mechanism.
+    """Parameters of every plate besides the dimensions of its mechanism.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class PlateParameters:
     thickness: Size = 8e-3
     """Thickness of the plate [m]."""
     material: Material = field(default_factory=lambda: CATALOGUE["Al 7075-T6"])
-    """What it is cut from."""
+    """Material of the plate."""
     mounting_hole_diameter: Size = 5.5e-3
     """Diameter of the holes by which it is bolted down [m]."""
     force_patch_half_width: Size = 2e-3
@@ -238,16 +238,16 @@ def plate(
 
 
 def cut_apart(of: Any, *names: str) -> None:
-    """Refuse slots of a description, by name, that the wire does not fit through."""
+    """Refuse slots of a description, by name, that are narrower than the wire."""
     for name in names:
         at_least(name, getattr(of, name), WIRE, "for the wire that cuts it")
 
 
 def two_sided(notch: Profile, of: str) -> None:
-    """Refuse a notch that is cut from one side, where the design has no such place."""
+    """Refuse a notch that is cut from one side, where the design needs both."""
     if notch.one_sided:
         raise StageError(
-            f"the notch of {of} must be cut from both sides, got one_sided: leave that out"
+            f"the notch of {of} must be cut from both sides, got one_sided: remove that"
         )
 
 
@@ -274,7 +274,7 @@ _BLOCKING_FORCE = 900.0
 
 
 def round_stack(length: float) -> StackActuator:
-    """Return a piezoelectric stack of 5 mm by 5 mm and a length [m], in round figures.
+    """Return a piezoelectric stack of 5 mm by 5 mm and a length [m], with rounded figures.
 
     Examples
     --------
@@ -296,17 +296,17 @@ class DrivenPlateParameters(PlateParameters):
     """The dimensions of a plate with a drive in a pocket."""
 
     actuator: AnyActuator = field(default_factory=lambda: round_stack(20e-3))
-    """What drives it, each axis or leg by one."""
+    """Actuator of each axis or leg."""
     actuator_length: Size = 20e-3
     """Distance between the two faces that a drive pushes apart [m]."""
     actuator_width: Size = 7e-3
     """Width of the room for a drive [m]."""
     edge: Size = 1e-3
-    """How far bodies reach beyond the roots of their outermost hinges [m]."""
+    """Overhang of bodies beyond the roots of their outermost hinges [m]."""
     slot: Size = 1e-3
     """Width of the slots between bodies [m]."""
     frame_wall: Size = 10e-3
-    """Thickness of the base around what moves [m]."""
+    """Thickness of the base around the moving parts [m]."""
 
     def __post_init__(self) -> None:
         PlateParameters.__post_init__(self)

@@ -35,19 +35,19 @@ class PivotParameters(PlateParameters):
             neck_thickness=0.35e-3, notch_length=14e-3, fillet_radius=0.7e-3
         )
     )
-    """Its leaves, all alike."""
+    """Equal leaves."""
     half_angle: Annotated[Angle, Range(low=0.3, high=1.15)] = 0.25 * math.pi
     """Angle of the leaves against the line of symmetry [rad]."""
     centre_distance: Size = 3e-3
     """Distance of the near ends of the leaves from the centre [m]."""
     overhang: Size = 3e-3
-    """How far bodies reach beyond their leaves [m]."""
+    """Overhang of bodies beyond their leaves [m]."""
     wall: Size = 10e-3
     """Thickness of base and arm behind their leaves [m]."""
     column_width: Size = 10e-3
     """Width of the column of the base that holds the drive [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(500e-6))
-    """What turns the pivot."""
+    """Actuator of the pivot."""
     actuator_length: Size = 2e-3
     """Distance between column and arm [m]."""
 
@@ -65,7 +65,7 @@ class PivotParameters(PlateParameters):
 
     @property
     def reach(self) -> float:
-        """Half of the width of the faces from which the leaves grow [m]."""
+        """Half of the width of the faces to which the leaves are attached [m]."""
         return 0.5 * self.leaf.root_height + self.overhang
 
     @property
@@ -158,8 +158,8 @@ def cartwheel(p: CartwheelParameters) -> Stage:
 
     Two leaves go from the base to a hub in the middle, and two, their mirror images, from there to
     the arm. The lines of all leaves meet in the centre, about which hub and arm turn, the hub half
-    as far. It is what is left of a cross-spring pivot in one plate, in which two leaves that cross
-    cannot be cut: they are joined where they would.
+    as far. It replaces a cross-spring pivot in a single plate, where two crossing leaves cannot be
+    cut: they are joined at the crossing.
 
     Of leaves of length L with an end at a distance h = p L from the centre the stiffness is
 
@@ -225,7 +225,7 @@ class TrapezoidalPivotParameters(PivotParameters):
     centre_distance: Size = 10e-3
     """Distance of the near ends of the leaves from the centre [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
-    """What turns the pivot."""
+    """Actuator of the pivot."""
     arm_height: Size = 22e-3
     """Height of the arm over its leaves [m]."""
 
@@ -233,7 +233,7 @@ class TrapezoidalPivotParameters(PivotParameters):
         PivotParameters.__post_init__(self)
         under = -faces(self, self.centre_distance)[1][1]
         room = under + 4.0 * self.force_patch_half_width
-        self._at_least("arm_height", room, "so that the drive pushes beside the centre")
+        self._at_least("arm_height", room, "so that the drive acts off the centre")
         slot = self.leaf.length * math.cos(self.half_angle)
         at_least("leaf.length * cos(half_angle)", slot, WIRE, "between arm and base")
 
@@ -278,7 +278,7 @@ def trapezoidal_pivot(p: TrapezoidalPivotParameters) -> Stage:
 
 TRAPEZOIDAL_PIVOT = Topology(
     name="trapezoidal-pivot",
-    title="trapezoidal pivot on two leaves: turns about a remote centre",
+    title="trapezoidal pivot of two leaves: rotation about a remote centre",
     source="X. Pei, J. Yu, G. Zong, S. Bi, Z. Yu, Analysis of rotational precision for an "
     "isosceles-trapezoidal flexural pivot, J. Mech. Des. 130 (2008) 052302",
     parameters=TrapezoidalPivotParameters,

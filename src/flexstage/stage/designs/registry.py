@@ -1,4 +1,4 @@
-"""Stages by name: those that are built in, and the families that stage files build from."""
+"""Stages by name: built-in stages, and the families on which stage files are based."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -31,7 +31,7 @@ from flexstage.stage.designs.vgtu import MECHANICAL, PIEZO
 from flexstage.stage.file import STAGE_FILE
 
 # designs that a message names
-_SHOWN = 3
+_LISTED = 3
 
 #: Parametric families.
 TOPOLOGIES: dict[str, Topology] = {
@@ -56,7 +56,8 @@ TOPOLOGIES: dict[str, Topology] = {
     )
 }
 
-#: Built-in stages for stage files to start from: two that are known, and the usual one of a family.
+#: Built-in stages on which stage files can be based: two published ones, and the default of each
+#: family.
 PARAMETER_SETS: dict[str, ParameterSet] = {
     known.name: known
     for known in (
@@ -66,7 +67,7 @@ PARAMETER_SETS: dict[str, ParameterSet] = {
     )
 }
 
-#: What builds each of them.
+#: Function that builds each of them.
 DESIGNS: dict[str, Callable[[], Stage]] = {
     name: known.construct for name, known in PARAMETER_SETS.items()
 }
@@ -95,7 +96,7 @@ def design(name: str) -> Stage:
     >>> len(design("vgtu-piezo").bodies)
     21
     """
-    return _built(known_design(name))
+    return _cached_stage(known_design(name))
 
 
 def build(name: str, parameters: Mapping[str, object]) -> Stage:
@@ -104,16 +105,16 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     Parameters
     ----------
     name : str
-        One of `TOPOLOGIES`; or one of `DESIGNS`, from which all other dimensions are then taken.
+        One of `TOPOLOGIES`; or one of `DESIGNS`, for all other dimensions.
     parameters : mapping
         Dimensions by name, as texts with units, nested as the dataclass of the family is; and
-        ``based_on``, the name of the built-in design from which all others are taken.
+        ``based_on``, the name of the built-in design for all others.
 
     Returns
     -------
     Stage
-        The stage. One that differs from the design it is based on carries none of its published
-        figures, and says what it varies.
+        The stage. A stage that differs from its base has none of its published figures, and a note
+        with the base.
 
     Raises
     ------
@@ -128,38 +129,37 @@ def build(name: str, parameters: Mapping[str, object]) -> Stage:
     >>> build("nested-xy", longer).hinge("xful-u").at[1]
     0.02134
     """
-    return construct(*chosen(name, parameters))
+    return construct(*design_parameters(name, parameters))
 
 
-def construct(topology: Topology, known: ParameterSet | None, dimensions: Any) -> Stage:
-    """Build a stage of a family; `known` is the built-in design that its dimensions vary."""
-    if known is None:
+def construct(topology: Topology, base: ParameterSet | None, dimensions: Any) -> Stage:
+    """Build a stage of a family; `base` is the built-in design that its dimensions vary."""
+    if base is None:
         return topology.construct(dimensions)
-    if dimensions == known.parameters:
-        return design(known.name)
+    if dimensions == base.parameters:
+        return design(base.name)
     return replace(
         topology.construct(dimensions),
-        name=f"{known.name}-variation",
-        notes=(
-            f"A variation of {known.name}: figures published for that stage do not belong to it.",
-        ),
+        name=f"{base.name}-variation",
+        notes=(f"Variation of {base.name}: figures published for that stage do not apply.",),
     )
 
 
-def chosen(
+def design_parameters(
     name: str, parameters: Mapping[str, object]
 ) -> tuple[Topology, ParameterSet | None, Any]:
     """Return the family, the built-in design that is varied, if any, and the dimensions."""
-    name = _known("design", name, {**DESIGNS, **TOPOLOGIES})
+    name = _registered_name("design", name, {**DESIGNS, **TOPOLOGIES})
     base_name = parameters.get("based_on")
     if name not in TOPOLOGIES:
-        known = PARAMETER_SETS[name]
+        parameter_set = PARAMETER_SETS[name]
         if base_name is not None:
             raise StageError(
-                f"'based_on' goes with a parametric design, such as '{known.topology.name}', got "
-                f"'{name}': name that, or leave 'based_on' out"
+                "'based_on' needs a parametric design, such as "
+                f"'{parameter_set.topology.name}', got '{name}': name that design, or remove "
+                "'based_on'"
             )
-        name, base_name = known.topology.name, name
+        name, base_name = parameter_set.topology.name, name
     topology = TOPOLOGIES[name]
     if base_name is None:
         usual = topology.usual()
@@ -167,26 +167,26 @@ def chosen(
         return topology, None, _dimensions(topology, parameters, base)
     if not isinstance(base_name, str):
         raise StageError(f"'based_on' must be the name of a built-in design, got {base_name!r:.60}")
-    base_name = _known("built-in design", base_name, PARAMETER_SETS)
-    known = PARAMETER_SETS[base_name]
-    if known.topology is not topology:
+    base_name = _registered_name("built-in design", base_name, PARAMETER_SETS)
+    parameter_set = PARAMETER_SETS[base_name]
+    if parameter_set.topology is not topology:
         raise StageError(
-            f"'{base_name}' is a {known.topology.name} design and cannot be the base of a "
+            f"'{base_name}' is a {parameter_set.topology.name} design and cannot be the base of a "
             f"{topology.name} one"
         )
-    return topology, known, _dimensions(topology, parameters, known.parameters)
+    return topology, parameter_set, _dimensions(topology, parameters, parameter_set.parameters)
 
 
-def _dimensions(topology: Topology, given: Mapping[str, object], base: Any) -> Any:
-    """Read dimensions; those that are not given are those of a base, where there is one."""
-    node, path = node_of(given), ""
+def _dimensions(topology: Topology, settings: Mapping[str, object], base: Any) -> Any:
+    """Read dimensions; missing ones are those of a base, where there is one."""
+    node, path = node_of(settings), ""
     decoder = Decoder(f"the design '{topology.name}'", STAGE_FILE)
-    if isinstance(given, Given):  # in a file, whose lines are known
-        decoder, path = given.decoder, "design"
+    if isinstance(settings, Given):  # in a file, whose lines are known
+        decoder, path = settings.decoder, "design"
     missing = [
         name
         for name, (field, _) in field_types(topology.parameters).items()
-        if base is None and required(field) and name not in given
+        if base is None and required(field) and name not in settings
     ]
     if missing:
         decoder.refuse(
@@ -199,25 +199,25 @@ def _dimensions(topology: Topology, given: Mapping[str, object], base: Any) -> A
 
 
 @cache
-def _built(name: str) -> Stage:
+def _cached_stage(name: str) -> Stage:
     return DESIGNS[name]()
 
 
 def some_of(names: Iterable[str]) -> str:
-    """Return the first of many names for a message, and where the others are listed."""
-    first, more = list(names)[:_SHOWN], "'flexstage new' lists all"
+    """Return the first of many names for a message, and a reference to the others."""
+    first, more = list(names)[:_LISTED], "'flexstage new' lists all"
     return f"{', '.join(first)}, ...; {more}"
 
 
 def known_design(name: str) -> str:
-    """Return the name of a built-in design as it is registered; refuse one that there is not."""
-    return _known("built-in design", name, DESIGNS)
+    """Return the name of a built-in design as registered; refuse an unknown one."""
+    return _registered_name("built-in design", name, DESIGNS)
 
 
-def _known(noun: str, name: str, names: Iterable[str]) -> str:
-    """Return a name as it is registered."""
-    wanted = name.strip().casefold()
-    if wanted in set(names):
-        return wanted
-    hint = did_you_mean(wanted, names, 0.3)
+def _registered_name(noun: str, name: str, names: Iterable[str]) -> str:
+    """Return a name as registered."""
+    folded = name.strip().casefold()
+    if folded in set(names):
+        return folded
+    hint = did_you_mean(folded, names, 0.3)
     raise StageError(f"there is no {noun} '{name[:60]}' (there are: {some_of(names)}){hint}")

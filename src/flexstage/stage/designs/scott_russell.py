@@ -40,7 +40,7 @@ class ScottRussellParameters(GuidedPlateParameters):
     input_block_length: Size = 10e-3
     """Length of the block that the drive pushes, along it [m]."""
     input_block_height: Size = 8e-3
-    """Its height [m]."""
+    """Height [m]."""
     guide: Leg = field(default_factory=lambda: round_leaf(12e-3))
     """The four legs or leaves that guide it, two above and two below."""
     guide_spacing: Size = 7e-3
@@ -54,7 +54,7 @@ class ScottRussellParameters(GuidedPlateParameters):
         self._at_least(
             "crank_length",
             (self.notch.length + max(self.slot, self.arm_width)) / math.cos(self.link_angle),
-            "so that the arm of the link stands beside its knee",
+            "so that the arm of the link is next to its knee",
         )
         at_least(
             "crank_length * sin(link_angle)",
@@ -83,8 +83,8 @@ def scott_russell(p: ScottRussellParameters) -> Stage:
     r"""Build a Scott-Russell linkage.
 
     One end A of a link slides along x; a crank half as long as the link holds its middle C at a
-    fixed distance from a point O on the way of A. The other end B then moves along a straight line
-    through O, across that way. O is the origin; leaves guide A; the link is bent about the crank,
+    fixed distance from a point O on the path of A. The other end B then moves along a straight line
+    through O, across that path. O is the origin; leaves guide A; the link is bent about the crank,
     so that its neck C lies between its ends::
 
               B  _________________

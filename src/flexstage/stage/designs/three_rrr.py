@@ -20,7 +20,7 @@ from flexstage.stage.designs.pieces import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThreeRRRParameters(DrivenPlateParameters):
-    """The dimensions of a 3-RRR stage; its three legs are alike."""
+    """The dimensions of a 3-RRR stage; its three legs are equal."""
 
     link_distance: Size = 16e-3
     """Distance of the links' lines from the centre of the platform [m]."""
@@ -77,7 +77,7 @@ class ThreeRRRParameters(DrivenPlateParameters):
         self._at_least(
             "actuator_length",
             self.lever_side + max(slot - tab, covers / math.sqrt(3.0)),
-            "so that the ring keeps a slot from the tab beside it, and reaches up to the drive",
+            "so that the ring keeps a slot from the tab next to it, and reaches up to the drive",
         )
         self._at_most(
             "actuator_length",
@@ -92,17 +92,16 @@ class ThreeRRRParameters(DrivenPlateParameters):
 
     @property
     def lever_side(self) -> float:
-        """Position of the side of a lever that drive and link lie on [m]."""
+        """Position of the side of a lever with drive and link [m]."""
         return self.link_position + self.link_length + 0.5 * self.notch.length
 
 
 def three_rrr(p: ThreeRRRParameters) -> Stage:
     r"""Build a 3-RRR stage.
 
-    Three legs, alike under a turn of 120 deg, hold a platform; each is a *lever* with its fulcrum
-    on the ring and a *link* to a tab of the platform. A drive pushes each lever between fulcrum and
-    link.
-    The first leg, seen from the centre of the platform::
+    Three legs, equal under a rotation by 120 deg, hold a platform; each is a *lever* with its
+    fulcrum on the ring and a *link* to a tab of the platform. A drive pushes each lever between
+    fulcrum and link. The first leg, seen from the centre of the platform::
 
             platform   |__________________________
               | tab |                         |   |
@@ -143,10 +142,10 @@ def three_rrr(p: ThreeRRRParameters) -> Stage:
     hinges: list[Hinge] = []
     drives: list[Drive] = []
     for k, turn in enumerate(turns, 1):
-        own = {name: f"{name}-{k}" for name in ("lever", "link", "fulcrum", "knee", "tab")}
-        bodies += (moved(body, turn, own) for body in _leg_bodies(p))
-        hinges += (moved(hinge, turn, own) for hinge in _leg_hinges(p))
-        drives.append(moved(_drive(p), turn, own | {"drive": str(k)}))
+        names = {name: f"{name}-{k}" for name in ("lever", "link", "fulcrum", "knee", "tab")}
+        bodies += (moved(body, turn, names) for body in _leg_bodies(p))
+        hinges += (moved(hinge, turn, names) for hinge in _leg_hinges(p))
+        drives.append(moved(_drive(p), turn, names | {"drive": str(k)}))
     middle = (0.0, 0.0)
     return plate(
         p,
@@ -210,7 +209,7 @@ def _drive(p: ThreeRRRParameters) -> Drive:
 
 
 def _platform_side(p: ThreeRRRParameters) -> list[Pair]:
-    """A third of the outline of the platform: a side with its tab, and the corner after it."""
+    """Return a third of the outline of the platform: a side with its tab and the next corner."""
     side, right = -p.apothem, p.link_position - 0.5 * p.notch.length
     left, low = right - p.tab_width, -p.link_distance - 0.5 * p.notch.root_height - p.edge
     corner = (p.apothem / math.sqrt(3.0), side)
@@ -226,9 +225,9 @@ def _ring(p: ThreeRRRParameters, turns: list[PlaneMotion]) -> Body:
     window = [start, (wall, floor), (right, floor), (right, top)]
     radius = math.hypot(right, floor) + p.frame_wall
     # in the wall behind the drive, as far out as the ring is wide there
-    beside = (wall - p.frame_wall, floor)
-    share = (radius - 0.5 * p.frame_wall) / math.hypot(*beside)
-    bolt = (share * beside[0], share * beside[1])
+    corner = (wall - p.frame_wall, floor)
+    share = (radius - 0.5 * p.frame_wall) / math.hypot(*corner)
+    bolt = (share * corner[0], share * corner[1])
     return Body(
         name="base",
         outline=Circle((0.0, 0.0), radius).loop(),

@@ -31,48 +31,48 @@ class SingleAxisParameters:
     """
 
     guide: Literal["parallelogram", "double-parallelogram"] = "parallelogram"
-    """Which guide it is."""
+    """Kind of guide."""
     leg: Leg = field(
         default_factory=lambda: Leg(
             notch=RightCircular(neck_thickness=0.5e-3, radius=2e-3), bar_length=26e-3
         )
     )
-    """Its legs; each is a bar between two notches, or a leaf."""
+    """Legs; each is a bar between two notches, or a leaf."""
     leg_spacing: Size = 40e-3
     """Distance between legs [m]."""
     platform_height: Size = 40e-3
     """Height of the platform across its motion [m]."""
     actuator_length: Size = 2e-3
-    """Distance between the platform and what the drive stands on [m]."""
+    """Distance between the platform and the reaction face of the drive [m]."""
     actuator: AnyActuator = field(default_factory=lambda: fine_screw(200e-6))
-    """What drives the axis."""
+    """Actuator of the axis."""
 
     def __post_init__(self) -> None:
         require_ranges(self, StageError, "a guide")
 
     def build(self, plate: PlateParameters) -> Stage:
         """Build the guide alone, as a part of a plate: its axis is x, its platform ``platform``."""
-        given: dict[str, Any] = {
+        dimensions: dict[str, Any] = {
             **{f.name: getattr(plate, f.name) for f in fields(PlateParameters)},
             **{f.name: getattr(self, f.name) for f in fields(self) if f.name != "guide"},
         }
         if self.guide == "parallelogram":
-            return parallelogram(ParallelogramParameters(**given))
-        return double_parallelogram(DoubleParallelogramParameters(**given))
+            return parallelogram(ParallelogramParameters(**dimensions))
+        return double_parallelogram(DoubleParallelogramParameters(**dimensions))
 
 
 def names_of_axis(guide: Stage, axis: str, bodies: Mapping[str, str]) -> dict[str, str]:
-    """Return new names for all that a guide of the axis x consists of.
+    """Return new names for all parts of a guide of the axis x.
 
-    Its drive, probe and axis are called by the axis, as ``y``; what is left of its bodies and its
-    hinges has it before its name, as ``y-left-leg``.
+    Its drive, probe and axis are called by the axis, as ``y``; its other bodies and its hinges have
+    it before their names, as ``y-left-leg``.
     """
     parts = [part.name for part in (*guide.bodies, *guide.hinges)]
     return {**{name: f"{axis}-{name}" for name in parts}, "x": axis, **bodies}
 
 
 def base_of(guide: Stage) -> Body:
-    """Return the body of a guide that is held."""
+    """Return the fixed body of a guide."""
     return next(body for body in guide.bodies if body.fixed)
 
 
@@ -89,7 +89,7 @@ class SideBySideXYParameters(PlateParameters):
     x: SingleAxisParameters = field(default_factory=SingleAxisParameters)
     """The guide that stands on the base, a parallelogram."""
     y: SingleAxisParameters = field(default_factory=SingleAxisParameters)
-    """The guide beside it, which its platform carries."""
+    """The guide next to it, which its platform carries."""
     gap: Size = 2e-3
     """Distance between the guides [m]."""
 
@@ -98,18 +98,17 @@ class SideBySideXYParameters(PlateParameters):
         if self.x.guide != "parallelogram":
             raise StageError(
                 f"the guide of x must be a parallelogram, got '{self.x.guide}': its base encloses "
-                "its platform, which cannot reach out to a guide beside it"
+                "its platform, which cannot reach a guide next to it"
             )
 
 
 def side_by_side_xy(p: SideBySideXYParameters) -> Stage:
     """Build an XY stage of two guides side by side in one plane.
 
-    The guide of x stands on the base. Its platform reaches out beside it and is the base of the
-    guide of y, turned by a quarter: a chain of two, in one plate, driven directly, where a nested
-    stage has the second guide inside the first. The middle of the platform of y lies on the line
-    of the drive of x, and as far from its guide as one is long: a yaw of x moves it across by
-    that arm.
+    The guide of x stands on the base. Its platform extends sideways and is the base of the guide of
+    y, rotated by 90 deg: a chain of two, in one plate, driven directly, where a nested stage has
+    the second guide inside the first. The middle of the platform of y lies on the line of the drive
+    of x, and as far from its guide as one is long: a yaw of x moves it across by that arm.
 
     Bodies are ``base`` (fixed), ``carriage`` (the platform of x and the base of y in one),
     ``platform`` (of y), and the others of each guide with its axis before the name, ``x-left-leg``.
@@ -164,8 +163,8 @@ def joined(*outlines: Loop) -> Loop:
     """Return the outline of straight-edged pieces that touch along edges."""
     from shapely import Polygon, get_coordinates, union_all
 
-    whole = union_all([Polygon(o.points) for o in outlines], grid_size=1e-9).simplify(0.0)
-    corners = get_coordinates(whole)[:-1]
+    union = union_all([Polygon(o.points) for o in outlines], grid_size=1e-9).simplify(0.0)
+    corners = get_coordinates(union)[:-1]
     return Loop(tuple((float(x), float(y)) for x, y in corners))
 
 
@@ -179,7 +178,7 @@ SIDE_BY_SIDE_XY = Topology(
 )
 
 
-# between the plates where they are drawn beside each other
+# between the plates, which are drawn side by side
 _APART = 10e-3
 
 
@@ -190,7 +189,7 @@ class StackedXYParameters(PlateParameters):
     x: SingleAxisParameters = field(default_factory=SingleAxisParameters)
     """The lower guide."""
     y: SingleAxisParameters = field(default_factory=SingleAxisParameters)
-    """The upper guide, turned by a quarter."""
+    """The upper guide, rotated by 90 deg."""
     spacer: Size = 3e-3
     """Height of the spacer between the platform of the lower plate and the upper plate [m]."""
 
@@ -198,7 +197,7 @@ class StackedXYParameters(PlateParameters):
     def heights(self) -> tuple[float, float]:
         """Height of the top of the upper plate above the middle of the lower and the upper [m].
 
-        It is the Abbe offset of each guide for what stands on the stage.
+        It is the Abbe offset of each guide for an object on the stage.
         """
         upper = 0.5 * self.thickness
         return 2.0 * upper + self.spacer + upper, upper
@@ -228,11 +227,11 @@ def plates(p: StackedXYParameters) -> tuple[Stage, Stage]:
 
 
 def stacked_xy(p: StackedXYParameters) -> Stage:
-    """Build an XY stage of two stacked guides: its two plates beside each other, as they are cut.
+    """Build an XY stage of two stacked guides: its two plates side by side, as they are cut.
 
-    A stage lies in one plane and these plates do not: here both bases are held, and the lower
-    platform carries the upper plate as a mass. Each axis moves as it does; what it does to the
-    point above both platforms, by its rotations times its height and by how the plates are mounted,
+    A stage lies in one plane and these plates do not: here both bases are fixed, and the lower
+    platform carries the upper plate as a mass. The motion of each axis is exact; its effect on the
+    point above both platforms, by its rotations times its height and by the mounting of the plates,
     is in `flexstage.studies.motion_errors`.
 
     Bodies, hinges and drives of the lower plate have ``x-`` before their names and those of the
@@ -256,21 +255,21 @@ def stacked_xy(p: StackedXYParameters) -> Stage:
             names_of_axis(upper, "y", {}),
         ),
     )
-    beside = plate(
+    side_by_side = plate(
         p,
         "stacked-xy",
-        "XY stage of two stacked guides, its plates drawn beside each other",
+        "XY stage of two stacked guides, its plates drawn side by side",
         bodies=(body for part in parts for body in part.bodies),
         hinges=(hinge for part in parts for hinge in part.hinges),
         drives=(drive for part in parts for drive in part.drives),
         probes=(probe for part in parts for probe in part.probes),
     )
     return replace(
-        beside,
+        side_by_side,
         notes=(
-            "Two plates, drawn beside each other: the upper one, turned by a quarter, stands on "
-            "the platform of the lower one, which carries it here as a mass. Frequencies at which "
-            "both move together, and motions out of the plane, are not in it.",
+            "Two plates, drawn side by side: the upper one, rotated by 90 deg, stands on the "
+            "platform of the lower one, which carries it here as a mass. Modes in which both "
+            "move together, and motions out of the plane, are not modelled.",
         ),
     )
 

@@ -1,4 +1,4 @@
-"""The two stages of the study: dimensions, drives, and the figures that were published of them.
+"""The two stages of the study: dimensions, drives, and published figures.
 
 One is reduced and driven by screws, the other amplified and driven by piezoelectric stacks. The
 study prints no dimensions: the geometries are reconstructions, see the notes of each.
@@ -15,8 +15,8 @@ from flexstage.stage.designs.nested_xy_axis import AxisParameters
 from flexstage.stage.designs.parameters import ParameterSet
 from flexstage.stage.drive import ScrewActuator, StackActuator
 
-#: By how much motion errors are claimed to be below those of a traditional stage, which is not
-#: named, by stage [1]; `flexstage.studies.traditional` has what holds of it.
+#: Claimed reduction of motion errors against a traditional stage, which is not named, by stage [1];
+#: `flexstage.studies.traditional` examines the claim.
 MOTION_ERROR_CLAIMS: Mapping[str, float] = {"vgtu-mechanical": 0.44, "vgtu-piezo": 0.17}
 
 # note of a figure that is printed once for a stage with two axes
@@ -50,7 +50,7 @@ def _rows(
     both: float | None = None,
     note: str = "",
 ) -> Iterator[Characteristic]:
-    """Give the rows of one published quantity in SI units; `both` is printed once for both axes."""
+    """Yield the rows of one published quantity in SI units; `both` is the same for both axes."""
     if both is not None:
         x, y, note = both, both, f"{_BOTH_AXES}; {note}" if note else _BOTH_AXES
     for axis, value in (("x", x), ("y", y)):
@@ -66,7 +66,7 @@ def _rows(
 
 
 def _straightness(*, x: tuple[float, float], y: tuple[float, float]) -> Iterator[Characteristic]:
-    """Give the motion errors of each axis across it, in the plane and out of it [m]."""
+    """Yield the motion errors of each axis across it, in the plane and out of it [m]."""
     for axis, across, (inside, out) in (("x", "y", x), ("y", "x", y)):
         for quantity, along, value in (
             ("straightness", across, inside),
@@ -77,21 +77,21 @@ def _straightness(*, x: tuple[float, float], y: tuple[float, float]) -> Iterator
 
 
 _RECONSTRUCTED = (
-    "The geometry is a reconstruction: the study prints no dimensions, and this one was found so "
-    "that three-dimensional finite elements give the finite-element figures that it publishes.",
-    "The published finite-element frequencies are reproduced with the frame held at its bolt holes "
-    "and the drives removed, and under no other condition that was tried.",
+    "The geometry is a reconstruction: the study prints no dimensions. It was fitted so that "
+    "three-dimensional finite elements give the finite-element figures that the study publishes.",
+    "The published finite-element frequencies are reproduced with the frame held at its bolt "
+    "holes and the drives removed, and under none of the other conditions tried.",
 )
 
 
-def _known(
+def _published_stage(
     name: str,
     title: str,
     parameters: NestedXYParameters,
     published: tuple[Characteristic, ...],
     notes: tuple[str, ...],
 ) -> ParameterSet:
-    """Return a stage of the study: its dimensions, and what was published of it."""
+    """Return a stage of the study: its dimensions and published figures."""
 
     def construct() -> Stage:
         return replace(
@@ -106,7 +106,7 @@ def _known(
 
 
 #: The screw-driven reduction stage.
-MECHANICAL = _known(
+MECHANICAL = _published_stage(
     "vgtu-mechanical",
     "XY reduction stage with adjustment screws",
     NestedXYParameters(
@@ -215,7 +215,7 @@ MECHANICAL = _known(
 )
 
 #: The piezo-driven amplification stage.
-PIEZO = _known(
+PIEZO = _published_stage(
     "vgtu-piezo",
     "XY amplification stage with piezoelectric stacks",
     NestedXYParameters(

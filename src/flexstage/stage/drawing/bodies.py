@@ -1,4 +1,4 @@
-"""Which thin places of a part are necks, and the bodies that are left without them."""
+"""The necks among the thin places of a part, and the bodies between them."""
 
 import math
 from collections.abc import Sequence
@@ -14,10 +14,9 @@ from flexstage.stage.drawing.thickness import Pass, Relief, relief
 from flexstage.stage.outline import Circle, Loop
 from flexstage.stage.shapes import CHORD
 
-#: A neck is at least so much thinner than the thinner of its two bodies, unless a limit is given.
+#: Least ratio of the thickness of the thinner body to that of a neck, unless a limit is given.
 LEAST_RATIO = 1.5
-#: Above the gap in thickness a neck counts where its profile is a notch and its bodies this much
-#: thicker.
+#: The same above the gap in thickness, where a neck counts only if its profile is a notch.
 CLEAR_RATIO = 2.0
 
 
@@ -26,86 +25,89 @@ def find_necks(
 ) -> tuple[list[Neck], tuple[float, float] | None]:
     """Return the necks of a part, and the gap in thickness above them.
 
-    That is the thickness of the thickest neck, and of the thinnest place that is none [m]; None
-    where all thin places are necks.
+    These are the thicknesses of the thickest neck and of the thinnest other place [m]; None where
+    all thin places are necks.
 
     All places thinner than `limit` are necks [m]; where none is given, those below the widest gap
     in the thicknesses of all thin places, and above it those whose sides are a notch by its own
     lines and arcs.
     """
-    found = relief(part)
-    chosen = _chosen(part, found, limit)
+    thin_places = relief(part)
+    passes = _select_necks(part, thin_places, limit)
     necks = []
-    for each in chosen:
+    for each in passes:
         neck = neck_of(part, each)
         if neck is None:
             x, y = each.sides[0].at
             raise StageError(
-                f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, has no "
-                "profile that a hinge can have: both halves must be alike, and both sides, or one "
-                "straight; mend the drawing there, or give --contours neck_limit=LENGTH below its "
-                "thickness to leave it out"
+                f"the neck about {part.place((x, y))}, {each.thickness * 1e3:.4g} mm thick, "
+                "matches no hinge profile: both halves must be equal, and both sides equal or "
+                "one of them straight; correct the drawing there, or exclude the neck by "
+                "--contours neck_limit=LENGTH below its thickness"
             )
         necks.append(neck)
     if not necks:
         raise StageError(
-            "the drawing holds no neck: no place of the part is so much thinner than what lies on "
-            "both sides of it; give --contours neck_limit=LENGTH, the thickest neck that counts"
+            "the drawing contains no neck: no place of the part is much thinner than the "
+            "material on both sides; give --contours neck_limit=LENGTH, the thickest neck that "
+            "counts"
         )
     thickest = max(n.profile.neck_thickness for n in necks)
-    others = [p.thickness for p in found.passes if p not in chosen and p.thickness > thickest]
+    others = [p.thickness for p in thin_places.passes if p not in passes and p.thickness > thickest]
     return parted(necks), (thickest, min(others)) if others else None
 
 
-def _chosen(part: DrawnPart, found: Relief, limit: float | None) -> list[Pass]:
-    """Choose the passes that are necks."""
-    by_size = sorted(found.passes, key=lambda p: p.thickness)
+def _select_necks(part: DrawnPart, thin_places: Relief, limit: float | None) -> list[Pass]:
+    """Select the passes that are necks."""
+    by_size = sorted(thin_places.passes, key=lambda p: p.thickness)
     if limit is not None:
-        return _separating([p for p in by_size if p.thickness <= 1.05 * limit], found)
+        return _separating([p for p in by_size if p.thickness <= 1.05 * limit], thin_places)
     clear = [p for p in by_size if p.ratio >= LEAST_RATIO]
     if not clear:
         return []
     # the widest gap, on a scale of ratios; beyond the last one lies the thinnest body
     sizes = [p.thickness for p in clear]
-    beyond = max(sizes[-1], min(found.heights[h] for p in clear for h in p.hills))
+    beyond = max(sizes[-1], min(thin_places.heights[h] for p in clear for h in p.hills))
     steps = [b / a for a, b in zip(sizes, [*sizes[1:], beyond], strict=True)]
     cut = sizes[max(range(len(steps)), key=lambda k: steps[k])]
     below = [p for p in clear if p.thickness <= cut]
     above = [p for p in clear if p.thickness > cut and p.ratio >= CLEAR_RATIO]
-    return _separating([*below, *(p for p in above if _is_notch(part, p))], found)
+    return _separating([*below, *(p for p in above if _is_notch(part, p))], thin_places)
 
 
-def _is_notch(part: DrawnPart, found: Pass) -> bool:
-    neck = neck_of(part, found)
+def _is_notch(part: DrawnPart, thin_place: Pass) -> bool:
+    neck = neck_of(part, thin_place)
     if neck is None or neck.profile.kind in ("as-drawn", "leaf"):
         return False
-    # a wall beside a pocket with round corners has two fillets and a straight side as well
+    # a wall next to a pocket with round corners has two fillets and a straight side as well
     return not (neck.profile.one_sided and neck.profile.flat_length > 0.0)
 
 
-def _separating(chosen: list[Pass], found: Relief) -> list[Pass]:
-    """Leave out the passes within one body, once the others are no border."""
-    hill = {k: k for k in found.heights}
+def _separating(passes: list[Pass], thin_places: Relief) -> list[Pass]:
+    """Exclude the passes within one body."""
+    hill = {k: k for k in thin_places.heights}
 
     def root(k: int) -> int:
         while hill[k] != k:
             k = hill[k]
         return k
 
-    for other in found.passes:
-        if other not in chosen:
+    for other in thin_places.passes:
+        if other not in passes:
             a, b = (root(h) for h in other.hills)
             hill[a] = b
-    return [p for p in chosen if root(p.hills[0]) != root(p.hills[1])]
+    return [p for p in passes if root(p.hills[0]) != root(p.hills[1])]
 
 
 def certainty(neck: Neck, gap: tuple[float, float] | None) -> str:
-    """Say in a word how sure a neck is: ``sure``, ``likely`` or ``doubtful``."""
+    """Return the certainty of a neck: ``sure``, ``likely`` or ``doubtful``."""
     wide = gap is None or gap[1] >= 2.0 * gap[0] or neck.profile.neck_thickness < 0.5 * gap[1]
-    drawn = neck.profile.kind == "as-drawn"
-    if neck.found.ratio >= CLEAR_RATIO and wide and not drawn:
+    as_drawn = neck.profile.kind == "as-drawn"
+    if neck.thin_place.ratio >= CLEAR_RATIO and wide and not as_drawn:
         return "sure"
-    return "likely" if neck.found.ratio >= LEAST_RATIO and (wide or not drawn) else "doubtful"
+    return (
+        "likely" if neck.thin_place.ratio >= LEAST_RATIO and (wide or not as_drawn) else "doubtful"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,13 +115,13 @@ class DrawnBody:
     """A body of a drawing."""
 
     outline: Loop
-    """Its outline, without the notches."""
+    """Outline, without the notches."""
     holes: tuple[Loop | Circle, ...]
     """Openings in it."""
     holes_layers: tuple[str, ...]
     """The layer of each opening."""
     roots: tuple[tuple[int, int], ...]
-    """The necks that grow from it, each with 0 where it is their body a, 1 where their body b."""
+    """The necks attached to it, each with 0 where it is their body a, 1 where their body b."""
 
 
 class _Cut(NamedTuple):
@@ -134,22 +136,22 @@ class _Cut(NamedTuple):
 
 
 def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
-    """Take the notches out of a part and close what is left by straight lines across the roots."""
+    """Remove the notches from a part and close its bodies by straight lines across the roots."""
     cuts = _cuts(part, necks)
     chains: dict[tuple[int, int, bool], tuple[list[Curve], _Cut]] = {}
     loose: list[DrawnContour] = []
     for k, contour in enumerate(part.contours):
-        own = sorted(cuts.get(k, []), key=lambda c: (c.stroke, c.share))
-        if not own:
+        body_cuts = sorted(cuts.get(k, []), key=lambda c: (c.stroke, c.share))
+        if not body_cuts:
             loose.append(contour)
             continue
-        for n, cut in enumerate(own):
-            following = own[(n + 1) % len(own)]
+        for n, cut in enumerate(body_cuts):
+            following = body_cuts[(n + 1) % len(body_cuts)]
             if cut.outward == following.outward:
                 raise StageError(
-                    f"two notches overlap about {part.place(following.point)}: the drawing cannot "
-                    "be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
-                    "that counts"
+                    f"two notches overlap about {part.place(following.point)}, so the drawing "
+                    "cannot be divided into bodies: give --contours neck_limit=LENGTH, the "
+                    "thickest neck that counts"
                 )
             if cut.outward:
                 chains[(*cut.root, cut.left)] = (_between(contour, cut, following), following)
@@ -158,15 +160,15 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
         start = next(iter(chains))
         key, curves, roots = start, [], []
         while key in chains:
-            found, end = chains.pop(key)
-            curves += found
+            chain, end = chains.pop(key)
+            curves += chain
             # straight across the root, to where the contour leaves on its other side
             key = (*end.root, not end.left)
             roots.append(end.root)
             across = chains.get(key) if key != start else (curves,)
             if across is None:
                 raise StageError(
-                    f"the contours about {part.place(end.point)} do not close to a body"
+                    f"the contours about {part.place(end.point)} do not enclose a body"
                 )
             curves.append(Curve(curves[-1].end, across[0][0].start))
         loops.append((curves, roots))
@@ -175,7 +177,7 @@ def bodies_of(part: DrawnPart, necks: Sequence[Neck]) -> list[DrawnBody]:
 
 def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
     """Find the four ends of the roots of each neck on the contours."""
-    found: dict[int, list[_Cut]] = {}
+    cuts: dict[int, list[_Cut]] = {}
     for n, neck in enumerate(necks):
         profile = neck.profile
         half, top = 0.5 * profile.length, 0.5 * profile.neck_thickness
@@ -191,8 +193,8 @@ def _cuts(part: DrawnPart, necks: Sequence[Neck]) -> dict[int, list[_Cut]]:
                 # the right side runs from body a to b, the left one back
                 outward = ahead != left
                 cut = _Cut(stroke, share, point, (n, which), left, outward)
-                found.setdefault(place.contour, []).append(cut)
-    return found
+                cuts.setdefault(place.contour, []).append(cut)
+    return cuts
 
 
 def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> tuple[int, float]:
@@ -208,7 +210,8 @@ def _find(part: DrawnPart, neck: Neck, left: bool, ahead: bool, point: Pair) -> 
         if math.dist(curve.point(share), point) < 2.0 * part.tolerance + neck.off:
             return n, share
     raise StageError(
-        f"the neck about {part.place(neck.frame.at)} has no straight root at {part.place(point)}"
+        f"the neck about {part.place(neck.frame.at)} is not attached to a straight edge at "
+        f"{part.place(point)}"
     )
 
 
@@ -245,7 +248,7 @@ def _gathered(
     loops: list[tuple[list[Curve], list[tuple[int, int]]]],
     loose: list[DrawnContour],
 ) -> list[DrawnBody]:
-    """Tell outlines from openings, and give each opening to the body that it is in."""
+    """Separate outlines from openings, and assign each opening to its body."""
     from shapely import Polygon
 
     slack = max(SAME, 4.0 * part.rounding)
@@ -270,7 +273,7 @@ def _gathered(
     owned: list[list[tuple[Loop | Circle, str]]] = [[] for _ in outer]
     roots_of = [list(roots) for *_, roots in outer]
     for shape, ring, roots, layer in inner:
-        # a point beside the opening, on the material; the smallest outline round it is its body
+        # a point next to the opening, on the material; the smallest outline around it is its body
         inside = ring.representative_point()
         holder = next(
             (
@@ -282,9 +285,9 @@ def _gathered(
         )
         if holder is None:
             raise StageError(
-                f"the opening about {part.place(inside.coords[0])} lies in no body: the drawing "
-                "cannot be taken apart there; give --contours neck_limit=LENGTH, the thickest neck "
-                "that counts"
+                f"the opening about {part.place(inside.coords[0])} is in no body, so the drawing "
+                "cannot be divided into bodies: give --contours neck_limit=LENGTH, the thickest "
+                "neck that counts"
             )
         owned[holder].append((shape, layer))
         roots_of[holder] += roots
@@ -300,10 +303,10 @@ def _gathered(
 
 
 def _loop(curves: list[Curve], slack: float) -> Loop:
-    """Return a loop, without corners that are none."""
-    kept = [c for c in curves if c.length > SAME]
-    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in kept]
-    bulges = [c.bulge for c in kept]
+    """Return a loop without redundant corners."""
+    pieces = [c for c in curves if c.length > SAME]
+    points = [(rounded(c.start[0]), rounded(c.start[1])) for c in pieces]
+    bulges = [c.bulge for c in pieces]
     k = 0
     while k < len(points) and len(points) > 3:
         before, here, after = points[k - 1], points[k], points[(k + 1) % len(points)]

@@ -13,10 +13,9 @@ from flexstage.stage.drawing.strokes import DrawnStroke, Pair, circle_of, rounde
 from flexstage.stage.outline import Circle, Loop, arc
 from flexstage.stage.shapes import CHORD
 
-#: Largest gap that is closed where no other is asked for [m].
+#: Largest gap that is closed by default [m].
 GAP = 2e-6
-#: Largest distance of what was drawn from the profile that it is taken for, of a drawing with all
-#: digits [m].
+#: Largest distance of a drawn contour from its profile, in a drawing with all digits [m].
 FIT_TOLERANCE = 0.5e-6
 
 _ASKEW = 0.1  # lines that are nearer to parallel have no sure crossing (sine)
@@ -28,7 +27,7 @@ class DrawnContour:
     """A closed line, with the material on its left."""
 
     strokes: tuple[DrawnStroke, ...]
-    """Its pieces in order."""
+    """Pieces in order."""
     layer: str = ""
     """The layer on which most of it was drawn."""
 
@@ -61,15 +60,15 @@ class DrawnPart:
     """A part as it was drawn: its outline and the openings in it."""
 
     outline: DrawnContour
-    """Counter-clockwise."""
+    """Outline, counter-clockwise."""
     openings: tuple[DrawnContour, ...]
-    """Clockwise."""
+    """Openings in it, clockwise."""
     unit: float = 1e-3
-    """Unit in which places are told [m]."""
+    """Unit of coordinates in messages [m]."""
     unit_name: str = "mm"
-    """Its name."""
+    """Name of the unit."""
     rounding: float = 0.0
-    """Largest error of a coordinate for want of digits in the file [m]."""
+    """Largest rounding error of a coordinate in the file [m]."""
 
     @property
     def contours(self) -> tuple[DrawnContour, ...]:
@@ -78,16 +77,16 @@ class DrawnPart:
 
     @property
     def tolerance(self) -> float:
-        """Largest distance of what was drawn from the profile that it is taken for [m]."""
+        """Largest distance of the drawn contour from its profile [m]."""
         return max(FIT_TOLERANCE, 2.0 * self.rounding)
 
     def place(self, point: Pair) -> str:
-        """Return a place in the units of the drawing, in words."""
+        """Return the coordinates of a place as text, in the unit of the drawing."""
         return place(point, self.unit, self.unit_name)
 
 
 def place(point: Sequence[float], unit: float, name: str) -> str:
-    """Return a place in words.
+    """Return the coordinates of a place as text.
 
     Examples
     --------
@@ -106,20 +105,20 @@ def part_of(
     unit_name: str,
     rounding: float = 0.0,
 ) -> DrawnPart:
-    """Chain the lines and arcs of a drawing to closed contours, and find out which is in which.
+    """Chain the lines and arcs of a drawing to closed contours, and find which encloses which.
 
     Each curve comes with its layer. Ends that are up to `gap` apart are joined [m]; `unit` and
-    `unit_name` are those in which places are told, `rounding` is the error of a coordinate [m].
+    `unit_name` are those of coordinates in messages, `rounding` is the error of a coordinate [m].
     """
 
     def at(point: Sequence[float]) -> str:
         return place(point, unit, unit_name)
 
     if not curves:
-        raise StageError("the drawing holds no lines, arcs or curves of a contour")
+        raise StageError("the drawing contains no lines, arcs or curves of a contour")
     nodes, points = _nodes(curves, gap)
-    kept = _without_doubles(curves, nodes)
-    loops = _chained(curves, nodes, points, kept, gap, at)
+    distinct = _without_doubles(curves, nodes)
+    loops = _chained(curves, nodes, points, distinct, gap, at)
     return _nested(loops, unit, unit_name, rounding, at)
 
 
@@ -154,9 +153,9 @@ def _nodes(curves: Sequence[tuple[Curve, str]], gap: float) -> tuple[np.ndarray,
 def _meeting(
     curves: Sequence[tuple[Curve, str]], ends: np.ndarray, members: list[int], gap: float
 ) -> Pair:
-    """Return where two ends with a gap between them were meant to meet.
+    """Return the intended common point of two ends with a gap between them.
 
-    Two lines go on to where they cross; an arc keeps its end; else it is half way.
+    It is the intersection of two lines, the end of an arc, or else the point half way.
     """
     one, other = (curves[m // 2][0] for m in members)
     p, q = ends[members].tolist()
@@ -177,36 +176,36 @@ def _meeting(
 
 
 def _without_doubles(curves: Sequence[tuple[Curve, str]], nodes: np.ndarray) -> list[int]:
-    """Leave out what lies on something that was drawn already, and what has no length."""
-    seen: dict[tuple[int, int], list[Pair]] = {}
-    kept = []
+    """Remove duplicate curves and curves without length."""
+    drawn_points: dict[tuple[int, int], list[Pair]] = {}
+    distinct = []
     for k, (curve, _) in enumerate(curves):
         a, b = sorted(nodes[k].tolist())
         if a == b:
             continue
         middle = curve.point(0.5)
-        others = seen.setdefault((a, b), [])
+        others = drawn_points.setdefault((a, b), [])
         # the ends may be off by the gap, the middle then by as much
         if all(math.dist(middle, m) > GAP for m in others):
             others.append(middle)
-            kept.append(k)
-    return kept
+            distinct.append(k)
+    return distinct
 
 
 def _chained(
     curves: Sequence[tuple[Curve, str]],
     nodes: np.ndarray,
     points: np.ndarray,
-    kept: list[int],
+    curves_of_contours: list[int],
     gap: float,
     at: Any,
 ) -> list[tuple[list[Curve], str]]:
     """Follow curves from end to end until they close."""
     meeting: dict[int, list[int]] = {}
-    for k in kept:
+    for k in curves_of_contours:
         for node in nodes[k].tolist():
             meeting.setdefault(node, []).append(k)
-    loose = [n for n, found in meeting.items() if len(found) == 1]
+    loose = [n for n, ends in meeting.items() if len(ends) == 1]
     if loose:
         first = min(loose, key=lambda n: (-points[n][1], points[n][0]))
         text = f"the contour is open at {at(points[first])}"
@@ -215,23 +214,24 @@ def _chained(
             nearest = min(others, key=lambda n: math.dist(points[n], points[first]))
             apart = math.dist(points[nearest], points[first])
             text += (
-                f": the nearest other loose end is {apart * 1e6:.4g} um away, at "
-                f"{at(points[nearest])}, more than the gap of {gap * 1e6:.4g} um that is closed"
+                f": the nearest other open end is {apart * 1e6:.4g} um away, at "
+                f"{at(points[nearest])}, more than the largest gap that is closed, "
+                f"{gap * 1e6:.4g} um"
             )
         if len(loose) > 2:
-            text += f" ({len(loose)} ends are loose in all)"
+            text += f" ({len(loose)} open ends in total)"
         raise StageError(
             f"{text}; close it in the drawing, name its layers, or give --contours gap=LENGTH"
         )
-    crowded = [n for n, found in meeting.items() if len(found) > 2]
+    crowded = [n for n, ends in meeting.items() if len(ends) > 2]
     if crowded:
         n = min(crowded, key=lambda n: (-points[n][1], points[n][0]))
         raise StageError(
-            f"{len(meeting[n])} lines meet at {at(points[n])}, where a contour has 2: leave out "
-            "what is no contour, by its layer"
+            f"{len(meeting[n])} lines meet at {at(points[n])}, where a contour has 2: exclude the "
+            "layer of other lines"
         )
     loops, used = [], set()
-    for first in kept:
+    for first in curves_of_contours:
         if first in used:
             continue
         loop, layers, k, node = [], [], first, int(nodes[first][0])
@@ -260,7 +260,7 @@ def _nested(
         shape = Loop(tuple(c.start for c in loop), tuple(c.bulge for c in loop))
         corners = shape.polyline(CHORD)
         if len(corners) < 3:
-            raise StageError(f"the contour at {at(corners[0])} encloses nothing: leave it out")
+            raise StageError(f"the contour at {at(corners[0])} encloses no area: remove it")
         rings.append(Polygon(corners))
     _refuse_crossings(rings, at)
     tree = STRtree(rings)
@@ -276,26 +276,26 @@ def _nested(
         outer.sort(key=lambda i: -rings[i].area)
         where = " and ".join(at(rings[i].representative_point().coords[0]) for i in outer[:2])
         raise StageError(
-            f"the drawing shows {len(outer)} parts beside each other, about {where}: leave one, or "
-            "name the layers of the one that is meant"
+            f"the drawing shows {len(outer)} separate parts, about {where}: keep one, or name the "
+            "layers of the intended one"
         )
     deep = [i for i, d in enumerate(depth) if d > 1]
     if deep:
         where = at(rings[deep[0]].representative_point().coords[0])
         raise StageError(
             f"a closed contour about {where} lies within an opening of the part, so it is a loose "
-            "piece: leave it out, or name the layers of the contours; a frame round the drawing "
-            "must be left out as well"
+            "piece: remove it, or name the layers of the contours; a frame round the drawing "
+            "must be removed as well"
         )
-    made = []
+    contours = []
     for i, (loop, layer) in enumerate(loops):
         outward = rings[i].exterior.is_ccw == (depth[i] == 0)
         turned = loop if outward else [Curve(c.end, c.start, -c.bulge) for c in reversed(loop)]
-        made.append(DrawnContour(strokes=tuple(tidy(turned, rounding)), layer=layer))
-    outline = made[outer[0]]
+        contours.append(DrawnContour(strokes=tuple(tidy(turned, rounding)), layer=layer))
+    outline = contours[outer[0]]
     return DrawnPart(
         outline=outline,
-        openings=tuple(c for c in made if c is not outline),
+        openings=tuple(c for c in contours if c is not outline),
         unit=unit,
         unit_name=unit_name,
         rounding=rounding,
@@ -311,14 +311,14 @@ def _refuse_crossings(rings: list[Any], at: Any) -> None:
             # "Self-intersection[x y]"
             where = explain_validity(ring).partition("[")[2].rstrip("]").split()
             raise StageError(
-                f"a contour crosses or touches itself at {at([float(c) for c in where])}: mend the "
-                "drawing there"
+                f"a contour crosses or touches itself at {at([float(c) for c in where])}: correct "
+                "the drawing there"
             )
     lines = [ring.exterior for ring in rings]
     for i, j in STRtree(lines).query(lines, "intersects").T.tolist():
         if i < j:
             common = lines[i].intersection(lines[j]).representative_point().coords[0]
             raise StageError(
-                f"two contours cross or touch at {at(common)}: mend the drawing there, or leave "
-                "out the layer of what is no contour"
+                f"two contours cross or touch at {at(common)}: correct the drawing there, or "
+                "exclude the layer of other lines"
             )

@@ -1,6 +1,6 @@
-"""A stage out of a drawing: names by place, what is held, and what the drawing does not say.
+"""A stage from a drawing: names by position, fixed bodies, and data that the drawing lacks.
 
-The stage file of it has what the drawing does not say as marked blanks.
+The stage file of the drawing marks these data as blanks.
 """
 
 import math
@@ -16,11 +16,10 @@ from flexstage.quantities.material import Material, material
 from flexstage.stage.drawing import DRAWINGS, DXF, STEP
 from flexstage.stage.drawing.bodies import DrawnBody, bodies_of, certainty, find_necks
 from flexstage.stage.drawing.contours import GAP, DrawnPart, part_of
-from flexstage.stage.drawing.entities import Sheet, read_dxf
-from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole
+from flexstage.stage.drawing.marks import Places, add_axes, drives_of, probes_of, whole_degrees
 from flexstage.stage.drawing.profiles import Neck
 from flexstage.stage.drawing.requests import DrawingOptions
-from flexstage.stage.drawing.step_plate import read_step_plate
+from flexstage.stage.drawing.sheet import Sheet, read_dxf, read_step_plate
 from flexstage.stage.file import stage_to_text
 from flexstage.stage.model import Body, Hinge, Stage
 from flexstage.stage.outline import Circle, Loop
@@ -29,37 +28,37 @@ from flexstage.stage.outline import Circle, Loop
 LARGEST_MOUNTING_HOLE = 12e-3
 
 _HOLES_LAYER = "HOLES"
-_THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # stand in for what nobody has said
+_THICKNESS, _MATERIAL = 10e-3, "Al 7075-T6"  # where neither drawing nor options give them
 _ROW = 0.02  # centres are in one row where they are this near, in heights of the part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnNeck:
-    """What was found of a neck."""
+    """A neck of a drawing."""
 
     hinge: str
     """Name of its hinge."""
     certainty: str
     """``sure``, ``likely`` or ``doubtful``."""
     ratio: float
-    """How much thicker the thinner of its two bodies is [1]."""
+    """Thickness of the thinner of its two bodies over that of the neck [1]."""
     off: float
-    """Largest distance of what was drawn from its profile [m]."""
+    """Largest distance of the drawn contour from its profile [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnStage:
-    """A stage that was found in a drawing."""
+    """A stage from a drawing."""
 
     stage: Stage
-    """The stage; what is blank has a stand-in."""
+    """The stage; blanks have default values."""
     necks: tuple[DrawnNeck, ...]
-    """What was found of each neck, in the order of the hinges."""
+    """Data of each neck, in the order of the hinges."""
     blanks: tuple[str, ...]
-    """What the drawing does not say: ``thickness``, ``material``, ``drives``, ``probes``, or the
+    """Data that the drawing lacks: ``thickness``, ``material``, ``drives``, ``probes``, or the
     name of a drive without an actuator.
     """
-    left_out: tuple[tuple[str, int], ...]
+    excluded: tuple[tuple[str, int], ...]
     """Kinds of entities that are no contours, and how many of each."""
     unit_name: str
     """Unit of the drawing."""
@@ -73,23 +72,23 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
     path : str or os.PathLike
         A DXF file with the contours of a plate, or a STEP file with a plate of one thickness.
     options : DrawingOptions, optional
-        What is to be known of it beyond the file.
+        Data beyond the file.
 
     Returns
     -------
     DrawnStage
-        The stage, how sure its necks are, and what the drawing does not say.
+        The stage, the certainty of its necks, and the data that the drawing lacks.
 
     Raises
     ------
     StageError
-        The file is no such drawing, its contours are not closed or cross, or a neck has no profile
-        that a hinge can have; the message is one sentence with the place in the drawing.
+        The file is no such drawing, its contours are not closed or cross, or a neck matches no
+        hinge profile; the message gives the place in the drawing.
 
     Notes
     -----
-    Validity: necks are at least 1.5 times thinner than the bodies beside them, or as thin as
-    `ContourOptions.neck_limit`; profiles are within 0.5 um of what was drawn, or twice the
+    Validity: necks are at least 1.5 times thinner than the bodies next to them, or as thin as
+    `ContourOptions.neck_limit`; profiles are within 0.5 um of the drawn contour, or twice the
     rounding of a file with few digits.
 
     Examples
@@ -123,10 +122,10 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         unit_name=sheet.unit_name,
         rounding=sheet.rounding,
     )
-    found, gap = find_necks(part, o.contours.neck_limit)
-    drawn = bodies_of(part, found)
-    bodies, order = _named_bodies(part, drawn, o, sheet)
-    hinges, necks = _hinges(part, found, drawn, bodies, order, gap)
+    drawn_necks, gap = find_necks(part, o.contours.neck_limit)
+    drawn_bodies = bodies_of(part, drawn_necks)
+    bodies, order = _named_bodies(part, drawn_bodies, o, sheet)
+    hinges, necks = _hinges(part, drawn_necks, drawn_bodies, bodies, order, gap)
     at = Places(sheet.unit, sheet.unit_name)
     driven = drives_of(bodies, sheet, o.drive, at)
     probes = probes_of(bodies, sheet, o.probe, at)
@@ -150,21 +149,21 @@ def read_drawing(path: str | os.PathLike[str], options: DrawingOptions | None = 
         stage=stage,
         necks=tuple(necks),
         blanks=tuple(blanks),
-        left_out=sheet.left_out,
+        excluded=sheet.excluded,
         unit_name=sheet.unit_name,
     )
 
 
 def stage_of_drawing(path: str | os.PathLike[str], options: DrawingOptions) -> Stage:
     """Return the stage of a drawing, whose thickness and material must be known."""
-    drawn = read_drawing(path, options)
+    drawing = read_drawing(path, options)
     for what in ("thickness", "material"):
-        if what in drawn.blanks:
+        if what in drawing.blanks:
             raise StageError(
-                f"the drawing '{path}' does not say the {what} of the plate: give --{what} to "
-                "'flexstage import', which makes a stage file of it"
+                f"the drawing '{path}' does not give the {what} of the plate: give --{what} to "
+                "'flexstage import', which writes a stage file"
             )
-    return drawn.stage
+    return drawing.stage
 
 
 def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> None:
@@ -175,7 +174,7 @@ def _agree(path: str | os.PathLike[str], sheet: Sheet, o: DrawingOptions) -> Non
     if o.thickness is not None and has is not None and abs(o.thickness - has) > 1e-6 * has:
         raise StageError(
             f"the plate in '{path}' is {has * 1e3:.6g} mm thick, and --thickness says "
-            f"{o.thickness * 1e3:.6g} mm: leave it out"
+            f"{o.thickness * 1e3:.6g} mm: omit the option"
         )
 
 
@@ -201,20 +200,20 @@ def _reading_order(places: Sequence[tuple[float, float]], part: DrawnPart) -> li
 
 
 def _named_bodies(
-    part: DrawnPart, drawn: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
+    part: DrawnPart, drawn_bodies: Sequence[DrawnBody], o: DrawingOptions, sheet: Sheet
 ) -> tuple[list[Body], list[int]]:
-    """Return the bodies with names and what is held, and the place of each in the list."""
+    """Return the bodies with names and supports, and the place of each in the list."""
     centres = []
-    for body in drawn:
+    for body in drawn_bodies:
         a = body.outline.integrals()
         centres.append((a.x / a.area, a.y / a.area))
     order = _reading_order(centres, part)
     own_layers = any(c.layer.upper() == _HOLES_LAYER for c in part.openings)
-    made: list[Body] = []
+    bodies: list[Body] = []
     for k in order:
         holes: list[Loop | Circle] = []
         mounting: list[Circle] = []
-        for hole, layer in zip(drawn[k].holes, drawn[k].holes_layers, strict=True):
+        for hole, layer in zip(drawn_bodies[k].holes, drawn_bodies[k].holes_layers, strict=True):
             if isinstance(hole, Circle) and (
                 layer.upper() == _HOLES_LAYER
                 if own_layers
@@ -223,49 +222,49 @@ def _named_bodies(
                 mounting.append(hole)
             else:
                 holes.append(hole)
-        made.append(
+        bodies.append(
             Body(
                 name=f"body-{k}",
-                outline=drawn[k].outline,
+                outline=drawn_bodies[k].outline,
                 holes=tuple(holes),
                 mounting_holes=tuple(mounting),
             )
         )
-    held = _held(made, drawn, order, o, sheet)
-    named, number = [], 0
-    for n, body in enumerate(made):
-        if n in held:
+    fixed_bodies = _fixed_bodies(bodies, drawn_bodies, order, o, sheet)
+    renamed, number = [], 0
+    for n, body in enumerate(bodies):
+        if n in fixed_bodies:
             # one that others lie in is a frame
             name = "frame" if any(isinstance(h, Loop) for h in body.holes) else "base"
-            name += "" if len(held) == 1 else f"-{sorted(held).index(n) + 1}"
+            name += "" if len(fixed_bodies) == 1 else f"-{sorted(fixed_bodies).index(n) + 1}"
         else:
             number += 1
             name = f"body-{number}"
-        named.append(
+        renamed.append(
             Body(
                 name=name,
                 outline=body.outline,
                 holes=body.holes,
                 mounting_holes=body.mounting_holes,
-                fixed=n in held,
+                fixed=n in fixed_bodies,
             )
         )
-    place = [0] * len(drawn)
+    place = [0] * len(drawn_bodies)
     for n, k in enumerate(order):
         place[k] = n
-    return named, place
+    return renamed, place
 
 
-def _held(
+def _fixed_bodies(
     bodies: list[Body],
-    drawn: Sequence[DrawnBody],
+    drawn_bodies: Sequence[DrawnBody],
     order: Sequence[int],
     o: DrawingOptions,
     sheet: Sheet,
 ) -> set[int]:
-    """Return the numbers of the bodies that are held."""
+    """Return the numbers of the fixed bodies."""
     if o.fixed:
-        return {_asked(bodies, text, sheet) for text in o.fixed}
+        return {_body_of_option(bodies, text, sheet) for text in o.fixed}
     sizes = [b.outline.integrals().area for b in bodies]
 
     def rank(n: int) -> tuple[int, float]:
@@ -276,17 +275,17 @@ def _held(
 
 
 def _is_outside(bodies: list[Body], n: int) -> bool:
-    """Say whether no other body goes round one."""
+    """Return whether no other body encloses one."""
     from flexstage.stage.shapes import ring
 
-    own = ring(bodies[n].outline).representative_point()
+    inner_point = ring(bodies[n].outline).representative_point()
     return not any(
-        k != n and any(isinstance(h, Loop) and ring(h).contains(own) for h in other.holes)
+        k != n and any(isinstance(h, Loop) and ring(h).contains(inner_point) for h in other.holes)
         for k, other in enumerate(bodies)
     )
 
 
-def _asked(bodies: list[Body], text: str, sheet: Sheet) -> int:
+def _body_of_option(bodies: list[Body], text: str, sheet: Sheet) -> int:
     words = text.split(",")
     if len(words) == 2:
         try:
@@ -298,25 +297,25 @@ def _asked(bodies: list[Body], text: str, sheet: Sheet) -> int:
             name = at.body(bodies, point, "--fixed holds")
             return next(n for n, b in enumerate(bodies) if b.name == name)
     raise StageError(
-        f"--fixed is a point on the body that is held, such as 12,4 in the unit of the drawing, "
-        f"got '{text}'"
+        "--fixed is a point on the fixed body, such as 12,4 in the unit of the drawing, got "
+        f"'{text}'"
     )
 
 
 def _hinges(
     part: DrawnPart,
     necks: Sequence[Neck],
-    drawn: Sequence[DrawnBody],
+    drawn_bodies: Sequence[DrawnBody],
     bodies: Sequence[Body],
     place: Sequence[int],
     gap: tuple[float, float] | None,
 ) -> tuple[list[Hinge], list[DrawnNeck]]:
     owner: dict[tuple[int, int], int] = {}
-    for k, body in enumerate(drawn):
+    for k, body in enumerate(drawn_bodies):
         for root in body.roots:
             owner[root] = place[k]
     order = _reading_order([n.frame.at for n in necks], part)
-    hinges, told = [], []
+    hinges, drawn_necks = [], []
     for number, n in enumerate(order, start=1):
         neck = necks[n]
         a, b = owner[n, 0], owner[n, 1]
@@ -326,10 +325,10 @@ def _hinges(
                 f"the neck about {part.place(frame.at)} joins one body to itself: give "
                 "--contours neck_limit=LENGTH, the thickest neck that counts"
             )
-        direction = whole(frame.direction)
+        direction = whole_degrees(frame.direction)
         # to the right, or else upward, where the notch has no side of its own
         if not neck.profile.one_sided and not -0.5 * math.pi < direction <= 0.5 * math.pi:
-            a, b, direction = b, a, whole(frame.turned().direction)
+            a, b, direction = b, a, whole_degrees(frame.turned().direction)
         name = f"neck-{number}"
         x, y = (round(c, 13) + 0.0 for c in frame.at)
         hinges.append(
@@ -341,18 +340,18 @@ def _hinges(
                 profile=neck.profile,
             )
         )
-        told.append(
+        drawn_necks.append(
             DrawnNeck(
                 hinge=name,
                 certainty=certainty(neck, gap),
-                ratio=neck.found.ratio,
+                ratio=neck.thin_place.ratio,
                 off=neck.off,
             )
         )
-    return hinges, told
+    return hinges, drawn_necks
 
 
-#: What marks a blank.
+#: Mark of a blank.
 BLANK = "# FILL IN"
 
 _TEXTS = {
@@ -360,7 +359,7 @@ _TEXTS = {
     "material": "name of the material, such as Al 7075-T6",
 }
 _DRIVES = """\
-{blank}: what drives the stage, such as
+{blank}: the drives of the stage, such as
 # drives:
 #   x:
 #     kind: piezo
@@ -372,7 +371,7 @@ _DRIVES = """\
 #     stiffness: 50 N/um
 """
 _PROBES = """\
-{blank}: where its motion is read, and which drive belongs to which probe, such as
+{blank}: the probes that read the motion, and the axes that join drives and probes, such as
 # probes:
 #   x: {{body: body-1, at: [0, 0], direction: 0 deg}}
 # axes:
@@ -380,27 +379,27 @@ _PROBES = """\
 """
 
 
-def stage_file_text(drawn: DrawnStage) -> str:
-    """Return the text of a stage file; `BLANK` stands where something has to be filled in.
+def stage_file_text(drawing: DrawnStage) -> str:
+    """Return the text of a stage file; `BLANK` marks data that have to be filled in.
 
     A file whose thickness or material is blank is refused, with its line, until it is filled in.
     """
-    text = stage_to_text(drawn.stage, shared=True)
+    text = stage_to_text(drawing.stage, shared=True)
     for key, what in _TEXTS.items():
-        if key in drawn.blanks:
+        if key in drawing.blanks:
             text = re.sub(
                 rf"^{key}:.*\n((?:[ -].*\n)*)", f"{key}:  {BLANK}: {what}\n", text, flags=re.M
             )
-    for drive in drawn.stage.drives:
-        if drive.name in drawn.blanks:
+    for drive in drawing.stage.drives:
+        if drive.name in drawing.blanks:
             text = text.replace(
                 f"  {drive.name}:\n    kind: force\n",
-                f"  {drive.name}:  {BLANK}: its actuator; a force of 1 N stands in\n"
-                "    kind: force\n",
+                f"  {drive.name}:  {BLANK}: its actuator; a force of 1 N is assumed\n    kind: "
+                "force\n",
             )
-    held = next(b.name for b in drawn.stage.bodies if b.fixed)
-    if "drives" in drawn.blanks:
-        text += _DRIVES.format(blank=BLANK, held=held)
-    if "probes" in drawn.blanks:
+    fixed_body = next(b.name for b in drawing.stage.bodies if b.fixed)
+    if "drives" in drawing.blanks:
+        text += _DRIVES.format(blank=BLANK, held=fixed_body)
+    if "probes" in drawing.blanks:
         text += _PROBES.format(blank=BLANK)
     return text

@@ -1,4 +1,4 @@
-"""The contour of a neck as it was drawn, where no formula fits it."""
+"""The contour of a neck as drawn, where no formula fits it."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from flexstage.stage.outline import arc
 
 @dataclass(frozen=True, slots=True)
 class _FreeRules:
-    """What is taken for the contour of a notch."""
+    """Limits by which a contour counts as that of a notch."""
 
     back: float = 0.15
     """A side comes back where its slope is below level, or beyond upright, by more [rad]."""
@@ -35,7 +35,7 @@ class _FreeRules:
     chord: float = 1e-9
     """Largest distance of chords between points on arcs from these [m]."""
     compared: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 0.95)
-    """Where the sides are compared, in parts of the depth that all of them reach."""
+    """Depths at which the sides are compared, relative to the depth of all of them."""
     least_depth: float = 0.1
     """A notch is at least so deep, in thicknesses of its neck."""
     most: int = 400
@@ -46,7 +46,7 @@ _RULES = _FreeRules()
 
 
 def free_contour(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Propose the contour itself, where both halves are alike, and both sides or one straight."""
+    """Propose the contour itself if both halves are equal, and both sides or one straight."""
     straight = [
         not sides.stroke(left).curve.bulge and not sides.stroke(left).trace
         for left in (False, True)
@@ -98,8 +98,8 @@ def _first_frame(sides: Sides) -> NeckFrame | None:
         return NeckFrame(at, math.atan2(-(cl[0] - cr[0]), cl[1] - cr[1]))
     elif not right.bulge and left.bulge < 0.0:
         return NeckFrame(sides.right.at, math.atan2(ay, ax))
-    found = nearest_frame(chains_of(sides))
-    return None if found is None else found[0]
+    nearest = nearest_frame(chains_of(sides))
+    return None if nearest is None else nearest[0]
 
 
 def _towards(curve: Curve, point: tuple[float, float]) -> tuple[float, float]:
@@ -126,7 +126,7 @@ def _settled(
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
 ) -> tuple[NeckFrame, float] | None:
-    """Return the axes where both halves, and both sides, are most alike, and the thickness."""
+    """Return the axes of best symmetry of both halves and both sides, and the thickness."""
     from scipy.optimize import least_squares
 
     points = {
@@ -141,7 +141,7 @@ def _settled(
         return NeckFrame(frame.plane(x, y), frame.direction + turn)
 
     def heights(trial: NeckFrame) -> tuple[float, float]:
-        """Where the two sides are nearest to each other, across the hinge."""
+        """Return the heights at which the two sides are nearest to each other, across the hinge."""
         low = float(np.min(_across(points, trial, True)))
         if one_sided:
             high = float(trial.local(np.array([line.point(0.5)]))[0, 1])
@@ -166,8 +166,8 @@ def _settled(
         return ((np.array(rows[1:]) - rows[0]) / size).ravel()
 
     start = [0.0] if one_sided else [0.0, 0.0]
-    found = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
-    placed = moved(found.x)
+    fit = least_squares(residual, start, diff_step=1e-5, max_nfev=60, xtol=1e-12)
+    placed = moved(fit.x)
     low, high = heights(placed)
     at = placed.plane(0.0, 0.5 * (low + high))
     return (NeckFrame(at, placed.direction), low - high) if low > high else None
@@ -183,37 +183,37 @@ def _profile(
     runs: dict[tuple[bool, bool], list[DrawnStroke]],
     one_sided: bool,
 ) -> Profile | None:
-    """Return the contour of one quarter, as far as all go on alike."""
+    """Return the contour of one quarter, as far as all quarters agree."""
     half = 0.5 * neck
     corners = {key: _corners(frame, half, run, key) for key, run in runs.items()}
     if any(len(c) < 2 for c in corners.values()):
         return None
     reach = min(c[-1][0] for c in corners.values())
-    # the shortest one is the reference: the others go on further
+    # the shortest one is the reference: the others are longer
     key = min(corners, key=lambda k: (corners[k][-1][0] > reach + 1e-6, corners[k][-1][1]))
-    chosen = corners[key]
-    (x0, d0, _), (x1, d1, bulge) = chosen[-2:]
+    shortest = corners[key]
+    (x0, d0, _), (x1, d1, bulge) = shortest[-2:]
     if not bulge and x1 - x0 < _RULES.level * (d1 - d0):
         # an edge of the body, or of a leaf between sharp corners
         if d0 > _RULES.least_depth * neck:
-            chosen = chosen[:-1]
+            shortest = shortest[:-1]
         else:
-            chosen[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
-    if chosen[-1][1] < _RULES.least_depth * neck:
+            shortest[-1] = (x1, d0 + min(d1 - d0, LEAF_STEP * neck), 0.0)
+    if shortest[-1][1] < _RULES.least_depth * neck:
         return None
     return AsDrawn(
         neck_thickness=rounded(neck),
         one_sided=one_sided,
-        distances=tuple(rounded(x) for x, _, _ in chosen[1:]),
-        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in chosen[1:]),
-        bulges=tuple(round(b, 12) + 0.0 for _, _, b in chosen[1:]),
+        distances=tuple(rounded(x) for x, _, _ in shortest[1:]),
+        depths=tuple(rounded(max(d, 0.0)) for _, d, _ in shortest[1:]),
+        bulges=tuple(round(b, 12) + 0.0 for _, _, b in shortest[1:]),
     )
 
 
 def _corners(
     frame: NeckFrame, half: float, run: list[DrawnStroke], key: tuple[bool, bool]
 ) -> list[tuple[float, float, float]]:
-    """Return distance and depth of the corners of a quarter, and the bulge of what leads there."""
+    """Return distance and depth of the corners of a quarter, and the bulge before each."""
     left, ahead = key
     out = [(0.0, 0.0, 0.0)]
     # seen from the neck outward, a side on the right to body b, or on the left to a, is mirrored

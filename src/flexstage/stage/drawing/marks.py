@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 from flexstage.base.errors import StageError
 from flexstage.files.decoder import read
-from flexstage.stage.drawing.entities import DRIVES_LAYER, PROBES_LAYER, Sheet
+from flexstage.stage.drawing.sheet import DRIVES_LAYER, PROBES_LAYER, Sheet
 from flexstage.stage.drawing.strokes import Pair
 from flexstage.stage.drive import Drive, Force
 from flexstage.stage.file import STAGE_FILE
 from flexstage.stage.model import Body, Probe, Stage
 
-#: Force of a drive whose actuator nobody has named [N].
+#: Force of a drive without an actuator [N].
 STAND_IN = 1.0
 #: A point that is drawn this near to the edge of a body is on it [m].
 NEAR = 0.2e-3
@@ -22,29 +22,29 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _POINT = rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*"
 _ARROW = re.compile(rf"^\s*([^:]+?)\s*:{_POINT}->{_POINT}(?:;(.*))?$", re.DOTALL)
 _TURN = re.compile(rf"^\s*([^:]+?)\s*:{_POINT}(?:,\s*)?at\s*({_NUMBER})\s*deg\s*$")
-_ROUND_DEG = 1e-7  # directions that are off whole degrees by less are meant to be whole [deg]
+_ROUND_DEG = 1e-7  # directions that are this close to whole degrees are whole [deg]
 
 
 class Arrow(NamedTuple):
     """An arrow with a name."""
 
     name: str
-    """Its name."""
+    """Name."""
     start: Pair
-    """Where it begins [m]."""
+    """Start point [m]."""
     end: Pair
-    """Its tip [m]."""
-    rest: str = ""
-    """What is said besides, of a drive its actuator."""
+    """Tip [m]."""
+    text: str = ""
+    """Further text: the actuator of a drive."""
 
     @property
     def direction(self) -> float:
-        """Its direction, from the x axis to the left [rad]."""
-        return whole(math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0]))
+        """Direction, from the x axis to the left [rad]."""
+        return whole_degrees(math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0]))
 
 
-def whole(angle: float) -> float:
-    """Return an angle, without the rounding that parts it from whole degrees [rad]."""
+def whole_degrees(angle: float) -> float:
+    """Return an angle [rad], rounded to whole degrees if it is close to them."""
     degrees = math.degrees(angle)
     near = round(degrees)
     turned = math.radians(near) if abs(degrees - near) < _ROUND_DEG else angle
@@ -59,10 +59,10 @@ def arrow_of(text: str, option: str, unit: float) -> Arrow:
     >>> arrow_of("x: 12,4 -> 30,4", "--drive", 1e-3).end
     (0.03, 0.004)
     """
-    found = _ARROW.match(text)
-    if found:
-        x0, y0, x1, y1 = (float(v) * unit for v in found.groups()[1:5])
-        arrow = Arrow(found[1], (x0, y0), (x1, y1), (found[6] or "").strip())
+    match = _ARROW.match(text)
+    if match:
+        x0, y0, x1, y1 = (float(v) * unit for v in match.groups()[1:5])
+        arrow = Arrow(match[1], (x0, y0), (x1, y1), (match[6] or "").strip())
         if math.dist(arrow.start, arrow.end) > 0.0:
             return arrow
     elif option == "--probe" and (turned := _TURN.match(text)):
@@ -70,10 +70,10 @@ def arrow_of(text: str, option: str, unit: float) -> Arrow:
         angle = math.radians(float(turned[4]))
         return Arrow(turned[1], (x, y), (x + math.cos(angle), y + math.sin(angle)))
     example = (
-        '"x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um", from the body that it '
-        "stands on to the one that it pushes"
+        '"x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um", from the body it '
+        "reacts on to the body it pushes"
         if option == "--drive"
-        else '"x: 30,4 -> 40,4" or "x: 30,4 at 0 deg", from the point that is read in its direction'
+        else '"x: 30,4 -> 40,4" or "x: 30,4 at 0 deg", from the measured point, in its direction'
     )
     raise StageError(f"{option} is {example}, in the unit of the drawing, got '{text}'")
 
@@ -89,7 +89,7 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
     shafts = [c for c in lines if c.length > 0.35 * longest]
     heads = [c for c in lines if c.length <= 0.35 * longest]
     words = [w for w in sheet.words if w.layer == layer and w.text]
-    made: list[Arrow] = []
+    arrows: list[Arrow] = []
     for shaft in shafts:
 
         def near(p: Pair, size: float = shaft.length) -> int:
@@ -98,7 +98,7 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
         start, end = shaft.start, shaft.end
         if near(start) > near(end):
             start, end = end, start
-        turned = whole(math.atan2(end[1] - start[1], end[0] - start[0]))
+        turned = whole_degrees(math.atan2(end[1] - start[1], end[0] - start[0]))
         name = "x" if abs(math.cos(turned)) > math.sqrt(0.5) else "y"
         if words:
             word = min(words, key=lambda w: min(math.dist(w.at, start), math.dist(w.at, end)))
@@ -106,21 +106,21 @@ def arrows_on(sheet: Sheet, layer: str) -> list[Arrow]:
             name = word.text
         name, _, rest = name.partition(";")
         name = name.strip()
-        while any(a.name == name for a in made):
+        while any(a.name == name for a in arrows):
             name += "'"
-        made.append(Arrow(name, start, end, rest.strip()))
-    return made
+        arrows.append(Arrow(name, start, end, rest.strip()))
+    return arrows
 
 
 def drives_of(
     bodies: Sequence[Body], sheet: Sheet, texts: Sequence[str], at: "Places"
 ) -> list[tuple[Drive, bool]]:
-    """Return the drives, each with whether its actuator is but a stand-in."""
+    """Return the drives, each with whether its actuator is only assumed."""
     arrows = [*arrows_on(sheet, DRIVES_LAYER)]
     arrows += [arrow_of(text, "--drive", sheet.unit) for text in texts]
-    made = []
+    drives = []
     for arrow in arrows:
-        reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' stands on")
+        reacts, start = at.edge(bodies, arrow.start, f"drive '{arrow.name}' reacts on")
         pushes, end = at.edge(bodies, arrow.end, f"drive '{arrow.name}' pushes")
         place = {
             "name": arrow.name,
@@ -129,19 +129,19 @@ def drives_of(
             "at": (end, start),
             "direction": arrow.direction,
         }
-        if not arrow.rest:
-            made.append((Force(largest_force=STAND_IN, **place), True))
+        if not arrow.text:
+            drives.append((Force(largest_force=STAND_IN, **place), True))
             continue
-        made.append((_with_actuator(arrow, place), False))
-    return made
+        drives.append((_with_actuator(arrow, place), False))
+    return drives
 
 
 def _with_actuator(arrow: Arrow, place: Mapping[str, object]) -> Drive:
     """Build a drive as a stage file would, from ``piezo, free_stroke=38 um``."""
-    kind, *given = [w.strip() for w in arrow.rest.split(",")]
+    kind, *figures = [w.strip() for w in arrow.text.split(",")]
     # a comma within a pair, as in voltage_range=[0 V, 120 V], belongs to it
     parts: list[str] = []
-    for word in given:
+    for word in figures:
         if "=" in word or not parts:
             parts.append(word)
         else:
@@ -202,7 +202,7 @@ class Places:
         holding = [(r.area, b.name) for b, r in _rings(bodies) if r.covers(Point(point))]
         if not holding:
             raise StageError(
-                f"{what} a body at {self._words(point)}, where none is: the nearest is "
+                f"{what} a body at {self._words(point)}, but there is none: the nearest is "
                 f"'{self._nearest(bodies, point)[1]}'"
             )
         return min(holding)[1]
@@ -221,24 +221,24 @@ class Places:
         from shapely import Point
         from shapely.ops import nearest_points
 
-        found = []
+        distances = []
         for body, ring in _rings(bodies, holes=True):
             on = nearest_points(ring.boundary, Point(point))[0]
-            found.append((on.distance(Point(point)), body.name, (on.x, on.y)))
-        return min(found)
+            distances.append((on.distance(Point(point)), body.name, (on.x, on.y)))
+        return min(distances)
 
 
 def _rings(bodies: Sequence[Body], holes: bool = False) -> list:
     from flexstage.stage.shapes import ring
 
-    made = []
+    polygons = []
     for body in bodies:
         shape = ring(body.outline)
         if holes:
             for hole in body.holes:
                 shape = shape.difference(ring(hole))
-        made.append((body, shape))
-    return made
+        polygons.append((body, shape))
+    return polygons
 
 
 def add_axes(stage: Stage) -> Stage:

@@ -1,4 +1,4 @@
-"""The two sides of a neck in its own axes, and how far a profile is from what was drawn."""
+"""The two sides of a neck in its own axes, and the distance of a profile from the drawing."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ LEAF_STEP = 4.0
 PARALLEL = 0.02
 
 _CHORD = 2e-6  # points on arcs are so close that chords are off by less [m]
-# a contour that goes on with such a slope against the hinge gets deeper [rad]
+# a contour that continues with such a slope against the hinge gets deeper [rad]
 _FLANK = (0.1, 1.3)
 _LEVEL = 0.01  # one of less slope runs along the hinge [rad]
 _MOST = 4000  # pieces of a contour that one side of a notch may have
@@ -42,7 +42,7 @@ class NeckFrame(NamedTuple):
         return np.column_stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]])
 
     def plane(self, along: float, across: float) -> Pair:
-        """Return the point of the plane so far along and across the hinge [m]."""
+        """Return the point of the plane at distances along and across the hinge [m]."""
         c, s = math.cos(self.direction), math.sin(self.direction)
         return self.at[0] + c * along - s * across, self.at[1] + s * along + c * across
 
@@ -68,7 +68,7 @@ class Sides:
         return Sides(self.part, self.left, self.right)
 
     def walk(self, left: bool, ahead: bool) -> Iterator[DrawnStroke]:
-        """Give the pieces of one side outward from the neck, the one at the neck first, whole.
+        """Yield the pieces of one side outward from the neck, the one at the neck first, undivided.
 
         `ahead` is towards body b.
         """
@@ -89,36 +89,35 @@ class Sides:
 
 def quarter(frame: NeckFrame, half_neck: float, points: Array, left: bool, ahead: bool) -> Array:
     """Return points of a side as distance from the neck and depth, shape (n, 2) [m]."""
-    found = frame.local(points)
-    along = found[:, 0] if ahead else -found[:, 0]
-    across = found[:, 1] if left else -found[:, 1]
+    local = frame.local(points)
+    along = local[:, 0] if ahead else -local[:, 0]
+    across = local[:, 1] if left else -local[:, 1]
     return np.column_stack([along, across - half_neck])
 
 
 def quarters(
     sides: Sides, frame: NeckFrame, half_neck: float, reach: float, deep: float
 ) -> dict[tuple[bool, bool], Array]:
-    """Return what was drawn on each side to each end, as distance from the neck and depth [m].
+    """Return the drawn contour on each side to each end, as distance from the neck and depth [m].
 
-    Each goes on until it is further along the hinge than `reach`, or deeper than `deep`, and comes
-    as points that lie on what was drawn; the key says whether it is on the left, and whether
-    towards body b.
+    Each runs until it is further along the hinge than `reach`, or deeper than `deep`, as points on
+    the drawn contour; the key says whether it is on the left, and whether towards body b.
     """
     out = {}
     for left in (False, True):
         for ahead in (False, True):
-            found: list[Array] = []
+            quarter_points: list[Array] = []
             for stroke in sides.walk(left, ahead):
                 points = np.array(stroke.points(_CHORD))
-                found.append(quarter(frame, half_neck, points, left, ahead))
-                if found[-1][-1, 0] > reach or found[-1][-1, 1] > deep:
+                quarter_points.append(quarter(frame, half_neck, points, left, ahead))
+                if quarter_points[-1][-1, 0] > reach or quarter_points[-1][-1, 1] > deep:
                     break
-            out[left, ahead] = np.vstack(found)
+            out[left, ahead] = np.vstack(quarter_points)
     return out
 
 
 def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
-    """Return the largest distance of what was drawn from a profile [m]; infinite if it ends short.
+    """Return the largest distance of the drawing from a profile [m]; infinite if it ends short.
 
     What lies beyond the root of the profile does not count.
     """
@@ -127,8 +126,8 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
     worst = 0.0
     if not _lines_follow(profile, sides, frame):
         return math.inf
-    found = quarters(sides, frame, neck, half + slack, profile.depth + slack)
-    for (left, _), points in found.items():
+    quarter_points = quarters(sides, frame, neck, half + slack, profile.depth + slack)
+    for (left, _), points in quarter_points.items():
         straight = profile.one_sided and not left
         deep = 0.0 if straight else profile.depth
         x, depth = points.T
@@ -140,7 +139,7 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
             return math.inf
         end = int(ends[0])
         if not arrived[end]:
-            # the last piece goes on straight beyond the root, which lies on it
+            # the last piece continues straight beyond the root, which lies on it
             passes = straight and abs(depth[end]) <= slack
             if not (passes or (not straight and profile.step == 0.0 and x[end] >= half - slack)):
                 return math.inf
@@ -152,7 +151,7 @@ def distance_from(profile: Profile, sides: Sides, frame: NeckFrame) -> float:
 
 
 def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
-    """Say whether straight lines, as chords of the profile, come near to it all along."""
+    """Return whether straight lines, as chords of the profile, are near it throughout."""
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     slack = sides.part.tolerance
     for left in (True,) if profile.one_sided else (False, True):
@@ -173,10 +172,10 @@ def _lines_follow(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
     return True
 
 
-def goes_on(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
-    """Say whether what was drawn goes on getting deeper beyond the root, on every side.
+def deepens_beyond_root(profile: Profile, sides: Sides, frame: NeckFrame) -> bool:
+    """Return whether the drawn contour gets deeper beyond the root, on every side.
 
-    A notch that ends there is but a part of what was drawn.
+    A notch that ends there is only a part of the drawn one.
     """
     half, neck = 0.5 * profile.length, 0.5 * profile.neck_thickness
     end = float(profile.pieces()[-1](np.array([1.0]))[2][0])
@@ -194,13 +193,13 @@ def _slope_beyond(
 ) -> float:
     """Return the slope of a side just beyond the end of a root."""
     point = frame.plane(root[0] * (1 if ahead else -1), (neck + root[1]) * (1 if left else -1))
-    found = False
+    reached = False
     for stroke in sides.walk(left, ahead):
         curve = stroke.curve
-        if found:
+        if reached:
             return slope_at(curve, frame, left, ahead, 0.0)
         if math.dist(curve.end, point) < 2.0 * sides.part.tolerance:
-            found = True
+            reached = True
             continue
         share = curve.share(point)
         if share is not None and math.dist(curve.point(share), point) < 2.0 * sides.part.tolerance:

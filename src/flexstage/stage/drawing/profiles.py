@@ -1,7 +1,7 @@
-"""Which profile a neck has: by its own lines and arcs first, then by a fit, else as it was drawn.
+"""Profiles of necks: by their own lines and arcs first, then by a fit, else as drawn.
 
-Whatever is proposed is held against what was drawn, and counts where all of it lies within
-`DrawnPart.tolerance`.
+A proposed profile is compared with the drawing, and accepted if it is within `DrawnPart.tolerance`
+throughout.
 """
 
 import math
@@ -21,8 +21,8 @@ from flexstage.stage.drawing.notch import (
     PARALLEL,
     NeckFrame,
     Sides,
+    deepens_beyond_root,
     distance_from,
-    goes_on,
     slope_at,
 )
 from flexstage.stage.drawing.smooth_fit import smooth_fits
@@ -33,16 +33,16 @@ from flexstage.stage.outline import arc
 
 @dataclass(frozen=True, slots=True)
 class _PieceRules:
-    """What makes a notch of lines and arcs, and how its sizes are rounded."""
+    """Limits for a notch of lines and arcs, and the rounding of its dimensions."""
 
     tangent: float = 2e-3
     """A corner that turns less is none [rad]."""
     as_near: float = 1.3
-    """A rounded notch is as near as before where what was drawn is off by this much more."""
+    """Factor by which rounding may increase the distance from the drawing [1]."""
     nothing: float = 1e-12
-    """What is off by less is not rounded [m]."""
+    """Distance from the drawing below which nothing is rounded [m]."""
     exact: float = 10e-9
-    """A profile that is off by less is no other one [m]."""
+    """Distance from the drawing below which no other profile is tried [m]."""
     digits: tuple[int, ...] = (6, 7, 8, 9)
     """Decimals of a length in metres that are tried for a dimension."""
     share: float = 0.45
@@ -58,20 +58,20 @@ class Neck(NamedTuple):
     """A neck with its profile."""
 
     sides: Sides
-    """The contours beside it; its direction is that of the contour on the right."""
+    """The contours on both sides; its direction is that of the contour on the right."""
     frame: NeckFrame
-    """Its centre and direction."""
+    """Centre and direction."""
     profile: Profile
-    """Its profile."""
+    """Profile."""
     off: float
-    """Largest distance of what was drawn from the profile [m]."""
-    found: Pass
-    """The thin place that it is."""
+    """Largest distance of the drawn contour from the profile [m]."""
+    thin_place: Pass
+    """Thin place."""
 
 
-def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
-    """Return the neck at a thin place; None where it has no profile that a hinge can have."""
-    first, second = found.sides
+def neck_of(part: DrawnPart, thin_place: Pass) -> Neck | None:
+    """Return the neck at a thin place; None where it matches no hinge profile."""
+    first, second = thin_place.sides
     sides = Sides(part, _settled(part, first, second.at), _settled(part, second, first.at))
     for proposed in (_by_pieces, smooth_fits, free_contour):
         best: Neck | None = None
@@ -79,8 +79,8 @@ def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
             off = distance_from(profile, turned, frame)
             if off > part.tolerance or (best is not None and off >= 0.5 * best.off):
                 continue
-            if profile.kind == AsDrawn.kind or not goes_on(profile, turned, frame):
-                best = Neck(turned, frame, profile, off, found)
+            if profile.kind == AsDrawn.kind or not deepens_beyond_root(profile, turned, frame):
+                best = Neck(turned, frame, profile, off, thin_place)
                 if off < _RULES.exact:
                     break
         if best is not None:
@@ -89,7 +89,7 @@ def neck_of(part: DrawnPart, found: Pass) -> Neck | None:
 
 
 def _rounded(neck: Neck) -> Neck:
-    """Return a neck with the roundest place and sizes that are as near to what was drawn."""
+    """Return a neck with the roundest position and dimensions within the tolerance."""
     if neck.off < _RULES.nothing:
         return neck
     room = _RULES.as_near * neck.off
@@ -126,16 +126,16 @@ def _rounded(neck: Neck) -> Neck:
 
 
 def parted(necks: Sequence[Neck]) -> list[Neck]:
-    """Return necks with leaves beside each other that share the edge between them."""
+    """Return necks, with adjacent leaves that share the edge between them."""
     claims: dict[tuple[int, int], list[int]] = {}
     for n, neck in enumerate(necks):
         for key in _step_strokes(neck):
             claims.setdefault(key, []).append(n)
     out = list(necks)
-    for (contour, stroke), found in claims.items():
-        if len(found) > 1:
-            curve = out[found[0]].sides.part.contours[contour].strokes[stroke].curve
-            for n in found:
+    for (contour, stroke), neighbours in claims.items():
+        if len(neighbours) > 1:
+            curve = out[neighbours[0]].sides.part.contours[contour].strokes[stroke].curve
+            for n in neighbours:
                 leaf = out[n].profile
                 assert isinstance(leaf, Leaf)
                 depth = min(leaf.notch_depth, rounded(_RULES.share * curve.length))
@@ -144,7 +144,7 @@ def parted(necks: Sequence[Neck]) -> list[Neck]:
 
 
 def _step_strokes(neck: Neck) -> Iterator[tuple[int, int]]:
-    """Give contour and piece of the edges at the ends of a leaf."""
+    """Yield contour and piece of the edges at the ends of a leaf."""
     if not isinstance(neck.profile, Leaf):
         return
     for left, ahead in _ENDS:
@@ -177,7 +177,7 @@ def _settled(part: DrawnPart, place: Place, other: Pair) -> Place:
         dx, dy = other[0] - place.at[0], other[1] - place.at[1]
         return round(abs(ux * dx + uy * dy) / math.hypot(dx, dy), 2)
 
-    # of those that go on smoothly the straight one, on which a leaf is flat
+    # of smooth continuations the straight one, on which a leaf is flat
     best = min(near, key=lambda k: (lean(k), bool(strokes[k].curve.bulge)))
     return place._replace(stroke=best)
 
@@ -336,13 +336,14 @@ def _flat(
         fillet = min(rounded(radius), 0.5 * length)
         yield sides, frame, CornerFilleted(notch_length=length, fillet_radius=fillet, **common)
     elif kinds == {"step"}:
-        # a leaf between wide bodies: as deep as the shortest edge, or so much that more is alike
+        # a leaf between wide bodies: as deep as the shortest edge, or so deep that more makes no
+        # difference
         depth = min(*sizes, LEAF_STEP * neck)
         yield sides, frame, Leaf(leaf_length=rounded(flat), notch_depth=rounded(depth), **common)
 
 
 def _flat_end(sides: Sides, frame: NeckFrame, left: bool, ahead: bool) -> _End:
-    """Say where the flat part of a side ends, and in what."""
+    """Return the end of the flat part of a side, and the piece after it."""
     walked = list(_first(sides, left, ahead, 2))
     end = walked[0].curve.end
     x = float(frame.local(np.array([end]))[0, 0]) * (1.0 if ahead else -1.0)

@@ -1,4 +1,4 @@
-"""What is to be known of a drawing beyond its file."""
+"""Data of a drawing beyond its file."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -10,13 +10,13 @@ from flexstage.files.request import Request
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContourOptions(Request):
-    """How the contours of a drawing are read, and the necks between them found."""
+    """Options by which contours of a drawing, and the necks between them, are found."""
 
     one_value: ClassVar[bool] = True
     refused_as: ClassVar[type[FlexstageError]] = StageError
 
     unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of the drawing: um, mm, cm, m, inch or mil, where the file does not say it."""
+    """Unit of the drawing: um, mm, cm, m, inch or mil, where the file does not give it."""
     layers: Annotated[tuple[str, ...], Written("NAMES", commas=True)] = ()
     """Layers of the contours, separated by commas (default: by their names)."""
     gap: Size | None = None
@@ -28,26 +28,26 @@ class ContourOptions(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawingOptions(Request):
-    """How a drawing is read."""
+    """Options of a drawing."""
 
     heading: ClassVar[str] = "Drawing"
     refused_as: ClassVar[type[FlexstageError]] = StageError
 
     thickness: Size | None = None
-    """Thickness of the plate in a drawing, such as "10 mm"; a STEP file says its own."""
+    """Thickness of the plate in a drawing, such as "10 mm"; a STEP file has its own."""
     material: Annotated[str, Written("NAME")] | None = None
     """Material of the plate in a drawing, from the catalogue."""
     contours: ContourOptions = ContourOptions()
-    """How contours of a drawing are read, such as "unit=mm,layers=CUT,0"."""
+    """Options of the contours of a drawing, such as "unit=mm,layers=CUT,0"."""
     fixed: Annotated[tuple[str, ...], Written("X,Y")] = ()
-    """A point on a body of the drawing that is held, in its unit (default: the body outside with
-    the most mounting holes, or else the largest).
+    """A point on a fixed body of the drawing, in its unit (default: the outer body with the most
+    mounting holes, or else the largest).
     """
     drive: tuple[str, ...] = ()
-    """A drive of the drawing, from the body that it stands on to the one that it pushes, in the
-    unit of the drawing: "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um".
+    """A drive of the drawing, from the body it reacts on to the body it pushes, in the unit of the
+    drawing: "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um".
     """
     probe: tuple[str, ...] = ()
-    """A probe of the drawing, from the point that is read in its direction: "x: 30,4 -> 40,4", or
-    "x: 30,4 at 0 deg".
+    """A probe of the drawing, from the measured point in the direction of measurement: "x: 30,4 ->
+    40,4", or "x: 30,4 at 0 deg".
     """

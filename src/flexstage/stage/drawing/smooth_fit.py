@@ -1,4 +1,4 @@
-"""Profiles that are neither lines nor arcs, found by a fit of their formulas to what was drawn."""
+"""Profiles that are neither lines nor arcs, by a fit of their formulas to the drawing."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -23,16 +23,16 @@ from flexstage.stage.drawing.strokes import DrawnStroke, Pair, rounded
 
 @dataclass(frozen=True, slots=True)
 class _FitRules:
-    """What is fitted, and when a fit is near."""
+    """Limits of the fits."""
 
     corner: float = math.radians(40.0)
     """A corner that turns more than this ends a smooth side [rad]."""
     tangent: float = 0.05
-    """An arc goes over into a line of the same curve at its tangent, give or take this [rad]."""
+    """Largest angle between an arc and a line of the same curve [rad]."""
     chord: float = 0.5e-6
     """Largest distance of chords between points on arcs from these [m]."""
     long: float = 2.5
-    """A line that is so many times as long as what it goes on from is of a body."""
+    """A line that is longer than the curve before it by this factor belongs to a body [1]."""
     fewest: int = 9
     """Fewest points of a side that is fitted."""
     most: int = 160
@@ -47,18 +47,18 @@ _RULES = _FitRules()
 
 
 class Chains(NamedTuple):
-    """The two sides of a neck, each in the direction of its contour, up to where they bend off."""
+    """The two sides of a neck, each in the direction of its contour, up to a corner."""
 
     right: Array
     """Points of the right side, shape (n, 2) [m]."""
     left: Array
     """Points of the left side [m]."""
     straight: tuple[bool, bool]
-    """Whether right and left side are one straight line."""
+    """True where the right, or the left, side is one straight line."""
 
 
 def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Propose the smooth profiles that come nearest to what was drawn."""
+    """Propose the smooth profiles that come nearest to the drawing."""
     for shorter in (0, 1):
         chains = chains_of(sides, shorter)
         if chains.straight == (True, True):
@@ -73,16 +73,16 @@ def smooth_fits(sides: Sides) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
 
 def chains_of(sides: Sides, shorter: int = 0) -> Chains:
     """Return the smooth run of each side about the neck, shorter by some pieces at its ends."""
-    found, straight = [], []
+    chains, straight = [], []
     for left in (False, True):
         halves = [_run(sides, left, ahead, shorter) for ahead in (left, not left)]
         # backwards along the contour, then forwards; the piece at the neck is in both
         back = [s.reversed() for s in reversed(halves[0])]
         strokes = [*back, *halves[1][1:]]
         points = [p for s in strokes for p in s.points(_RULES.chord)]
-        found.append(np.array(points))
+        chains.append(np.array(points))
         straight.append(len(strokes) == 1 and not strokes[0].curve.bulge)
-    return Chains(found[0], found[1], (straight[0], straight[1]))
+    return Chains(chains[0], chains[1], (straight[0], straight[1]))
 
 
 def _run(sides: Sides, left: bool, ahead: bool, shorter: int) -> list[DrawnStroke]:
@@ -138,13 +138,34 @@ def _foot(line: Array, others: Array) -> tuple[Array, Array]:
     return line[0] + along * float(off[k] @ along), others[k]
 
 
-class _Kind(NamedTuple):
-    """A formula: its residual, first guesses and the profile of its parameters."""
+class _Formula(NamedTuple):
+    """The formula of a profile, with lengths in sizes of the notch."""
 
     residual: Callable[[Any, Array, Array, float], Array]
+    """Distances from the formula, by its parameters, of points at distances along the hinge and
+    depths, with a thickness of the neck.
+    """
     guesses: Callable[[float, float], list[list[float]]]
-    build: Callable[[Any, float, float], dict[str, float]]
+    """Initial parameters, by the largest distance and the largest depth of the points."""
+    dimensions: Callable[[Any, float, float], dict[str, float]]
+    """Dimensions of the profile, by parameters, distance of the end and thickness of the neck."""
     profile: type[Profile]
+    """Class of the profile."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A formula with fitted axes and parameters, in sizes of the notch."""
+
+    formula: _Formula
+    axes: list[float]
+    """Position (and, of two curved sides, direction) of the hinge; thickness of the neck last."""
+    parameters: list[float]
+
+    @property
+    def thickness(self) -> float:
+        """Thickness of the neck."""
+        return self.axes[-1]
 
 
 def _ellipse(p: Any, x: Array, d: Array, _t: float) -> Array:
@@ -168,20 +189,20 @@ def _hyperbola(p: Any, x: Array, d: Array, t: float) -> Array:
     return (d + 0.5 * t - y) / np.hypot(1.0, p[0] ** 2 * x / y)
 
 
-_KINDS = (
-    _Kind(
+_FORMULAS = (
+    _Formula(
         _ellipse,
         lambda x, d: [[x, d]],
         lambda p, _end, _t: {"half_length": abs(p[0]), "notch_depth": abs(p[1])},
         Elliptical,
     ),
-    _Kind(
+    _Formula(
         _parabola,
         lambda x, d: [[d / x**2]],
         lambda p, end, _t: {"half_length": end, "notch_depth": p[0] * end**2},
         Parabolic,
     ),
-    _Kind(
+    _Formula(
         _hyperbola,
         lambda x, d: [[d / x]],
         lambda p, end, t: {
@@ -190,7 +211,7 @@ _KINDS = (
         },
         Hyperbolic,
     ),
-    _Kind(
+    _Formula(
         _power,
         lambda x, d: [[math.log(d / x**n), n] for n in (3.0, 6.0)],
         lambda p, end, _t: {
@@ -209,33 +230,31 @@ def _two_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
         return
     frame, thickness = begin
 
-    def placed(q: Any) -> tuple[Array, Array, float]:
-        """Distances and depths of all points in moved axes, in sizes of the notch."""
-        c, s = math.cos(q[2]), math.sin(q[2])
-        xs, ds = [], []
+    def in_axes(axes: Any) -> tuple[Array, Array, float]:
+        """Return distances and depths of all points, in sizes of the notch, and the thickness."""
+        x0, y0, turn, neck = axes
+        c, s = math.cos(turn), math.sin(turn)
+        distances, depths = [], []
         for points, sign in ((right, -1.0), (left, 1.0)):
-            x, y = points[:, 0] - q[0], points[:, 1] - q[1]
-            xs.append(c * x + s * y)
-            ds.append(sign * (c * y - s * x) - 0.5 * q[3])
-        return np.concatenate(xs), np.concatenate(ds), q[3]
+            x, y = points[:, 0] - x0, points[:, 1] - y0
+            distances.append(c * x + s * y)
+            depths.append(sign * (c * y - s * x) - 0.5 * neck)
+        return np.concatenate(distances), np.concatenate(depths), neck
 
     local = (frame.local(chains.right), frame.local(chains.left))
     size = float(np.max(np.abs(np.vstack(local)[:, 0])))
-    right, left = _some(local[0]) / size, _some(local[1]) / size
+    right, left = _thinned(local[0]) / size, _thinned(local[1]) / size
     start = [0.0, 0.0, 0.0, thickness / size]
-    for kind, q, p in _solutions(placed, start):
-        turn = frame.direction + q[2]
+    for fit in _near_fits(in_axes, start):
+        x, y, turn, _ = fit.axes
         c, s = math.cos(frame.direction), math.sin(frame.direction)
-        at = (
-            frame.at[0] + size * (c * q[0] - s * q[1]),
-            frame.at[1] + size * (s * q[0] + c * q[1]),
-        )
-        fitted = NeckFrame(at, turn)
-        yield from _made(kind, p, sides, chains, fitted, size, q[3], False)
+        at = frame.at[0] + size * (c * x - s * y), frame.at[1] + size * (s * x + c * y)
+        fitted = NeckFrame(at, frame.direction + turn)
+        yield from _profile_of_fit(fit, sides, chains, fitted, size, one_sided=False)
 
 
 def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """The straight side is on the right."""
+    """Propose profiles with the straight side on the right."""
     begin = nearest_frame(chains)
     if begin is None or len(chains.left) < _RULES.fewest:
         return
@@ -244,57 +263,60 @@ def _one_sided(sides: Sides, chains: Chains) -> Iterator[tuple[Sides, NeckFrame,
     frame = NeckFrame(frame.at, math.atan2(along[1], along[0]))
     points = frame.local(chains.left)
     size = float(np.max(np.abs(points[:, 0])))
-    points = _some(points) / size
+    points = _thinned(points) / size
     bottom = -0.5 * thickness / size
 
-    def placed(q: Any) -> tuple[Array, Array, float]:
-        return points[:, 0] - q[0], points[:, 1] - bottom - q[1], q[1]
+    def in_axes(axes: Any) -> tuple[Array, Array, float]:
+        x0, neck = axes
+        return points[:, 0] - x0, points[:, 1] - bottom - neck, neck
 
-    for kind, q, p in _solutions(placed, [0.0, thickness / size]):
-        at = frame.plane(size * q[0], size * (bottom + 0.5 * q[1]))
-        yield from _made(kind, p, sides, chains, NeckFrame(at, frame.direction), size, q[1], True)
+    for fit in _near_fits(in_axes, [0.0, thickness / size]):
+        x, neck = fit.axes
+        at = frame.plane(size * x, size * (bottom + 0.5 * neck))
+        fitted = NeckFrame(at, frame.direction)
+        yield from _profile_of_fit(fit, sides, chains, fitted, size, one_sided=True)
 
 
-def _some(points: Array) -> Array:
-    """Return so many points as a fit needs, evenly picked."""
+def _thinned(points: Array) -> Array:
+    """Return the number of points that a fit needs, evenly selected."""
     if len(points) <= _RULES.most:
         return points
     return points[np.unique(np.linspace(0, len(points) - 1, _RULES.most).round().astype(int))]
 
 
-def _solutions(
-    placed: Callable[[Any], tuple[Array, Array, float]], start: list[float]
-) -> Iterator[tuple[_Kind, Any, Any]]:
-    """Fit each formula; give the place and the parameters of those that come near."""
-    x, d, _ = placed(start)
-    reach, deep = float(np.max(np.abs(x))), float(np.max(d))
-    if deep <= 0.0:
+def _near_fits(
+    in_axes: Callable[[Any], tuple[Array, Array, float]], start: list[float]
+) -> Iterator[_Fit]:
+    """Fit each formula, from initial axes; yield those that are near the drawing."""
+    x, d, _ = in_axes(start)
+    reach, deepest = float(np.max(np.abs(x))), float(np.max(d))
+    if deepest <= 0.0:
         return
     count = len(start)
-    for kind in _KINDS:
+    for formula in _FORMULAS:
         best = None
-        for guess in kind.guesses(reach, deep):
+        for guess in formula.guesses(reach, deepest):
 
-            def residual(v: Array, kind: _Kind = kind) -> Array:
-                x, d, t = placed(v[:count])
+            def residual(v: Array, formula: _Formula = formula) -> Array:
+                x, d, t = in_axes(v[:count])
                 with np.errstate(all="ignore"):
-                    r = kind.residual(v[count:], x, d, t)
+                    r = formula.residual(v[count:], x, d, t)
                 return np.where(np.abs(r) < 1.0, r, 1.0)
 
-            found = _fitted(residual, np.array([*start, *guess]))
-            worst = float(np.max(np.abs(residual(found))))
+            solution = _fitted(residual, np.array([*start, *guess]))
+            worst = float(np.max(np.abs(residual(solution))))
             if best is None or worst < best[0]:
-                best = (worst, found)
+                best = (worst, solution)
         if best is not None and best[0] < _RULES.near:
-            yield kind, best[1][:count].tolist(), best[1][count:].tolist()
+            yield _Fit(formula, best[1][:count].tolist(), best[1][count:].tolist())
 
 
 def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
     """Return the parameters of the smallest squares of a residual.
 
     Damped Gauss-Newton steps (K. Levenberg, Quart. Appl. Math. 2 (1944) 164; D. W. Marquardt, J.
-    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first ones is given
-    up.
+    Soc. Indust. Appl. Math. 11 (1963) 431); a fit that is not near after the first steps is
+    abandoned.
     """
     x, r = start, residual(start)
     damping = 1e-3
@@ -323,42 +345,39 @@ def _fitted(residual: Callable[[Array], Array], start: Array) -> Array:
     return x
 
 
-def _made(
-    kind: _Kind,
-    p: Any,
-    sides: Sides,
-    chains: Chains,
-    frame: NeckFrame,
-    size: float,
-    t: float,
-    one_sided: bool,
+def _profile_of_fit(
+    fit: _Fit, sides: Sides, chains: Chains, frame: NeckFrame, size: float, *, one_sided: bool
 ) -> Iterator[tuple[Sides, NeckFrame, Profile]]:
-    """Give the profile of a fit; where it ends is where the shortest side does."""
-    neck = t * size
-    half_neck = 0.5 * neck
+    """Yield the profile of a fit, if there is one; it ends with the shortest side."""
+    kind, p, tolerance = fit.formula.profile, fit.parameters, sides.part.tolerance
+    neck = fit.thickness * size
     ends = []
     for points, left in ((chains.right, False), (chains.left, True)):
         if one_sided and not left:
             continue
         for ahead in (False, True):
-            ends.append(float(np.max(quarter(frame, half_neck, points, left, ahead)[:, 0])))
+            ends.append(float(np.max(quarter(frame, 0.5 * neck, points, left, ahead)[:, 0])))
     reach = min(ends)
-    if max(ends) - reach < sides.part.tolerance:
+    if max(ends) - reach < tolerance:
         reach = sum(ends) / len(ends)
-    if not neck > 0.0 or (kind.profile is not Elliptical and not p[0] > -50.0):
+    if not neck > 0.0 or (kind is not Elliptical and not p[0] > -50.0):
         return
     try:
-        sizes = kind.build(p, reach / size, t)
-        made = kind.profile(
+        dimensions = fit.formula.dimensions(p, reach / size, fit.thickness)
+        profile = kind(
             neck_thickness=rounded(neck),
             one_sided=one_sided,
-            **{k: round(v, 7) if k == "exponent" else rounded(v * size) for k, v in sizes.items()},
+            **{
+                name: round(value, 7) if name == "exponent" else rounded(value * size)
+                for name, value in dimensions.items()
+            },
         )
     except (HingeError, OverflowError, ValueError):
         return  # dimensions that no notch of this kind has
-    if isinstance(made, Elliptical) and (
-        abs(made.half_length - made.notch_depth) < sides.part.tolerance
+    if (
+        isinstance(profile, Elliptical)
+        and abs(profile.half_length - profile.notch_depth) < tolerance
     ):
-        radius = rounded(0.5 * (made.half_length + made.notch_depth))
-        made = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
-    yield sides, frame, made
+        radius = rounded(0.5 * (profile.half_length + profile.notch_depth))
+        profile = RightCircular(neck_thickness=rounded(neck), one_sided=one_sided, radius=radius)
+    yield sides, frame, profile

@@ -1,4 +1,4 @@
-"""Contours as few exact pieces: polylines and splines that stand for arcs become arcs again."""
+"""Contours as few exact pieces: polylines and splines that approximate arcs become arcs."""
 
 import math
 from collections.abc import Sequence
@@ -14,19 +14,18 @@ from flexstage.stage.outline import arc
 
 Pair = tuple[float, float]
 
-#: Points, circles or corners that are nearer than this are one [m].
+#: Points, circles or corners closer than this are one [m].
 SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class ArcRules:
-    """When the corners of a polyline are those of an arc."""
+    """Limits by which the corners of a polyline are those of an arc."""
 
     tolerance: float = 0.2e-6
     """Largest distance of the corners from the arc [m]."""
     tighter: tuple[float, ...] = (2e-9, 20e-9)
-    """Tighter ones, which are tried first, so that an arc does not reach into what goes on from it
-    smoothly [m]."""
+    """Tighter ones, tried first, so that an arc does not reach into a smooth continuation [m]."""
     chord_error: float = 25e-6
     """Largest distance of the arc from the chords [m]."""
     sharpest: float = math.radians(50.0)
@@ -36,7 +35,7 @@ class ArcRules:
     uneven: float = math.log(6.0)
     """Logarithm of the ratio by which neighbouring chords differ at most."""
     round_corners: int = 12
-    """Fewest corners of a polygon that stands for a circle."""
+    """Fewest corners of a polygon that approximates a circle."""
     curved: float = 50.0
     """Least rise of the arc above its chord, in tolerances."""
     round: float = 1.9 * math.pi
@@ -52,8 +51,7 @@ class DrawnStroke(NamedTuple):
     curve: Curve
     """The line or the arc."""
     trace: tuple[Pair, ...] = ()
-    """The corners of the polyline or spline that it stands for [m]; none where it was drawn as it
-    is.
+    """The corners of the polyline or spline that it replaces [m]; none where it was drawn so.
     """
 
     def reversed(self) -> "DrawnStroke":
@@ -62,7 +60,7 @@ class DrawnStroke(NamedTuple):
         return DrawnStroke(Curve(c.end, c.start, -c.bulge), self.trace[::-1])
 
     def points(self, chord: float) -> list[Pair]:
-        """Return points that lie on what was drawn, the ends among them.
+        """Return points on the drawn contour, the ends among them.
 
         Of an arc that was drawn as one they are so close that chords are off by at most `chord`.
         """
@@ -108,18 +106,18 @@ def tidy(loop: Sequence[Curve], rounding: float = 0.0) -> list[DrawnStroke]:
     lengths = [math.inf if s.curve.bulge else s.curve.length for s in strokes]
     first = lengths.index(max(lengths))
     strokes = strokes[first:] + strokes[:first]
-    made: list[DrawnStroke] = []
+    pieces: list[DrawnStroke] = []
     run: list[Pair] = []
     for stroke in strokes:
         if stroke.curve.bulge:
-            made += _refined(run, tolerance)
+            pieces += _refined(run, tolerance)
             run = []
-            made.append(stroke)
+            pieces.append(stroke)
         else:
             run = run or [stroke.curve.start]
             run.append(stroke.curve.end)
-    made += _refined(run, tolerance)
-    return _merged(made, tolerance, max(SAME, 4.0 * rounding))
+    pieces += _refined(run, tolerance)
+    return _merged(pieces, tolerance, max(SAME, 4.0 * rounding))
 
 
 def circle_of(points: Array) -> tuple[Pair, float, float]:
@@ -131,11 +129,11 @@ def circle_of(points: Array) -> tuple[Pair, float, float]:
     (x0, y0), scale = points[0], float(np.max(np.ptp(points, axis=0)))
     u, v = (points[:, 0] - x0) / scale, (points[:, 1] - y0) / scale
     rows = np.array([u, v, np.ones_like(u)])
-    found = _solved(rows, 0.5 * (u * u + v * v))
-    if found is None:
+    solution = _solved(rows, 0.5 * (u * u + v * v))
+    if solution is None:
         return (float(x0), float(y0)), math.inf, math.inf
-    cx, cy = found[0], found[1]
-    radius = math.sqrt(max(2.0 * found[2] + cx * cx + cy * cy, 0.0))
+    cx, cy = solution[0], solution[1]
+    radius = math.sqrt(max(2.0 * solution[2] + cx * cx + cy * cy, 0.0))
     distance = np.hypot(u - cx, v - cy)
     for _ in range(2):
         if not radius or float(np.min(distance)) <= 0.0:
@@ -162,7 +160,7 @@ def _solved(rows: Array, right: Array) -> tuple[float, float, float] | None:
 
 
 def _refined(run: list[Pair], tolerance: float) -> list[DrawnStroke]:
-    """Return the lines and arcs that a polyline stands for."""
+    """Return the lines and arcs that a polyline approximates."""
     out: list[DrawnStroke] = []
     i, last = 0, len(run) - 1
     points = np.array(run)
@@ -256,15 +254,15 @@ def _as_arcs(points: Array) -> list[DrawnStroke]:
     trace = tuple((x, y) for x, y in points.tolist())
     last = len(points) - 1
     ends = [0, last // 2, last] if abs(angles[-1] - angles[0]) > ARCS.round else [0, last]
-    made = []
+    arcs = []
     for a, b in pairwise(ends):
         bulge = math.tan(0.25 * float(angles[b] - angles[a]))
-        made.append(DrawnStroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
-    return made
+        arcs.append(DrawnStroke(Curve(trace[a], trace[b], bulge), trace[a : b + 1]))
+    return arcs
 
 
 def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> list[DrawnStroke]:
-    """Join lines that go on straight, and arcs that go on on the same circle."""
+    """Join collinear lines, and arcs on the same circle."""
     out: list[DrawnStroke] = []
     for stroke in strokes:
         joined = _join(out[-1], stroke, tolerance, straight) if out else None
@@ -278,7 +276,7 @@ def _merged(strokes: list[DrawnStroke], tolerance: float, straight: float) -> li
 
 
 def _join(a: DrawnStroke, b: DrawnStroke, tolerance: float, straight: float) -> DrawnStroke | None:
-    """Return two pieces as one, where they are."""
+    """Return two pieces as one, where they form one."""
     start, end = a.curve.start, b.curve.end
     if a.trace or b.trace:
         return _join_traces(a, b, tolerance)

@@ -1,4 +1,4 @@
-r"""Where a part is locally thin: the passes between its thick places.
+r"""Thin places of a part: the passes between its thick places.
 
 Points along the contours are joined to triangles (B. N. Delaunay 1934). Their circles are the
 largest that fit between the contours, their centres the middle line of the part (H. Blum, in
@@ -21,7 +21,7 @@ from flexstage.stage.drawing.strokes import Pair
 
 @dataclass(frozen=True, slots=True)
 class _ReliefRules:
-    """How finely the contours are sampled, and which passes count."""
+    """Sampling of the contours, and limits of passes."""
 
     least_ratio: float = 1.25
     """A body is at least this much thicker than a neck that leads to it [1]."""
@@ -61,7 +61,7 @@ class Pass(NamedTuple):
     """A thin place between two thick ones."""
 
     thickness: float
-    """Its thickness, about [m]."""
+    """Thickness, about [m]."""
     ratio: float
     """Thickness of the thinner of the two thick places, in thicknesses of the pass [1]."""
     sides: tuple[Place, Place]
@@ -74,7 +74,7 @@ class Relief(NamedTuple):
     """The thick places of a part and the passes between them."""
 
     passes: tuple[Pass, ...]
-    """From the thickest to the thinnest."""
+    """Passes, from the thickest to the thinnest."""
     heights: dict[int, float]
     """Thickness of each thick place by its number [m]."""
 
@@ -92,7 +92,7 @@ class _Samples(NamedTuple):
 def relief(part: DrawnPart) -> Relief:
     """Find the thin places of a part.
 
-    Round holes are left out: a wall beside a drilled hole is no neck.
+    Round holes are excluded: a wall next to a drilled hole is no neck.
     """
     walls = [k for k, c in enumerate(part.contours) if k == 0 or c.circle is None]
     samples = _sampled(part, walls)
@@ -108,10 +108,10 @@ def _sampled(part: DrawnPart, walls: list[int]) -> _Samples:
     }
     while True:
         samples, step = _gathered(part, walls, shares)
-        wanted = _too_coarse(samples, step)
-        if not len(wanted) or len(samples.at) > _RULES.most:
+        refined = _too_coarse(samples, step)
+        if not len(refined) or len(samples.at) > _RULES.most:
             return samples
-        for i in wanted.tolist():
+        for i in refined.tolist():
             key = (int(samples.contour[i]), int(samples.stroke[i]))
             here = float(samples.share[i])
             last = samples.following[i]
@@ -132,7 +132,7 @@ def _even(contour: DrawnContour, n: int, step: float) -> list[float]:
 def _gathered(
     part: DrawnPart, walls: list[int], shares: dict[tuple[int, int], list[float]]
 ) -> tuple[_Samples, Array]:
-    """Place the points; each stands for the stretch up to the next, whose length is given too."""
+    """Place the points; each represents the length up to the next, which is returned too."""
     at, contour, stroke, share, along, following, length = [], [], [], [], [], [], []
     step: list[float] = []
     for k in walls:
@@ -151,7 +151,7 @@ def _gathered(
         count = len(at) - begin
         following += [begin + (j + 1) % count for j in range(count)]
         length += [way] * count
-    made = _Samples(
+    samples = _Samples(
         np.array(at),
         np.array(contour),
         np.array(stroke),
@@ -160,20 +160,24 @@ def _gathered(
         np.array(following),
         np.array(length),
     )
-    return made, np.array(step)
+    return samples, np.array(step)
 
 
 def _too_coarse(samples: _Samples, step: Array) -> Any:
-    """Return the points after which the contour wants another, as material is thin there."""
+    """Return the points after which the contour needs another, as material is thin there."""
     from scipy.spatial import KDTree
 
     coarse = np.flatnonzero(step > 2.0 * _RULES.finest)
     middle = 0.5 * (samples.at + samples.at[samples.following])
     tree = KDTree(samples.at)
-    found = tree.query_ball_point(middle[coarse], _RULES.dense * step[coarse])
-    counts = np.array([len(f) for f in found])
+    neighbours = tree.query_ball_point(middle[coarse], _RULES.dense * step[coarse])
+    counts = np.array([len(f) for f in neighbours])
     i = np.repeat(coarse, counts)
-    j = np.concatenate([np.array(f, dtype=int) for f in found]) if len(i) else np.array([], int)
+    j = (
+        np.concatenate([np.array(f, dtype=int) for f in neighbours])
+        if len(i)
+        else np.array([], int)
+    )
     away = samples.at[j] - middle[i]
     straight = np.hypot(*away.T)
     # the material is on the left of the way along a contour
@@ -207,7 +211,7 @@ def _passes(samples: _Samples) -> Relief:
             k = hill[k]
         return k
 
-    found: list[tuple[float, int, int, int]] = []
+    candidates: list[tuple[float, int, int, int]] = []
     order = np.argsort(-width, kind="stable")
     for e in order.tolist():
         a, b = root(int(first[e])), root(int(second[e]))
@@ -218,9 +222,9 @@ def _passes(samples: _Samples) -> Relief:
         if top[b] <= _RULES.least_ratio * width[e]:
             hill[b] = a
         else:
-            found.append((float(width[e]), a, b, e))
+            candidates.append((float(width[e]), a, b, e))
     passes = []
-    for w, one, other, e in found:
+    for w, one, other, e in candidates:
         a, b = root(one), root(other)
         if a != b:
             i, j = edge[e].tolist()
@@ -236,7 +240,7 @@ def _place(samples: _Samples, i: int) -> Place:
 
 
 def _within(samples: _Samples, triangles: Any) -> Any:
-    """Say which triangles are material."""
+    """Return which triangles are material."""
     from shapely import Polygon, contains_xy, prepare
 
     rings = [samples.at[samples.contour == k] for k in np.unique(samples.contour)]

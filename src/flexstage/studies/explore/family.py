@@ -25,7 +25,7 @@ from flexstage.lumped import (
 from flexstage.lumped.large_displacement import lumped_buckling
 from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.stage import Stage
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.stage.drive import Force, PiezoStack
 from flexstage.stage.narrowest import narrowest_slot, thinnest_wall
 from flexstage.studies.explore.figures import Figure

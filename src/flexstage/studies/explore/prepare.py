@@ -12,7 +12,7 @@ from flexstage.base.errors import ModelError
 from flexstage.files.request import read_number
 from flexstage.quantities.units import parse
 from flexstage.stage import Stage
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.deviations import KINDS, scatter_dimensions
 from flexstage.studies.explore.family import Family, batched_figures, known_figures
 from flexstage.studies.explore.figures import (

@@ -15,8 +15,8 @@ from flexstage.files.expression import is_expression
 from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.stage import Hinge, Stage
+from flexstage.stage.designs import StageTemplate
 from flexstage.stage.designs.parameters import StageParameter
-from flexstage.stage.designs.template import StageTemplate
 from flexstage.studies.explore.family import Family, evaluate, jacobian
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.requests import LENGTH, SensitivityRequest

@@ -11,8 +11,8 @@ from flexstage.base.errors import ModelError, UnitError
 from flexstage.files.expression import is_expression
 from flexstage.files.ranges import Stated
 from flexstage.quantities.units import DIMENSIONS, parse, readable_text, to_text
+from flexstage.stage.designs import StageTemplate
 from flexstage.stage.designs.parameters import StageParameter
-from flexstage.stage.designs.template import StageTemplate
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SHARE = re.compile(rf"(?:\+-|±)?\s*({_NUMBER})\s*%")

@@ -7,7 +7,7 @@ from flexstage.base.choose import did_you_mean
 from flexstage.base.errors import ModelError
 from flexstage.quantities.quantity import full_name
 from flexstage.stage import PiezoStack, Stage
-from flexstage.stage.designs.template import StageTemplate
+from flexstage.stage.designs import StageTemplate
 from flexstage.stage.narrowest import thinnest_wall
 from flexstage.studies.explore.figures import Figure, Requirement
 from flexstage.studies.explore.variables import Variable, every_variable, is_data_sheet

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from typing import NamedTuple, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 import ngsolve as ng
 import numpy as np
@@ -14,63 +14,61 @@ from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.elasticity import face
-from flexstage.elasticity.loaded import COMPONENTS
 from flexstage.elasticity.shapes import METRE
 from flexstage.fem.geometry import STRAINED, neck_edge, surface_edge
-from flexstage.fem.layered_plate import LayeredPlate, PlaneIntegrals
+from flexstage.fem.layered_plate import REFERENCE, LayeredPlate
 from flexstage.fem.mesh import MESHER, MeshSettings, face_mesh
-from flexstage.fem.neck_motions import (
+from flexstage.fem.necks import (
+    CutNeck,
     NeckMotion,
+    constraint_matrix,
     edge_means,
-    motion_rows,
+    layered_stress,
     neck_mix,
     neck_motions,
+    stress_in_direction,
+    stress_of_other_half,
+    surface_points,
 )
-from flexstage.fem.necks import IN_PLANE, layered_stress, surface_points
-from flexstage.fem.substructure import REFERENCE, CutNeck, Substructure
+from flexstage.fem.plane_integrals import PlaneIntegrals
 from flexstage.fem.through_thickness import ThroughThickness
 from flexstage.hinges import Profile
 from flexstage.hinges.hinge_spring import PlaneState
 from flexstage.hinges.profile import CurvedProfile
 from flexstage.stage import Hinge
 from flexstage.stage.contour import half_notch, inner_notch
-from flexstage.stage.hinge_attachment import Root, hinge_root
 
 _NAME, _BODY, _NOTCH, _CUT, _ROOT = "0", "body", "notch", "cut", "root"
 _NEAR = 1e-9  # two points are one [m]
 
-#: How far from the mouth of a notch its functions reach into its body, in widths of the mouth.
-REACH = 0.4
+#: Enrichment radius: extent into the body of the functions of a notch, in widths of its mouth.
+ENRICHMENT_RADIUS = 0.4
 # How much finer the half notch alone is meshed than the body that it is a part of, and how fast its
 # elements grow: stress is a derivative.
 _FINER, _GRADING = 0.75, 0.5
-# Highest power over a neck of the tractions through it, on elements of a lower order too, of which
-# two lie on the neck: where a radius is as small as the neck stress needs it.
-_POWERS = 6
+#: Highest power over a neck of the tractions through it, on elements of a lower order too, of which
+#: two lie on the neck: where a radius is as small as the neck stress needs it.
+NECK_POWERS = 6
 _ALONG = 4  # elements along each piece of the contour at least
-
-
-# A body is wider than a root by this much of the root's height, or as good as not.
-_WIDER = 0.5
 
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-def _once(kept: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
-    """Keep the last results; of two threads that want the same one, the second waits for it."""
+def _cached_for_threads(size: int) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """Keep the last results; of two threads with the same argument, the second waits for it."""
 
     def of(function: Callable[_P, _T]) -> Callable[_P, _T]:
-        known = lru_cache(maxsize=kept)(function)
+        cached = lru_cache(maxsize=size)(function)
         locks: dict[object, threading.Lock] = {}
 
         @wraps(function)
-        def found(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        def locked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
             with locks.setdefault(args, threading.Lock()):
-                return known(*args, **kwargs)
+                return cached(*args, **kwargs)
 
-        return found
+        return locked
 
     return of
 
@@ -82,19 +80,19 @@ class NotchBlock:
     profile: Profile
     """The notch."""
     wide: bool
-    """Whether the body is wider than the root."""
+    """True if the body is wider than the root."""
     plane: PlaneState
     """``stress`` or ``strain``, in a plane model."""
     through: ThroughThickness
-    """How displacements run through the thickness of the plate."""
+    """Functions of the displacement through the thickness of the plate."""
     mesh: MeshSettings
-    """How fine the body is meshed."""
+    """Mesh settings of the body."""
     poissons_ratio: float
     """Poisson's ratio [1]."""
     powers: int
     """Highest power over the neck of the tractions through it."""
     widest: Profile | None = None
-    """A notch of whose root the block is made, where that is another one."""
+    """Another notch whose root determines the block, if not None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,112 +110,44 @@ class NeckStress:
     """Components for unit forces on the neck, level by level, shape (l, m, c, r): the six of
     `flexstage.elasticity.loaded.COMPONENTS`, in a plane xx, yy, zz and xy."""
     lengthwise: NDArray[np.bool_]
-    """Which of the forces act along the hinge or turn about its middle, shape (r,)."""
+    """Forces along the hinge or about its middle, as a mask, shape (r,)."""
 
     def of_half(self, which: int, direction: float) -> Array:
         """Return the stress of either half of a hinge in any direction [rad].
 
         `which` is 0 for the half on the first body, 1 for that on the second.
         """
-        stress, components = self.stress, COMPONENTS
-        if stress.shape[2] == len(IN_PLANE):
-            components = tuple(COMPONENTS[k] for k in IN_PLANE)
-        if which:  # mirrored, and so are forces along the hinge
-            odd = np.array([(i == 0) != (j == 0) for i, j in components])
-            stress = np.where(odd[:, None] != self.lengthwise, -stress, stress)
-        c, s = math.cos(direction), math.sin(direction)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        mix = np.array(
-            [
-                [
-                    turn[i, k] * turn[j, m] + (turn[i, m] * turn[j, k] if k != m else 0.0)
-                    for k, m in components
-                ]
-                for i, j in components
-            ]
-        )
-        return mix @ stress
-
-
-class StressOfNecks(NamedTuple):
-    """Stress of all half notches of a body, as `flexstage.fem.condensation.Condensed` has it."""
-
-    stress: Array
-    neck: NDArray[np.int64]
-    point: NDArray[np.int64]
-    seam: NDArray[np.int64]
-
-
-def stress_of_necks(part: Substructure) -> StressOfNecks:
-    """Return the stress of the half notches of a body by unit forces on them.
-
-    What a body does to a notch beyond these forces is left out (Saint-Venant).
-    """
-    stage = part.stage()
-    stresses, owner, points, seams, used = [], [], [], [], 0
-    for i, (neck, hinge) in enumerate(zip(part.necks, stage.hinges, strict=True)):
-        half = neck_stress(half_of(part, i, hinge_root(stage, hinge, neck.which)))
-        stress = half.of_half(neck.which, neck.direction)
-        levels, places, components, _ = stress.shape
-        level, count = np.arange(levels)[:, None], int(half.point.max()) + 1
-        # the ends of the neck, where the other half begins
-        ends = np.sign(half.place[:, 1]) * (np.abs(half.place[:, 0]) < _NEAR)
-        stresses.append(stress.reshape(levels * places, components, -1))
-        owner.append(np.full(levels * places, i))
-        points.append((used + half.point + count * level).ravel())
-        seams.append((ends * (level + 1)).ravel())
-        used += count * levels
-    nothing = np.zeros(0, dtype=np.int64)
-    return StressOfNecks(
-        np.concatenate(stresses) if stresses else np.zeros((0, len(IN_PLANE), 0)),
-        *(np.concatenate((nothing, *found)).astype(np.int64) for found in (owner, points, seams)),
-    )
-
-
-def half_of(part: Substructure, number: int, root: Root) -> NotchBlock:
-    """Return the half notch at a neck of a body, which grows from it at a root."""
-    neck = part.necks[number]
-    return NotchBlock(
-        profile=neck.profile,
-        wide=any(
-            math.dist(end, corner) > _WIDER * neck.profile.root_height
-            for end, corner in zip(root.ends, root.edge, strict=True)
-        ),
-        plane=neck.plane,
-        through=part.through,
-        mesh=part.mesh,
-        poissons_ratio=part.poissons_ratio,
-        powers=max(part.mesh.order, _POWERS),
-    )
+        stress = stress_of_other_half(self.stress, self.lengthwise) if which else self.stress
+        return stress_in_direction(stress, direction)
 
 
 def neck_tractions(half: NotchBlock) -> Array:
-    """Return what makes up each motion of a neck, as `neck_mix` has it, shape (r, r + e).
+    """Return the composition of each motion of a neck, as by `neck_mix`, shape (r, r + e).
 
-    Of the half notch alone in a body as wide as its root, held at its far end.
+    It is that of the half notch in a body as wide as its root, fixed at its far end.
     """
     return _narrow_tractions(replace(half, wide=False, widest=None))
 
 
-@_once(64)
+@_cached_for_threads(64)
 def _narrow_tractions(half: NotchBlock) -> Array:
     # out of the plane the same half notch gives its stress, by tractions of more powers
-    highest = max(half.powers, _POWERS) if half.through.out_of_plane else half.powers
+    highest = max(half.powers, NECK_POWERS) if half.through.out_of_plane else half.powers
     _, rows, responses = _narrow(replace(half, powers=highest))
-    wanted, every = (
-        [_bare(m) for motions in neck_motions(half.through, powers)[:2] for m in motions]
+    required, every = (
+        [_trimmed(motion) for motion in neck_motions(half.through, powers).every]
         for powers in (half.powers, highest)
     )
-    kept = [every.index(motion) for motion in wanted]
-    return neck_mix(rows[kept] @ responses[:, kept], half.through, half.powers)
+    selected = [every.index(motion) for motion in required]
+    return neck_mix(rows[selected] @ responses[:, selected], half.through, half.powers)
 
 
-def _bare(motion: NeckMotion) -> NeckMotion:
-    """Return a motion without the powers that it does not have."""
+def _trimmed(motion: NeckMotion) -> NeckMotion:
+    """Return a motion without superfluous powers."""
     return replace(motion, weight=tuple(np.trim_zeros(motion.weight, "b")))
 
 
-@_once(128)
+@_cached_for_threads(128)
 def neck_stress(half: NotchBlock) -> NeckStress:
     """Return the stress of half a notch by unit forces on its neck."""
     if half.through.in_space and not half.through.out_of_plane:
@@ -228,7 +158,7 @@ def neck_stress(half: NotchBlock) -> NeckStress:
 def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array, NeckStress]:
     """Return the flexibility of the motions of a neck, shape (r, r), and the stress by forces.
 
-    Half of the notch is held at the far end of its block. In space tractions pass through the neck
+    Half of the notch is fixed at the far end of its block. In space tractions pass through the neck
     as through that of the notch `like`, where one is given.
     """
     through = half.through
@@ -252,11 +182,13 @@ def neck_response(half: NotchBlock, like: Profile | None = None) -> tuple[Array,
         place=points.position[:, :2],
         point=points.point,
         stress=stress,
-        lengthwise=np.array([m.direction == 0 for m in neck_motions(through, half.powers)[0]]),
+        lengthwise=np.array(
+            [m.direction == 0 for m in neck_motions(through, half.powers).transmitted]
+        ),
     )
 
 
-@_once(6)
+@_cached_for_threads(6)
 def _narrow(half: NotchBlock) -> tuple[LayeredPlate, Array, Array]:
     """Return a half notch in a body as wide as its root, with motions of its neck, responses."""
     plate, rows = _block(half)
@@ -273,10 +205,10 @@ def _block(half: NotchBlock) -> tuple[LayeredPlate, Array]:
     with MESHER:
         plane, means = _integrals(replace(half, through=in_plane, poissons_ratio=0.0))
     material = replace(REFERENCE, poissons_ratio=half.poissons_ratio)
-    reach = half.profile.length / 2.0 + REACH * half.profile.root_height
+    reach = half.profile.length / 2.0 + ENRICHMENT_RADIUS * half.profile.root_height
     plate = LayeredPlate(plane, material, half.through, [(_NOTCH, (0.0, 0.0), reach)])
-    passed, rest, _, _ = neck_motions(half.through, half.powers)
-    return plate, motion_rows(plate, means, (*passed, *rest))
+    motions = neck_motions(half.through, half.powers).every
+    return plate, constraint_matrix(plate, means, motions)
 
 
 @lru_cache(maxsize=4)
@@ -284,7 +216,7 @@ def _integrals(half: NotchBlock) -> tuple[PlaneIntegrals, Array]:
     meshed, neck = _meshed(half)
     order = half.mesh.order
     strain = _NOTCH if half.plane == "strain" else ""
-    plane = PlaneIntegrals(meshed, order=order, held=_ROOT, strain=strain)
+    plane = PlaneIntegrals(meshed, order=order, fixed=_ROOT, strain=strain)
     return plane, edge_means(meshed, order, [neck], half.powers)[0]
 
 
@@ -299,12 +231,12 @@ def _meshed(half: NotchBlock) -> tuple[ng.Mesh, CutNeck]:
 
 
 def notch_of(profile: Profile) -> Hinge:
-    """Return a hinge with a notch, of the usual place and direction here."""
+    """Return a hinge with a notch, at the origin and along x."""
     return Hinge(name=_NAME, bodies=("", " "), at=(0.0, 0.0), direction=0.0, profile=profile)
 
 
 def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
-    """Return half of a notch with a block of its body, which is held at its far end."""
+    """Return half of a notch with a block of its body, which is fixed at its far end."""
     hinge, wide, widest = notch_of(half.profile), half.wide, half.widest or half.profile
     # a fillet may be shorter than the neck is thick; arcs for a curve are short by themselves
     along = 1 if isinstance(half.profile, CurvedProfile) else _ALONG
@@ -319,7 +251,7 @@ def _shape(half: NotchBlock, size: float) -> TopoDS_Shape:
         points.append(a)
         bends.append(bulge)
         if abs(a[0] - root) < _NEAR and abs(b[0] - root) < _NEAR:
-            # the root gives way to the block
+            # the root is free to deform with the block
             left, right = (top + height, low - height) if wide else (top, low)
             corners = [(root, left), (far, left), (far, right), (root, right)]
             block = [c for c in corners if min(math.dist(c, a), math.dist(c, b)) > _NEAR]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexstage.fem import half_notch, plane_model, superelement_model
+from flexstage.fem import condensation, notch_block, plane_model, superelement_model
 from flexstage.fem.mesh import MeshSettings
 from flexstage.fem.substructure import cut_free
 from flexstage.fem.superelement import BODIES
@@ -20,14 +20,14 @@ from flexstage.hinges import (
     RightCircular,
 )
 from flexstage.hinges.finite_element import _on_a_circle, _on_a_line, surface_stress
+from flexstage.stage.contour import hinge_root
 from flexstage.stage.designs import design
-from flexstage.stage.hinge_attachment import hinge_root
 from flexstage.system import static_forces
 from tests.hinged_bars import R1, T1, hinged_bars
 
 
-def _half(profile: Profile, through: ThroughThickness) -> half_notch.NotchBlock:
-    return half_notch.NotchBlock(
+def _half(profile: Profile, through: ThroughThickness) -> notch_block.NotchBlock:
+    return notch_block.NotchBlock(
         profile=profile,
         wide=False,
         plane="stress",
@@ -55,10 +55,10 @@ def test_a_bent_neck_is_stressed_most_below_the_faces_of_the_plate() -> None:
     profile = RightCircular(neck_thickness=0.55e-3, radius=1e-3)
     through = ThroughThickness(thickness=10e-3, layer=1.1e-3, out_of_plane=False)
     half = _half(profile, through)
-    flexibility, _ = half_notch.neck_response(half)
+    flexibility, _ = notch_block.neck_response(half)
     # forces that turn all of the neck by one angle, through the thickness
     forces = np.linalg.solve(flexibility, np.eye(len(flexibility))[1])
-    stress = half_notch.neck_stress(half).stress @ forces
+    stress = notch_block.neck_stress(half).stress @ forces
     xx, yy, zz, yz, xz, xy = np.moveaxis(stress, 2, 0)
     squares = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2 + 6.0 * (yz**2 + xz**2 + xy**2)
     levels = np.sqrt(0.5 * squares).max(axis=1)
@@ -117,14 +117,14 @@ def test_a_radius_of_half_the_neck() -> None:
     part = next(p.part for p in cut_free(design("parallelogram"), BODIES, modes=3))
     root = hinge_root(part.stage(), part.stage().hinges[0], part.necks[0].which)
     assert (
-        half_notch.half_of(part, 0, root).powers
+        condensation.notch_block_of(part, 0, root).powers
         == _half(profile, ThroughThickness(thickness=9e-3)).powers
     )
 
 
 def _largest(profile: Profile, width: float) -> list[float]:
     """Largest equivalent stress by a unit pull, shear force and moment [1/m^2, 1/m^3]."""
-    half = half_notch.neck_stress(_half(profile, ThroughThickness(thickness=width)))
+    half = notch_block.neck_stress(_half(profile, ThroughThickness(thickness=width)))
     xx, yy, _, xy = np.moveaxis(half.stress[0], 1, 0)
     pulled, bent, sheared = np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2).max(axis=0).tolist()
     # what turns the neck is a force at half of its thickness
