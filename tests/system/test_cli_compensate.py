@@ -97,7 +97,7 @@ def test_the_printed_result(capsys, model_file, reference_file):
     assert (status, err) == (0, "")
     assert "1600 samples of" in out
     assert "by the inverse of preisach" in out
-    assert "the model with itself" in out
+    assert "for the model itself" in out
     assert "note: from the identification of the model: one rate only" in out
 
 

@@ -274,5 +274,5 @@ def test_an_fmu_without_a_library_is_said_to_be_one(tmp_path: Path, capsys, monk
 def test_a_table_of_very_many_files_is_short(tmp_path: Path, capsys) -> None:
     assert _run(tmp_path, "--to", "vtu", "--folder", str(tmp_path / "out")) == 0
     shown = capsys.readouterr().out
-    assert re.search(r"and \d+ more\n", shown)
+    assert re.search(r"and \d+ more +\n", shown)
     assert len(shown.splitlines()) < 30
