@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from flexstage.base.errors import ModelError
-from flexstage.web.live.chart import packed, spectrum
-from flexstage.web.live.history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
+from flexstage.web.live_chart import packed, spectrum
+from flexstage.web.live_history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 
 TEN_SECONDS = {"mode": "time", "length": "10"}
 CHANNELS = (LiveChannel("u", VOLTAGE), LiveChannel("x", POSITION))

@@ -16,7 +16,7 @@ from flexstage import web
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.files.request import request_of
-from flexstage.web.gate import LOG, SESSION, Gate
+from flexstage.web.access_control import LOG, SESSION, Gate
 from flexstage.web.options import Certificate, PanelOptions
 from flexstage.web.sessions import Access, Session
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.web.live.chart import PATH, SharedHistories
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
+from flexstage.web.live_chart import PATH, SharedHistories
+from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel, LiveHistory
 from tests.panel import HERE, simulated
 
 ASKED = {"mode": "time", "length": "0.2"}
@@ -29,7 +29,7 @@ def test_a_chart_has_its_units_and_its_data_on_the_page_alone(tmp_path: Path) ->
 def require_units(user: Any, panel: Any) -> None:
     from nicegui.events import GenericEventArguments
 
-    from flexstage.web.live.chart import LiveChart
+    from flexstage.web.live_chart import LiveChart
     from flexstage.web.page import Page
 
     (session,) = panel.access._sessions.values()

@@ -20,13 +20,19 @@ from flexstage.stage.designs import StageTemplate
 from flexstage.studies.models import MODELS, fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table
-from flexstage.web.analyse.convergence import errors_table, meshes_table
 from flexstage.web.analyse.shapes import sent_state, sent_surface
 from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
-from flexstage.web.analyse.work import Analysed, analysed, saved
+from flexstage.web.analyse.work import (
+    Analysed,
+    analysed,
+    figures_tables,
+    hinges_table,
+    modes_table,
+    saved,
+)
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.preferences import Preferences
+from flexstage.web.views.analyse import errors_table, meshes_table
 from tests.panel import looked_at, simulated
 
 GUIDE = Variant(StageTemplate.of("parallelogram"))

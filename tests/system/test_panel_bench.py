@@ -26,8 +26,7 @@ from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.stage.designs import design
 from flexstage.web.bench import link
-from flexstage.web.bench.control import GONE, Control
-from flexstage.web.bench.link import BenchLink
+from flexstage.web.bench.link import GONE, BenchLink, Control
 from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
     AboutRun,
@@ -41,8 +40,8 @@ from flexstage.web.bench.runs import (
     take_record,
     waveform_from,
 )
+from flexstage.web.emergency_stop import Stops
 from flexstage.web.jobs import Jobs
-from flexstage.web.stops import Stops
 from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
 

@@ -16,13 +16,14 @@ from flexstage.base.errors import FlexstageError, ModelError, RecordError
 from flexstage.centring.trial_moves import OrderResponse, _best
 from flexstage.cli import main
 from flexstage.quantities.estimate import Component, Estimate
-from flexstage.web.centring.findings import figures, place, rows_of
-from flexstage.web.centring.stage_moves import move_to, place_of
+from flexstage.web.centring.panels import figures, place, rows_of
 from flexstage.web.centring.state import CentringState
 from flexstage.web.centring.work import (
     evaluated,
     gauge_record,
     likely_columns,
+    move_to,
+    place_of,
     simulated_record,
 )
 from flexstage.web.preferences import Preferences
@@ -183,8 +184,8 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
 def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -> None:
     from flexstage.stage.designs import design
     from flexstage.web.bench.link import BenchLink
+    from flexstage.web.emergency_stop import Stops
     from flexstage.web.jobs import Jobs
-    from flexstage.web.stops import Stops
 
     jobs = Jobs()
     bench = BenchLink(Stops(), jobs)

@@ -25,9 +25,9 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.explore import charts, points
-from flexstage.web.explore.downloads import same_command
-from flexstage.web.explore.facts import StageFacts, facts_of
+from flexstage.web.explore import charts, samples_table
+from flexstage.web.explore.results import same_command
+from flexstage.web.explore.stage_summary import StageFacts, facts_of
 from flexstage.web.explore.state import (
     ExploreForm,
     ExploreState,
@@ -134,12 +134,12 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
         found = found_by_the_page(tmp_path, facts, request)
     same(found.to_dict(), by_the_command(facts, request))
     # the way that was shown while it ran is that of the result
-    way = points.of_steps(found.problem, steps, UNITS)
+    way = samples_table.of_steps(found.problem, steps, UNITS)
     assert way is not None
     goal = way.column("natural_frequency.x")
     assert goal is not None
     assert goal.values.tolist() == [step.objective for step in found.trace]
-    assert points.of_optimum(found, UNITS).values(1) == pytest.approx(
+    assert samples_table.of_optimum(found, UNITS).values(1) == pytest.approx(
         dict(zip(found.problem.family.names, found.point, strict=True))
     )
 
@@ -155,15 +155,15 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
     with listen(lambda what, done: None, stages.append):
         found = found_by_the_page(tmp_path, facts, request)
     same(found.to_dict(), by_the_command(facts, request))
-    shown = points.of_front(found, UNITS)
-    search = points.SearchedFront(found.problem)
+    shown = samples_table.of_front(found, UNITS)
+    search = samples_table.SearchedFront(found.problem)
     for number in range(len(stages)):
         search.table(stages[:number], UNITS)
     live = search.table(stages, UNITS)
     assert live is not None
     # the front that filled while it ran is the one that was found
-    assert live.labels.count(points.ON_FRONT) == len(found.points)
-    assert live.labels[live.ordered("", descending=False)[0]] == points.ON_FRONT
+    assert live.labels.count(samples_table.ON_FRONT) == len(found.points)
+    assert live.labels[live.ordered("", descending=False)[0]] == samples_table.ON_FRONT
     assert shown.values(found.chosen) == dict(
         zip(found.problem.family.names, found.points[found.chosen], strict=True)
     )
@@ -206,7 +206,7 @@ def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFa
     batches: list[Any] = []
     with listen(lambda what, done: None, batches.append):
         whole = ready_sweep(request, facts.template)()
-    part = points.of_batches(swept(request, facts.template), batches[:4], UNITS)
+    part = samples_table.of_batches(swept(request, facts.template), batches[:4], UNITS)
     assert part.computed == 4
     assert part.shown.tolist() == [0, 1, 2, 3]
     frequency = part.column("natural_frequency.x")

@@ -23,15 +23,16 @@ from flexstage.hysteresis.requests import (
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
-from flexstage.web.hysteresis.example import example_record, other_example
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles, OpenModel
 from flexstage.web.hysteresis.work import (
     Identified,
     Looked,
     command,
+    example_record,
     identified,
     opened,
+    other_example,
     predicted,
     usual_motion,
     waveform,

@@ -14,12 +14,12 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.base.errors import FlexstageError
 from flexstage.report.page import typeset
-from flexstage.web.gate import SESSION
+from flexstage.web.access_control import SESSION
+from flexstage.web.emergency_stop import Stops
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
 from flexstage.web.sessions import Access, Session, States
-from flexstage.web.stops import Stops
 
 _LOOK_AT_JOBS = 0.25  # s
 _OPTION = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")

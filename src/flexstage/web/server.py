@@ -51,8 +51,8 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
     from fastapi import FastAPI
     from nicegui import ui
 
-    from flexstage.web.gate import Gate
-    from flexstage.web.live.chart import add_live_data
+    from flexstage.web.access_control import Gate
+    from flexstage.web.live_chart import add_live_data
     from flexstage.web.page import Panel
     from flexstage.web.reports import serve_reports
     from flexstage.web.sessions import Access

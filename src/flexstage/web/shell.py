@@ -10,7 +10,7 @@ from typing import Any
 from nicegui import Client, app, background_tasks, ui
 
 from flexstage.report.figures.style import css_variables
-from flexstage.web.gate import SESSION
+from flexstage.web.access_control import SESSION
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, Panel, PanelHeading, choice, pages_of, quiet_button, show_job
 from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, LOOKS

@@ -10,16 +10,22 @@ from typing import Any
 from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
+from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.quantities.comparison import compare, title_of
+from flexstage.quantities.quantity import Quantity, number
+from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.analysis_files import analysis_files
 from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
+from flexstage.report.tables import cause_words, percent
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
-from flexstage.system import Analysis, FrequencyResponse
+from flexstage.system import Analysis, DriveCondition, FrequencyResponse
 from flexstage.system.modes import modes
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.pictures import inline
+from flexstage.web.preferences import Preferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,3 +120,117 @@ def saved(folder: Path, found: Sequence[Analysed]) -> Path:
             for file in sorted(one.fields.iterdir()) if one.fields else ():
                 archive.write(file, f"{one.model}/vtu/{file.name}")
     return path
+
+
+#: What is looked at first.
+_FIRST = frozenset(
+    (
+        "transmission_ratio", "output_displacement", "rotation_stroke", "input_stiffness",
+        "output_stiffness", "max_stress", "safety_factor", "natural_frequency_hz",
+        "natural_frequency_with_stack_hz", "cross_coupling", "buckling_factor",
+    )
+)  # fmt: skip
+# An estimate of an error is seen above this part of the value [1]: the half of four digits.
+_SEEN = 5e-5
+
+
+def figures_tables(preferences: Preferences, found: Sequence[Analysed]) -> tuple[Table, Table]:
+    """Set the figures of models side by side: those that are looked at first, and all others.
+
+    Of two models there is the difference of the second to the first as well.
+    """
+    rows = compare(row for one in found for row in one.analysis.characteristics).rows
+    models = [one.model for one in found]
+    heads = ["figure", "<axis", *(title_of(model) for model in models)]
+    heads += ["difference"] if len(models) == 2 else []
+    first, others = [], []
+    for row in rows:
+        shown = preferences.shown(row.quantity)
+        axis = "" if row.axis == WHOLE_STAGE else row.axis
+        cells = [Cell(shown.heading, small=row.remark), axis]
+        cells += [_cell(row.cells.get(model), shown) for model in models]
+        if len(models) == 2:
+            cells.append(percent(row.difference_percent(models[1], models[0])) or "–")
+        fails = any(cell.failing for cell in row.cells.values())
+        (first if fails or row.quantity in _FIRST else others).append(cells)
+    return table("", heads, first), table("", heads, others)
+
+
+def _cell(row: Characteristic | None, shown: Quantity) -> Cell:
+    if row is None:
+        return Cell("–")
+    text, note = row.text(shown), row.note
+    spread = row.uncertainty
+    if spread is not None:
+        told = f"± {number(spread * shown.factor, 2)}"
+        note = f"{told}; {note}" if note else told
+        # what is below the last digit is in no one's way
+        if spread > _SEEN * abs(row.value):
+            text = f"{text} ± {number(spread * shown.factor, 1)}"
+    return Cell(text, row.value, note, failing=row.failing)
+
+
+def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:
+    """Set the lowest natural frequencies of models side by side, in one condition of the drives."""
+    columns = [one.analysis.modes[drives] for one in found if drives in one.analysis.modes]
+    count = min(6, max((c.frequency_hz.size for c in columns), default=0))
+    rows = []
+    for k in range(count):
+        cells: list[str | Cell] = [str(k + 1)]
+        for each in columns:
+            if k >= each.frequency_hz.size:
+                cells.append(Cell("–"))
+                continue
+            value = float(each.frequency_hz[k])
+            spread = each.uncertainty_hz
+            more = "" if spread is None else f" ± {number(float(spread[k]), 1)}"
+            cells.append(Cell(number(value) + more, value))
+        rows.append(cells)
+    heads = ["mode", *(f"{title_of(one.model)} [Hz]" for one in found)]
+    return table("", heads, rows)
+
+
+def hinges_table(one: Analysed) -> Table:
+    """Return the largest equivalent stress of each hinge at the full stroke of each axis."""
+    stress = one.analysis.hinge_stress
+    of = cause_words(one.analysis)
+    rows = [
+        [hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress)]
+        for hinge in one.analysis.stage.hinges
+        if any(stress.values())
+    ]
+    return table("", ["hinge", *(f"{of} {axis} [MPa]" for axis in stress)], rows)
+
+
+def meshes_table(preferences: Preferences, one: Analysed) -> Table:
+    """Return the meshes of a model that was refined, and the quantity that was asked for."""
+    found = one.results["refinement"]
+    quantity = preferences.shown(found["quantity"])
+    steps = found["steps"]
+    axes = [v["axis"] for v in steps[-1]["values"] if v["quantity"] == quantity.name]
+    rows = []
+    for step in steps:
+        values = {v["axis"]: v["value"] for v in step["values"] if v["quantity"] == quantity.name}
+        rows.append(
+            [
+                str(step["order"]), number(step["neck_size"], 2), str(step["unknowns"]),
+                number(step["seconds"], 2), *(quantity.text(values.get(axis)) for axis in axes),
+            ]
+        )  # fmt: skip
+    heads = ["order", "element / neck [1]", "unknowns", "time [s]"]
+    heads += [f"{quantity.heading}{'' if axis == WHOLE_STAGE else f', {axis}'}" for axis in axes]
+    return table("", heads, rows)
+
+
+def errors_table(preferences: Preferences, one: Analysed) -> Table:
+    """Return the estimated error of each figure of a model."""
+    rows = []
+    for row in one.analysis.characteristics:
+        if not row.uncertainty:
+            continue  # none is known, or nothing is uncertain
+        shown = preferences.shown(row.quantity)
+        share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
+        spread = number(row.uncertainty * shown.factor, 2)
+        axis = "" if row.axis == WHOLE_STAGE else row.axis
+        rows.append([shown.heading, axis, shown.text(row.value), spread, share])
+    return table("", ["figure", "<axis", "value", "± estimate", "share"], rows)

@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.web.jobs import Cancelled
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel
+from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel
 
 _PIECE = 0.1  # longest pause in which a stop is not seen [s]
 

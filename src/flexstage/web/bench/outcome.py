@@ -26,7 +26,7 @@ from flexstage.web.bench.runs import (
     recovered,
 )
 from flexstage.web.figures import chart, show_table
-from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading, choice, div, quiet_button, remark
 from flexstage.web.preferences import Preferences
 

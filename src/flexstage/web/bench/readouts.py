@@ -15,7 +15,7 @@ from flexstage.stage.limits import Range
 from flexstage.web.bench.instrument import AxisReading
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.state import BenchForms
-from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading, div, panel, remark
 
 #: Steps that are offered, in the usual unit of the quantity.

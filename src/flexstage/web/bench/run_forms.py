@@ -30,7 +30,7 @@ from flexstage.web.bench.runs import (
 )
 from flexstage.web.bench.state import BenchForms, kept
 from flexstage.web.figures import show_table
-from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.uploads import upload
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +11,17 @@ from typing import Any
 import numpy as np
 
 from flexstage.base.arrays import Array
-from flexstage.base.errors import RecordError
+from flexstage.base.errors import ControllerError, ModelError, RecordError
 from flexstage.centring import ARCSEC
 from flexstage.centring.from_records import centre_files
 from flexstage.centring.requests import CentreRequest
+from flexstage.instruments.limits import check_position
 from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.likely_columns import LikelyTurn, likely_turn
 from flexstage.report.figures.centring import draw_polar
 from flexstage.virtual import VirtualTable, scale_errors
+from flexstage.web.bench.link import BenchLink
 from flexstage.web.pictures import inline
 
 #: The scale of the example: radius [m], heads [rad], and where its centre is, x and y [m].
@@ -121,3 +124,77 @@ def _write(path: Path, angle: Array, columns: dict[str, tuple[Array, str]]) -> N
     channels += [Channel(name=n, values=v, unit=unit) for n, (v, unit) in columns.items()]
     count = np.arange(angle.size, dtype=np.float64)
     write_record(Record(channels=tuple(channels), time=count, over="point"), path)
+
+
+_PATIENCE = 30.0  # s
+
+
+def axes_of(bench: BenchLink) -> tuple[str, str] | None:
+    """Return the two axes that carry the scale, where a stage with such is connected."""
+    names = tuple(bench.device.axes) if bench.device is not None else ()
+    return (names[0], names[1]) if len(names) >= 2 else None
+
+
+def place_of(bench: BenchLink) -> tuple[float, float] | None:
+    """Return where a connected stage stands [m]."""
+    axes = axes_of(bench)
+    if axes is None or not all(axis in bench.readings for axis in axes):
+        return None
+    x, y = (bench.readings[axis].position for axis in axes)
+    return x, y
+
+
+def limits_of(bench: BenchLink) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return how far the axes of a connected stage go [m], where that is known."""
+    axes, device = axes_of(bench), bench.device
+    if axes is None or device is None:
+        return None
+    x, y = (device.axes[axis].limits.position for axis in axes)
+    return None if x is None or y is None else (x, y)
+
+
+def noise_of(bench: BenchLink) -> tuple[float, float]:
+    """Return what the sensors of a connected stage do not tell from rest [m]: three deviations."""
+    axes, history = axes_of(bench), bench.history
+    span = history.span if history is not None else None
+    if axes is None or history is None or span is None:
+        return 0.0, 0.0
+    last = history.samples(span[1] - 0.5, span[1])  # enough to tell the noise [s]
+    names = [channel.name for channel in history.channels]
+    x, y = (3.0 * float(np.std(last.low[:, names.index(f"{axis} position")])) for axis in axes)
+    return x, y
+
+
+def move_to(bench: BenchLink, session: str, target: tuple[float, float]) -> tuple[float, float]:
+    """Lead both axes to a place [m] and wait until they rest; return where they stand then.
+
+    Raises
+    ------
+    FlexstageError
+        This browser does not drive, the limits forbid it, or position control is off.
+    """
+    axes = axes_of(bench)
+    if axes is None:
+        raise ModelError("no stage of two axes is connected: connect one in the view Bench")
+    bench.control.require(session)
+    off = [name for name in axes if not bench.readings[name].closed_loop]
+    if off:
+        raise ModelError(
+            f"axis {' and '.join(off)} is driven by its voltage: switch its position control on "
+            "in the view Bench, so that it goes to a position"
+        )
+    # both are refused before either moves
+    for name, value in zip(axes, target, strict=True):
+        check_position(bench.linked().axes[name].limits, value, name)
+    for name, value, noise in zip(axes, target, noise_of(bench), strict=True):
+        if abs(value - bench.readings[name].position) > noise:
+            bench.go(session, name, value).result()
+    end = time.monotonic() + _PATIENCE
+    while any(bench.readings[name].moving for name in axes):
+        if time.monotonic() > end:
+            raise ControllerError(f"the stage does not come to rest within {_PATIENCE:g} s")
+        time.sleep(0.05)
+    time.sleep(0.15)  # for a reading of where it rests
+    bench.linked()
+    x, y = (bench.readings[name].position for name in axes)
+    return x, y

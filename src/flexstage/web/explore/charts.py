@@ -13,7 +13,7 @@ from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.optimum import Trace
 from flexstage.studies.explore.tolerance import Lot
-from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointTable
+from flexstage.web.explore.samples_table import ON_FRONT, SEARCHED, PointColumn, PointTable
 from flexstage.web.explore.state import Run
 from flexstage.web.figures import chart
 from flexstage.web.page import choice

@@ -1,23 +1,28 @@
 """What was found in the view Explore: while it is computed, and afterwards."""
 
+import asyncio
+import io
 import json
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from nicegui import ui
 
+from flexstage.files.request import Request, command_line
 from flexstage.quantities.quantity import number
+from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, SearchStep
 from flexstage.studies.explore.optimise.problem import Problem
 from flexstage.studies.explore.requests import OptimiseRequest, SweepRequest, ToleranceRequest
 from flexstage.studies.explore.sweep import Sweep
 from flexstage.web.design.state import DesignState
-from flexstage.web.explore import charts, points
+from flexstage.web.explore import charts, samples_table
 from flexstage.web.explore.charts import Chart, LotChart
-from flexstage.web.explore.downloads import show_command, show_downloads
-from flexstage.web.explore.points import (
+from flexstage.web.explore.samples_table import (
     FOCUS,
     PRESSED,
     ROWS,
@@ -35,6 +40,7 @@ from flexstage.web.page import (
     choice,
     div,
     in_page_words,
+    quiet_button,
     remark,
     show_job,
 )
@@ -137,17 +143,17 @@ class Results:
         result = job.result.result if job.state == "done" else None
         match result:
             case Sweep():
-                return points.of_sweep(result, units)
+                return samples_table.of_sweep(result, units)
             case Front():
-                return points.of_front(result, units)
+                return samples_table.of_front(result, units)
             case Optimum():
-                return points.of_optimum(result, units)
+                return samples_table.of_optimum(result, units)
         if self._front is not None:
             return self._front.table(job.found, units)
         if isinstance(self._question, Problem):
-            return points.of_steps(self._question, job.found, units)
+            return samples_table.of_steps(self._question, job.found, units)
         assert self._question is not None
-        return points.of_batches(self._question, job.found, units)
+        return samples_table.of_batches(self._question, job.found, units)
 
     def _show_controls(self, table: PointTable) -> None:
         run = self._run
@@ -199,7 +205,7 @@ class Results:
             done = run.job.state == "done"
             steps = (each for each in run.job.found if isinstance(each, SearchStep))
             trace = run.job.result.result.trace if done else [step.trace for step in steps]
-            way = points.way_columns(self._question, trace, self._page.preferences)
+            way = samples_table.way_columns(self._question, trace, self._page.preferences)
             return charts.draw_way(way, trace)
         across = table.varied[0] if run.chart == charts.CURVE else table.column(run.across)
         up = table.column(run.up)
@@ -350,3 +356,59 @@ def _usual_axes(table: PointTable) -> tuple[str, str]:
         return across.name, first.name
     frequencies = (c.name for c in table.outcome if c.name.startswith("natural_frequency"))
     return first.name, next(frequencies, table.outcome[0].name)
+
+
+def show_downloads(run: Run, files: tuple[Path, ...]) -> None:
+    """Show a button for each file of data, and one for all."""
+    with ui.row().classes("items-center downloads"):
+        for path in _given_first(files):
+            quiet_button(path.name, icon="download", on_click=_download(path)).props("dense")
+        name = f"{run.folder.name}.zip"
+        button = quiet_button("all (ZIP)", icon="download", on_click=lambda: _all(files, name))
+        button.props("dense")
+
+
+def show_command(run: Run) -> None:
+    """Show the command line that does the same, to be copied."""
+    text = same_command(run.facts.template, run.request)
+    with div("command"):
+        remark("The same at the prompt")
+        ui.label(text).classes("code").props("tabindex=0")
+
+        def copy() -> None:
+            ui.clipboard.write(text)
+            ui.notify("copied", type="positive")
+
+        quiet_button(icon="content_copy", on_click=copy).props("dense").props["aria-label"] = (
+            "Copy the command line"
+        )
+
+
+def same_command(template: StageTemplate, request: Request) -> str:
+    """Return the command line of a request about a stage with what was set of it."""
+    settings = (word for n, text in template.settings for word in ("--set", f"{n}={text}"))
+    return command_line(request, template.source, *settings)
+
+
+def _given_first(files: Iterable[Path]) -> list[Path]:
+    order = (".csv", ".json", ".yaml", ".parquet", ".html")
+    data = [path for path in files if path.suffix in order]
+    return sorted(data, key=lambda path: order.index(path.suffix))
+
+
+def _download(path: Path) -> Callable[[], Any]:
+    async def download() -> None:
+        ui.download.content(await asyncio.to_thread(path.read_bytes), path.name)
+
+    return download
+
+
+async def _all(files: Iterable[Path], name: str) -> None:
+    def packed() -> bytes:
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in files:
+                archive.write(path, path.name)
+        return content.getvalue()
+
+    ui.download.content(await asyncio.to_thread(packed), name)

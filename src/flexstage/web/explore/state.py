@@ -16,7 +16,7 @@ from flexstage.studies.explore.requests import (
 )
 from flexstage.studies.explore.variables import Variable
 from flexstage.web.design.state import Remembered, Variant
-from flexstage.web.explore.facts import StageFacts
+from flexstage.web.explore.stage_summary import StageFacts
 from flexstage.web.explore.work import Question
 from flexstage.web.jobs import BackgroundJob
 

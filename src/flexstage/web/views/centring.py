@@ -12,15 +12,18 @@ from flexstage.files.write import write_whole
 from flexstage.quantities.quantity import beside
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
-from flexstage.web.centring.findings import figures, pair, place, rows_of
-from flexstage.web.centring.scale_form import SOURCES, ScaleForm
-from flexstage.web.centring.stage_moves import axes_of, limits_of, move_to, noise_of, place_of
+from flexstage.web.centring.panels import SOURCES, ScaleForm, figures, pair, place, rows_of
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.centring.work import (
     CentreFound,
+    axes_of,
     evaluated,
     gauge_record,
     likely_columns,
+    limits_of,
+    move_to,
+    noise_of,
+    place_of,
     simulated_record,
 )
 from flexstage.web.figures import figure, picture, show_lines, show_table

@@ -11,10 +11,9 @@ from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import checked
-from flexstage.web.explore.facts import StageFacts, facts_of
-from flexstage.web.explore.fields import Fields
-from flexstage.web.explore.forms import build_form, what_it_takes
+from flexstage.web.explore.forms import Fields, build_form, what_it_takes
 from flexstage.web.explore.results import Results
+from flexstage.web.explore.stage_summary import StageFacts, facts_of
 from flexstage.web.explore.state import KINDS, ExploreState, Run
 from flexstage.web.explore.work import explored, question_of
 from flexstage.web.figures import picture

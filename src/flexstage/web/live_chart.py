@@ -13,7 +13,7 @@ from nicegui.events import GenericEventArguments
 
 from flexstage.base.errors import FlexstageError, ModelError
 from flexstage.measure.spectra.averaging import spectral_density
-from flexstage.web.live.history import POINTS, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
+from flexstage.web.live_history import POINTS, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 from flexstage.web.page import Page, Panel
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _number(text: str) -> float:
     return value
 
 
-_STATIC = Path(__file__).parents[1] / "static"
+_STATIC = Path(__file__).parent / "static"
 
 #: How long the windows are that one chooses from [s].
 WINDOWS = (10.0, 60.0, 600.0, 3600.0)
