@@ -143,7 +143,7 @@ def test_a_live_chart_is_used_by_keyboard_and_kept(look: Look) -> None:
     # a hidden channel, another mode and another unit outlive a reload
     chart.get_by_role("button", name="y position").click()
     loop.get_by_role("button", name="Time", exact=True).click()
-    page.get_by_role("button", name="Units and look").click()
+    page.get_by_role("button", name="Units and theme").click()
     page.get_by_role("combobox", name="Lengths").click()
     page.get_by_role("option", name="nm", exact=True).click()
     page.wait_for_selector("canvas[data-axes*='Position [nm]']")

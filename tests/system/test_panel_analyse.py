@@ -23,8 +23,8 @@ from flexstage.web.analyse.bode import reading, readings_table
 from flexstage.web.analyse.shapes import sent_state, sent_surface
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import (
-    Analysed,
-    analysed,
+    ModelResult,
+    analyse_variant,
     figures_tables,
     hinges_table,
     modes_table,
@@ -39,8 +39,8 @@ GUIDE = Variant(StageTemplate.of("parallelogram"))
 
 
 @pytest.fixture(scope="module")
-def lumped() -> Analysed:
-    return analysed(GUIDE, "lumped", ModelOptions())
+def lumped() -> ModelResult:
+    return analyse_variant(GUIDE, "lumped", ModelOptions())
 
 
 def unpacked(text: str, kind: str, columns: int) -> np.ndarray:
@@ -48,7 +48,7 @@ def unpacked(text: str, kind: str, columns: int) -> np.ndarray:
 
 
 def test_results_are_those_of_the_command(
-    lumped: Analysed, capsys: pytest.CaptureFixture[str]
+    lumped: ModelResult, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from flexstage.cli import main
 
@@ -70,7 +70,7 @@ def test_results_are_those_of_the_command(
         ]
 
 
-def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
+def test_models_and_errors_stand_side_by_side(lumped: ModelResult) -> None:
     rows = [
         replace(
             row, origin="superelement", value=1.1 * row.value, uncertainty=0.02 * abs(row.value)
@@ -103,7 +103,7 @@ def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
     assert not errors_table(Preferences(), lumped).rows
 
 
-def test_meshes_stand_with_what_they_gave(lumped: Analysed) -> None:
+def test_meshes_stand_with_what_they_gave(lumped: ModelResult) -> None:
     steps = [
         {
             "order": order, "neck_size": 1.2, "unknowns": 5000 * order, "seconds": 0.5,
@@ -131,7 +131,7 @@ def test_a_model_is_asked_for_what_it_takes(model: str) -> None:
                 run_model(GUIDE.stage(), model, ModelOptions(**{name: value}))  # type: ignore[arg-type]
 
 
-def test_the_surface_is_closed_and_moves_as_the_stage_does(lumped: Analysed) -> None:
+def test_the_surface_is_closed_and_moves_as_the_stage_does(lumped: ModelResult) -> None:
     surface = lumped.surface
     _, same = np.unique(np.rint(surface.points / 1e-9), axis=0, return_inverse=True)
     corners = same.reshape(-1)[surface.triangles]
@@ -155,7 +155,7 @@ def test_faces_and_edges_of_a_box() -> None:
 
 
 @pytest.mark.parametrize("colour", ["stress", "displacement"])
-def test_the_page_gets_what_was_found(lumped: Analysed, colour: str) -> None:
+def test_the_page_gets_what_was_found(lumped: ModelResult, colour: str) -> None:
     surface, state = lumped.surface, lumped.surface.statics[0]
     sent, given = sent_surface(surface), sent_state(surface, state, colour, Preferences())
     assert unpacked(sent["points"], "<f4", 3) == pytest.approx(1e3 * surface.points, abs=1e-4)
@@ -175,7 +175,7 @@ def test_the_page_gets_what_was_found(lumped: Analysed, colour: str) -> None:
         assert values[:, 3] == pytest.approx(size / state.largest, abs=1e-4)
 
 
-def test_cursors_read_the_response(lumped: Analysed) -> None:
+def test_cursors_read_the_response(lumped: ModelResult) -> None:
     own = next(r for r in lumped.analysis.responses if r.drives == "in place")
     every = [r for r in lumped.responses if (r.drive, r.probe) == (own.drive, own.probe)]
     (response,) = [r for r in every if r.drives == "in place"]
@@ -192,7 +192,7 @@ def test_cursors_read_the_response(lumped: Analysed) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_results_are_saved_by_model(lumped: Analysed, tmp_path: Path) -> None:
+def test_results_are_saved_by_model(lumped: ModelResult, tmp_path: Path) -> None:
     path = saved(tmp_path, [lumped])
     with zipfile.ZipFile(path) as archive:
         assert archive.namelist() == ["lumped/analysis.json", "lumped/bode-x.svg"]

@@ -26,21 +26,21 @@ from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.stage.designs import design
 from flexstage.web.bench import link
-from flexstage.web.bench.link import GONE, BenchLink, Control
+from flexstage.web.bench.link import CONTROL_TIMEOUT, BenchLink, Control
 from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
-    AboutRun,
-    WaveformOrder,
-    carry_out,
-    left_over,
+    RunDescription,
+    WaveformRequest,
+    build_waveform,
+    interrupted_runs,
     loop_figures,
-    made_waveform,
     recovered,
     run_command,
+    run_plan_file,
     take_record,
     waveform_from,
 )
-from flexstage.web.emergency_stop import Stops
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import Jobs
 from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
@@ -55,7 +55,7 @@ steps:
   - {name: motion, measure: {of: loops, test: motion, along: x}}
   - {name: figures, characterise: {of: [motion]}}
 """
-TWO_HZ = WaveformOrder(axis="x", shape="triangle", low=13.0, high=71.0, rate_hz=2.0, cycles=3)
+TWO_HZ = WaveformRequest(axis="x", shape="triangle", low=13.0, high=71.0, rate_hz=2.0, cycles=3)
 
 
 @dataclass(kw_only=True)
@@ -82,7 +82,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., BenchLink]]
 
     def at(instrument: Any, **options: Any) -> BenchLink:
         monkeypatch.setattr(link, "connect", lambda address, stage: instrument)
-        found = BenchLink(Stops(), Jobs())
+        found = BenchLink(EmergencyStop(), Jobs())
         made.append(found)
         found.connect("a", "Ann", "gcs://bench", STAGE, **options)
         return found
@@ -93,8 +93,8 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., BenchLink]]
             each.close()
 
 
-def about(folder: Path) -> AboutRun:
-    return AboutRun(parent=folder, stage=STAGE, operator="Ann")
+def about(folder: Path) -> RunDescription:
+    return RunDescription(parent=folder, stage=STAGE, operator="Ann")
 
 
 def ended(bench: BenchLink, state: str = "done") -> Any:
@@ -120,11 +120,11 @@ def test_one_browser_drives_and_hands_over() -> None:
     control.give("a")
     assert (control.name, control.holds("b"), control.holds("a")) == ("Bob", True, False)
     # who is gone for a while can be followed by anybody
-    now[0] = 0.9 * GONE
+    now[0] = 0.9 * CONTROL_TIMEOUT
     control.seen("b")
-    now[0] = 1.8 * GONE
+    now[0] = 1.8 * CONTROL_TIMEOUT
     assert not control.free
-    now[0] = 2.0 * GONE
+    now[0] = 2.0 * CONTROL_TIMEOUT
     assert control.free
     control.take("a", "Ann")
     with pytest.raises(ModelError, match="Ann drives"):
@@ -180,7 +180,7 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
 ) -> None:
     made = bench(SimpleInstrument())
     assert made.device is not None
-    command = made_waveform(made.device, STAGE, TWO_HZ)
+    command = build_waveform(made.device, STAGE, TWO_HZ)
     made.run("a", "waveform", run_command, about(tmp_path), command, 1000.0, moves=True)
     found = ended(made)
     record = read_record(found.file)
@@ -201,7 +201,7 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
         ({"cycles": 2000}, "the instrument holds"),
     ):
         with pytest.raises(FlexstageError, match=told):
-            made_waveform(made.device, STAGE, WaveformOrder(**{**_plain(TWO_HZ), **wrong}))
+            build_waveform(made.device, STAGE, WaveformRequest(**{**_plain(TWO_HZ), **wrong}))
 
 
 def test_a_command_that_was_made_to_follow_says_how_well_it_does(
@@ -235,7 +235,7 @@ def test_a_command_that_was_made_to_follow_says_how_well_it_does(
     assert loop_figures(flat, ("command", "reference")) is None
 
 
-def _plain(order: WaveformOrder) -> dict[str, Any]:
+def _plain(order: WaveformRequest) -> dict[str, Any]:
     return {name: getattr(order, name) for name in order.__slots__}
 
 
@@ -257,7 +257,7 @@ def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
     assert instrument.stops >= 1
     (file,) = tmp_path.rglob("*.h5")
     assert 2 <= read_record(file).size < 12_000
-    assert not left_over(tmp_path)
+    assert not interrupted_runs(tmp_path)
     # and the bench goes on
     made.go("a", "x", 5.0).result(10.0)
 
@@ -355,7 +355,7 @@ def test_a_real_stage_is_locked_and_moves_when_its_way_is_clear(
     plan = tmp_path / "small.yaml"
     plan.write_text(PLAN)
     given = (about(tmp_path / "runs"), str(plan), None, None, made.locked)
-    made.run("a", "plan", carry_out, *given, moves=True)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     found = ended(made)
     alone = run_plan(
         read_plan(plan),
@@ -381,19 +381,19 @@ def test_an_interrupted_plan_is_gone_on_with(
     made = bench(instrument)
     instrument.nan_from = {"x": instrument.now + 1.8}  # in the second record
     given = (about(tmp_path / "runs"), str(plan), None, None, "")
-    made.run("a", "plan", carry_out, *given, moves=True)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     ended(made, "failed")
     assert made.job is not None
     assert "step 'later'" in made.job.error
-    (left,) = left_over(tmp_path / "runs")
+    (left,) = interrupted_runs(tmp_path / "runs")
     assert left.about == "a plan that has not ended"
     instrument.nan_from = {}
     given = (about(tmp_path / "runs"), str(left.plan), left.path, None, "")
-    made.run("a", "plan", carry_out, *given, moves=True)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     found = ended(made)
     taken = {step.name: step.repeated for step in found.plan.of("measure")}
     assert taken == {"motion": False, "later": True}
-    assert not left_over(tmp_path / "runs")
+    assert not interrupted_runs(tmp_path / "runs")
 
 
 def test_what_a_killed_server_leaves_is_found_and_recovered(tmp_path: Path) -> None:
@@ -406,10 +406,10 @@ def test_what_a_killed_server_leaves_is_found_and_recovered(tmp_path: Path) -> N
     )  # fmt: skip
     writer.append(0, {"x": np.linspace(0.0, 3e-6, 700)})
     writer._file._file.close()  # as where the process ends
-    (left,) = left_over(tmp_path)
+    (left,) = interrupted_runs(tmp_path)
     assert left.about == "700 samples are safe"
     assert read_record(recovered(left.path)).size == 700
-    assert not left_over(tmp_path)
+    assert not interrupted_runs(tmp_path)
 
 
 def test_the_page_connects_and_a_reload_finds_the_stage(

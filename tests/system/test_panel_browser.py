@@ -51,10 +51,10 @@ def test_the_shell_is_sound_works_by_keyboard_and_shows_words_as_words(tmp_path:
         page.wait_for_selector("main.view h1")
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.textContent") == "To the content"
-        page.get_by_role("button", name="Units and look").click()
+        page.get_by_role("button", name="Units and theme").click()
         page.wait_for_timeout(500)
         assert not look.grave_faults()
-        page.get_by_role("combobox", name="Look").click()
+        page.get_by_role("combobox", name="Theme").click()
         page.get_by_role("option", name="dark").click()
         page.wait_for_selector("body.body--dark")
         page.reload()

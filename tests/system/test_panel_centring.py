@@ -19,7 +19,7 @@ from flexstage.quantities.estimate import Component, Estimate
 from flexstage.web.centring.panels import figures, place, rows_of
 from flexstage.web.centring.state import CentringState
 from flexstage.web.centring.work import (
-    evaluated,
+    evaluate_files,
     gauge_record,
     likely_columns,
     move_to,
@@ -37,7 +37,7 @@ def measured(state: CentringState, folder: Path) -> None:
     by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
     simulated_record(by, len(state.measured), path)
     state.take(path)
-    state.found = evaluated(state.asked, "key")
+    state.found = evaluate_files(state.asked, "key")
 
 
 def test_of_a_magnet_the_order_counts_that_tells_the_centre_best() -> None:
@@ -135,7 +135,7 @@ def test_typed_readings_of_a_gauge_say_the_runout(tmp_path: Path) -> None:
     text = " ".join(f"{value:.3f}".replace("-", "−") for value in readings)
     gauge_record(text, 1e-6, tmp_path / "gauge.csv")
     state.take(tmp_path / "gauge.csv")
-    found = evaluated(state.asked, "key").result
+    found = evaluate_files(state.asked, "key").result
     assert found["eccentricity"]["value"] == pytest.approx(math.hypot(14e-6, 5e-6), rel=1e-3)
     assert figures(found, 50e-3, Preferences())[1][1].startswith("61.3")
 
@@ -184,11 +184,11 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
 def test_the_bench_moves_only_for_who_drives_and_within_limits(tmp_path: Path) -> None:
     from flexstage.stage.designs import design
     from flexstage.web.bench.link import BenchLink
-    from flexstage.web.emergency_stop import Stops
+    from flexstage.web.emergency_stop import EmergencyStop
     from flexstage.web.jobs import Jobs
 
     jobs = Jobs()
-    bench = BenchLink(Stops(), jobs)
+    bench = BenchLink(EmergencyStop(), jobs)
     with pytest.raises(ModelError, match="no stage of two axes is connected"):
         move_to(bench, "me", (0.0, 0.0))
     bench.connect("me", "Ann", "twin://?seed=1", design("vgtu-piezo"))
@@ -222,7 +222,7 @@ def test_the_page_moves_a_connected_stage(tmp_path: Path) -> None:
         from flexstage.stage.designs import design
         from flexstage.web.bench.link import BenchLink
 
-        bench = panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))
+        bench = panel.state(BenchLink, lambda: BenchLink(panel.emergency_stop, panel.jobs))
         (session,) = panel.access._sessions.values()
         await asyncio.to_thread(
             bench.connect, session.id, "Ann", "twin://?seed=1", design("vgtu-piezo")
@@ -265,7 +265,7 @@ async def come(condition: Callable[[], Any], seconds: float = 40.0) -> None:
 
 
 def turned(page: Any, count: int) -> None:
-    """Turn the simulated table, and wait until the turn is evaluated."""
+    """Turn the simulated table, and wait until the turn is evaluate_files."""
     page.get_by_role("button", name="Turn the simulated table").click()
     page.locator(".tables tbody tr").nth(count - 1).wait_for()
     page.wait_for_function(

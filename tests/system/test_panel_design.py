@@ -22,10 +22,10 @@ from flexstage.studies.models import analyse_model
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState, Variant
 from flexstage.web.design.work import (
     checked,
-    drawing_found,
+    export_to_folder,
     exported,
-    exported_into,
     figures_table,
+    recognise_drawing,
     rows_of,
     slopes_of,
     stage_file,
@@ -182,7 +182,7 @@ def test_several_exports_are_one_archive_and_one_file_is_itself() -> None:
 
 
 def test_an_export_is_kept_whoever_waits_for_it(tmp_path: Path) -> None:
-    path, _ = exported_into(tmp_path, thinner(), ["csv", "dxf"])
+    path, _ = export_to_folder(tmp_path, thinner(), ["csv", "dxf"])
     assert path == tmp_path / "parallelogram.zip"
     assert path.read_bytes().startswith(b"PK")
 
@@ -216,7 +216,7 @@ def test_a_drawing_becomes_a_stage(tmp_path: Path) -> None:
     path = tmp_path / "guide.dxf"
     path.write_bytes(content)
     options = DrawingOptions(thickness=0.011, material="Al 7075-T6")
-    drawn, svg, text = drawing_found(str(path), options, "found")
+    drawn, svg, text = recognise_drawing(str(path), options, "found")
     assert len(drawn.necks) == len(Variant(GUIDE).stage().hinges)
     assert 'aria-label="What was found in guide.dxf"' in svg
     made = path.with_suffix(".yaml")

@@ -27,15 +27,15 @@ from flexstage.studies.explore.requests import (
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, samples_table
 from flexstage.web.explore.results import same_command
-from flexstage.web.explore.stage_summary import StageFacts, facts_of
+from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
 from flexstage.web.explore.state import (
     ExploreForm,
     ExploreState,
-    LimitWords,
-    RangeWords,
-    usual_forms,
+    RangeInput,
+    RequirementInput,
+    default_forms,
 )
-from flexstage.web.explore.work import explored
+from flexstage.web.explore.work import run_exploration
 from flexstage.web.preferences import Preferences
 from tests.panel import looked_at, simulated
 from tests.system.test_panel_browser import undo_to
@@ -46,12 +46,12 @@ UNITS = Preferences()
 
 
 @pytest.fixture(scope="module")
-def facts() -> StageFacts:
+def facts() -> StageSummary:
     """A guide of which a neck was changed in the view Design."""
-    return facts_of(GUIDE.changed(NECK, 0.00047, 0.0005))
+    return summarise_stage(GUIDE.changed(NECK, 0.00047, 0.0005))
 
 
-def by_the_command(facts: StageFacts, request: ExploreRequest) -> dict[str, Any]:
+def by_the_command(facts: StageSummary, request: ExploreRequest) -> dict[str, Any]:
     """What the command line that the page shows prints as JSON."""
     words = shlex.split(same_command(facts.template, request))[1:]
     found = CliRunner().invoke(app, [*words, "--json", "--quiet", "--workers", "1"])
@@ -61,9 +61,9 @@ def by_the_command(facts: StageFacts, request: ExploreRequest) -> dict[str, Any]
     return json.loads(found.stdout)
 
 
-def found_by_the_page(folder: Path, facts: StageFacts, request: ExploreRequest) -> Any:
+def found_by_the_page(folder: Path, facts: StageSummary, request: ExploreRequest) -> Any:
     """What the job of the page returns."""
-    return explored(folder, facts.template, request, "found").result
+    return run_exploration(folder, facts.template, request, "found").result
 
 
 def same(found: Any, expected: dict[str, Any]) -> None:
@@ -84,11 +84,11 @@ def vary(form: ExploreForm, *names: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["sweep"]
-    form.over = [RangeWords(NECK, count=3), RangeWords("leg_spacing", 0.035, 0.0475, 2)]
+def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> None:
+    form = default_forms(facts)["sweep"]
+    form.over = [RangeInput(NECK, count=3), RangeInput("leg_spacing", 0.035, 0.0475, 2)]
     request = form.whole(facts)
-    found: Any = explored(tmp_path, facts.template, request, "found")
+    found: Any = run_exploration(tmp_path, facts.template, request, "found")
     assert f"--set '{NECK}=0.47 mm'" in same_command(facts.template, request)
     same(found.result.to_dict(), by_the_command(facts, request))
     assert {"sweep.csv", "sweep.json", "sweep.svg"} <= {path.name for path in found.files}
@@ -100,9 +100,9 @@ def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
 
 @pytest.mark.slow
 def test_sensitivities_and_a_lot_are_those_of_the_command(
-    tmp_path: Path, facts: StageFacts
+    tmp_path: Path, facts: StageSummary
 ) -> None:
-    forms = usual_forms(facts)
+    forms = default_forms(facts)
     request = forms["sensitivity"].whole(facts)
     assert isinstance(request, SensitivityRequest)
     found = found_by_the_page(tmp_path, facts, request)
@@ -121,13 +121,13 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
 
 
 @pytest.mark.slow
-def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["optimise"]
+def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> None:
+    form = default_forms(facts)["optimise"]
     assert "--over" not in same_command(facts.template, form.whole(facts))
     vary(form, NECK, "leg_spacing")
     form.take("evaluations", 30)
     form.take("without", ("output_wall.x",))
-    form.limits = [LimitWords("max_stress.x", "<=", 95e6)]
+    form.limits = [RequirementInput("max_stress.x", "<=", 95e6)]
     request = form.whole(facts)
     steps: list[Any] = []
     with listen(lambda what, done: None, steps.append):
@@ -145,9 +145,9 @@ def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageFacts) ->
 
 
 @pytest.mark.slow
-def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> None:
-    form = usual_forms(facts)["optimise"]
-    form.goals.append(LimitWords("max_stress.x", "minimise"))
+def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> None:
+    form = default_forms(facts)["optimise"]
+    form.goals.append(RequirementInput("max_stress.x", "minimise"))
     vary(form, NECK, "leg.bar_length")
     form.take("evaluations", 40)
     request = form.whole(facts)
@@ -173,12 +173,12 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageFacts) -> No
         assert layout["xaxis"]["title"]["text"]
 
 
-def test_forms_say_what_they_lack(facts: StageFacts) -> None:
-    forms = usual_forms(facts)
+def test_forms_say_what_they_lack(facts: StageSummary) -> None:
+    forms = default_forms(facts)
     forms["sweep"].of = []
     with pytest.raises(ModelError, match="choose at least one figure"):
         forms["sweep"].whole(facts)
-    forms["optimise"].limits = [LimitWords("max_stress.x", "<=")]
+    forms["optimise"].limits = [RequirementInput("max_stress.x", "<=")]
     with pytest.raises(ModelError, match="which value max_stress"):
         forms["optimise"].whole(facts)
     forms["optimise"].limits = []
@@ -193,13 +193,13 @@ def test_forms_say_what_they_lack(facts: StageFacts) -> None:
     lot.whole(facts)
     bare = replace(facts, variables={}, flexure=frozenset(), template=StageTemplate.of("cartwheel"))
     with pytest.raises(ModelError, match="cartwheel"):
-        usual_forms(bare)["sweep"].whole(bare)
+        default_forms(bare)["sweep"].whole(bare)
     assert facts.frequency == "natural_frequency.x"
     assert facts.neck == NECK
 
 
-def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageFacts) -> None:
-    form = usual_forms(facts)["sweep"]
+def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageSummary) -> None:
+    form = default_forms(facts)["sweep"]
     form.over[0].count = 9
     request = form.whole(facts)
     assert isinstance(request, SweepRequest)

@@ -26,8 +26,8 @@ from flexstage.virtual.stack import virtual_stack
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
 from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles, OpenModel
 from flexstage.web.hysteresis.work import (
-    Identified,
-    Looked,
+    FilePreview,
+    IdentifiedModel,
     command,
     example_record,
     identified,
@@ -57,7 +57,7 @@ def drive_file(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, Identified]:
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, IdentifiedModel]:
     path = drive_file(tmp_path_factory.mktemp("drive"))
     reading = Reading(
         files=(str(path),),
@@ -78,7 +78,7 @@ def said_by(capsys: Any, *words: object) -> dict[str, Any]:
 
 
 def test_it_is_what_the_commands_find_and_write(
-    capsys: Any, tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    capsys: Any, tmp_path: Path, drive: tuple[Path, Reading, IdentifiedModel]
 ) -> None:
     path, reading, made = drive
     read = ["--sample-rate", "200", "--input", "0 V", "--output", "2 um"]
@@ -136,10 +136,10 @@ def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> Non
     plain, (found,), _ = whole(Reading(files=(str(path),)))
     # the column between them stands still
     assert (plain.text("input"), plain.text("output"), found["over"]) == ("0", "2", "point")
-    assert "Sample rate" in MeasuredFiles(plain, Looked(plain, (found,), "")).missing()
+    assert "Sample rate" in MeasuredFiles(plain, FilePreview(plain, (found,), "")).missing()
     rated, (found,), _ = whole(plain.changed("sample_rate", "0.2 kHz"))
     assert found["sample_rate_hz"] == pytest.approx(200.0)
-    assert MeasuredFiles(rated, Looked(rated, (found,), "")).missing() == ""
+    assert MeasuredFiles(rated, FilePreview(rated, (found,), "")).missing() == ""
     swapped = tmp_path / "swapped.csv"
     swapped.write_text("Time,x (um),drive (V)\n0,1,0\n1,2,5\n2,3,8\n", encoding="utf-8")
     by_unit = whole(Reading(files=(str(swapped),)))[0]
@@ -168,7 +168,7 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(
 
 
 def test_what_cannot_be_identified_is_said_in_a_sentence(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, Reading, IdentifiedModel]
 ) -> None:
     _, reading, _ = drive
     with pytest.raises(RecordError, match="sample rate"):
@@ -182,7 +182,7 @@ def test_what_cannot_be_identified_is_said_in_a_sentence(
 
 
 def test_a_motion_is_followed_within_what_the_drive_reaches(
-    drive: tuple[Path, Reading, Identified],
+    drive: tuple[Path, Reading, IdentifiedModel],
 ) -> None:
     model = drive[2].file.model
     low, high = model.validity.output_range  # type: ignore[union-attr]
@@ -223,7 +223,7 @@ async def come(condition: Callable[[], Any], seconds: float = 30.0) -> None:
 
 
 def test_a_wrong_file_loses_nothing(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, Reading, IdentifiedModel]
 ) -> None:
     path, _, _ = drive
 
@@ -267,7 +267,7 @@ def test_a_wrong_file_loses_nothing(
 
 
 def test_limits_of_a_command_are_those_of_the_request(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, Reading, IdentifiedModel]
 ) -> None:
     _, _, made = drive
 

@@ -15,7 +15,7 @@ from flexstage.report.figures.style import CYCLE
 from flexstage.system import FrequencyResponse
 from flexstage.web.analyse.shapes import NOTHING_YET
 from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.work import Analysed
+from flexstage.web.analyse.work import ModelResult
 from flexstage.web.figures import chart, show_table
 from flexstage.web.page import Page, choice, div, remark
 from flexstage.web.pictures import chart_figure
@@ -67,11 +67,11 @@ class Bode:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._shown = page.session.state(AnalyseState).shown
-        self._found: dict[str, Analysed] = {}
+        self._found: dict[str, ModelResult] = {}
         self._chart: ui.plotly | None = None
         self._place = div("bode")
 
-    def show(self, found: dict[str, Analysed]) -> None:
+    def show(self, found: dict[str, ModelResult]) -> None:
         """Show the responses of what was found, by model."""
         if found == self._found and self._chart is not None:
             return
@@ -225,6 +225,6 @@ class Bode:
         self._redraw()
 
 
-def _damping_words(one: Analysed) -> str:
+def _damping_words(one: ModelResult) -> str:
     ratios = one.analysis.modes["removed"].damping_ratio
     return f"{number(100.0 * float(ratios.min()), 2)} % of critical" if ratios.size else "none"

@@ -15,7 +15,7 @@ from flexstage.report.figures.body_motion import SHOWN_OF_MODES, exaggeration
 from flexstage.report.figures.hinges import STRESS_CLEAR, STRESS_COLOURS
 from flexstage.report.figures.surface import StageSurface, SurfaceState
 from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.work import Analysed
+from flexstage.web.analyse.work import ModelResult
 from flexstage.web.page import Page, choice, div, quiet_button, remark
 from flexstage.web.preferences import Preferences
 
@@ -128,11 +128,11 @@ class Shapes:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._shown = page.session.state(AnalyseState).shown
-        self._found: dict[str, Analysed] = {}
+        self._found: dict[str, ModelResult] = {}
         self._moving: MovingStage | None = None
         self._place = div("shapes")
 
-    def show(self, found: dict[str, Analysed]) -> None:
+    def show(self, found: dict[str, ModelResult]) -> None:
         """Show what was found, by model."""
         if found == self._found and self._moving is not None:
             return
@@ -171,14 +171,14 @@ class Shapes:
             )
         self._say(one)
 
-    def _states(self, one: Analysed) -> dict[str, SurfaceState]:
+    def _states(self, one: ModelResult) -> dict[str, SurfaceState]:
         axes = zip(one.analysis.axes, one.surface.statics, strict=True)
         found = {axis.axis: state for axis, state in axes}
         for k, state in enumerate(one.surface.modes.get(self._shown.drives, ()), start=1):
             found[f"mode {k}"] = state
         return found
 
-    def _choices(self, one: Analysed, states: dict[str, SurfaceState]) -> None:
+    def _choices(self, one: ModelResult, states: dict[str, SurfaceState]) -> None:
         with ui.row().classes("items-center choices"):
             models = {model: title_of(model) for model in self._found}
             choice(models, one.model, "Model", partial(self._choose, "model"))
@@ -193,11 +193,11 @@ class Shapes:
                 button = quiet_button(state.name, on_click=partial(self._choose_state, key))
                 self._buttons[key] = button.props("dense")
 
-    def _sent(self, one: Analysed) -> dict[str, object]:
+    def _sent(self, one: ModelResult) -> dict[str, object]:
         state = self._states(one)[self._shown.state]
         return sent_state(one.surface, state, self._shown.colour, self._page.preferences)
 
-    def _say(self, one: Analysed) -> None:
+    def _say(self, one: ModelResult) -> None:
         state = self._states(one).get(self._shown.state)
         self._colour.visible = state is not None and state.stress is not None
         self._words.text = state.words if state else "Nothing moves: the stage has no mode."

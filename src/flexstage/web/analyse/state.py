@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from flexstage.studies.requests import ModelOptions
 from flexstage.system.mechanical import DriveCondition
-from flexstage.web.analyse.work import Analysed
+from flexstage.web.analyse.work import ModelResult
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
 
@@ -54,9 +54,9 @@ class AnalyseState:
     """Why a model gave nothing, in a sentence."""
     revision: int = 0
     """Counts what has come, so that each page of a browser sees that something did."""
-    _found: OrderedDict[Key, Analysed] = field(default_factory=OrderedDict)
+    _found: OrderedDict[Key, ModelResult] = field(default_factory=OrderedDict)
 
-    def found(self, variant: Variant, model: str) -> Analysed | None:
+    def found(self, variant: Variant, model: str) -> ModelResult | None:
         """Return what a model found of a variant, if anything."""
         return self._found.get((variant, model))
 

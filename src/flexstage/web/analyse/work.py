@@ -29,7 +29,7 @@ from flexstage.web.preferences import Preferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Analysed:
+class ModelResult:
     """What one model found of a stage; the mesh behind it stays where it was made."""
 
     variant: Variant
@@ -57,9 +57,9 @@ class Analysed:
         return self.analysis.system.model
 
 
-def analysed(
+def analyse_variant(
     variant: Variant, model: str, options: ModelOptions, fields: Path | None = None
-) -> Analysed:
+) -> ModelResult:
     """Analyse a variant by one model; write fields of its mesh into a folder, if one is given."""
     began = time.monotonic()
     with progress.subtask(0.0, 0.85):
@@ -80,7 +80,7 @@ def analysed(
 
         progress.update("fields", 0.97)
         write_files(fields, field_files(analysis.stage, analysis, mesh=run.mesh))
-    return Analysed(
+    return ModelResult(
         variant=variant,
         options=options,
         analysis=analysis,
@@ -105,7 +105,7 @@ def every_response(analysis: Analysis) -> Iterator[FrequencyResponse]:
                 yield response_of_modes(system, every, f, drive.name, probe.name)
 
 
-def saved(folder: Path, found: Sequence[Analysed]) -> Path:
+def saved(folder: Path, found: Sequence[ModelResult]) -> Path:
     """Write the files of some analyses of one stage as one archive (ZIP), a folder for each model.
 
     Returns its path.
@@ -134,7 +134,7 @@ _FIRST = frozenset(
 _SEEN = 5e-5
 
 
-def figures_tables(preferences: Preferences, found: Sequence[Analysed]) -> tuple[Table, Table]:
+def figures_tables(preferences: Preferences, found: Sequence[ModelResult]) -> tuple[Table, Table]:
     """Set the figures of models side by side: those that are looked at first, and all others.
 
     Of two models there is the difference of the second to the first as well.
@@ -170,7 +170,7 @@ def _cell(row: Characteristic | None, shown: Quantity) -> Cell:
     return Cell(text, row.value, note, failing=row.failing)
 
 
-def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:
+def modes_table(found: Sequence[ModelResult], drives: DriveCondition) -> Table:
     """Set the lowest natural frequencies of models side by side, in one condition of the drives."""
     columns = [one.analysis.modes[drives] for one in found if drives in one.analysis.modes]
     count = min(6, max((c.frequency_hz.size for c in columns), default=0))
@@ -190,7 +190,7 @@ def modes_table(found: Sequence[Analysed], drives: DriveCondition) -> Table:
     return table("", heads, rows)
 
 
-def hinges_table(one: Analysed) -> Table:
+def hinges_table(one: ModelResult) -> Table:
     """Return the largest equivalent stress of each hinge at the full stroke of each axis."""
     stress = one.analysis.hinge_stress
     of = cause_words(one.analysis)
@@ -202,7 +202,7 @@ def hinges_table(one: Analysed) -> Table:
     return table("", ["hinge", *(f"{of} {axis} [MPa]" for axis in stress)], rows)
 
 
-def meshes_table(preferences: Preferences, one: Analysed) -> Table:
+def meshes_table(preferences: Preferences, one: ModelResult) -> Table:
     """Return the meshes of a model that was refined, and the quantity that was asked for."""
     found = one.results["refinement"]
     quantity = preferences.shown(found["quantity"])
@@ -222,7 +222,7 @@ def meshes_table(preferences: Preferences, one: Analysed) -> Table:
     return table("", heads, rows)
 
 
-def errors_table(preferences: Preferences, one: Analysed) -> Table:
+def errors_table(preferences: Preferences, one: ModelResult) -> Table:
     """Return the estimated error of each figure of a model."""
     rows = []
     for row in one.analysis.characteristics:

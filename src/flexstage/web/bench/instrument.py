@@ -50,12 +50,12 @@ class WatchedInstrument:
             seconds -= _PIECE
 
 
-def in_step(address: str) -> str:
+def real_time_address(address: str) -> str:
     """Return an address at which a simulated clock is in step with that of the room.
 
     Examples
     --------
-    >>> in_step("twin://?seed=3"), in_step("gcs://127.0.0.1:50000")
+    >>> real_time_address("twin://?seed=3"), real_time_address("gcs://127.0.0.1:50000")
     ('twin://?seed=3&fast=0', 'gcs://127.0.0.1:50000')
     """
     address = address.strip()

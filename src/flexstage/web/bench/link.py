@@ -17,17 +17,17 @@ from flexstage.stage import Stage
 from flexstage.web.bench.instrument import (
     AxisReading,
     WatchedInstrument,
-    in_step,
     live_channels,
     live_values,
     read_axis,
+    real_time_address,
 )
-from flexstage.web.emergency_stop import Stops
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import BackgroundJob, Cancelled, Jobs
 from flexstage.web.live_history import LiveHistory
 
 #: Who has not been seen for so long is gone, and another may take over [s].
-GONE = 30.0
+CONTROL_TIMEOUT = 30.0
 
 
 class Control:
@@ -68,7 +68,7 @@ class Control:
     @property
     def free(self) -> bool:
         """Whether nobody drives, or who does is gone."""
-        return not self._holder or self._clock() - self._seen > GONE
+        return not self._holder or self._clock() - self._seen > CONTROL_TIMEOUT
 
     def seen(self, session: str) -> None:
         """Take note that a browser is still there."""
@@ -156,7 +156,7 @@ class BenchLink:
         Where runs are carried out.
     """
 
-    def __init__(self, stops: Stops, jobs: Jobs) -> None:
+    def __init__(self, stops: EmergencyStop, jobs: Jobs) -> None:
         self._stops, self._jobs = stops, jobs
         self.control = Control()
         self.device: Instrument | None = None
@@ -219,7 +219,7 @@ class BenchLink:
             if self.device is not None:
                 raise ModelError(f"'{self.address}' is connected: disconnect it first")
             with ExitStack() as opened:
-                device = connect(in_step(address), stage)
+                device = connect(real_time_address(address), stage)
                 opened.callback(device.close)
                 locked = device.identity.serial_number or stage.name
                 opened.enter_context(instrument_lock(device, locked))
@@ -316,7 +316,7 @@ class BenchLink:
             with suppress(FlexstageError, OSError):
                 old.close()
             try:
-                new = connect(in_step(self.address), stage)
+                new = connect(real_time_address(self.address), stage)
             except FlexstageError as error:
                 self.trouble = str(error)
                 continue

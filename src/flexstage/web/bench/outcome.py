@@ -17,13 +17,13 @@ from flexstage.report.tables import value_text
 from flexstage.web.bench.run_forms import RunForm
 from flexstage.web.bench.runs import (
     REFERENCE,
-    LeftOver,
+    InterruptedRun,
     RunOutcome,
-    carry_out,
     earlier,
-    left_over,
+    interrupted_runs,
     loop_figures,
     recovered,
+    run_plan_file,
 )
 from flexstage.web.figures import chart, show_table
 from flexstage.web.live_history import POSITION, VOLTAGE
@@ -154,7 +154,7 @@ class RunList(RunForm):
 
     async def read(self) -> None:
         """Read both."""
-        left = await asyncio.to_thread(left_over, self._page.panel.folder("bench"))
+        left = await asyncio.to_thread(interrupted_runs, self._page.panel.folder("bench"))
         self._left.clear()
         with self._left:
             # what goes on looks like what was interrupted
@@ -174,7 +174,7 @@ class RunList(RunForm):
             with self._list:
                 show_table(runs_table(found, ""))
 
-    def _row(self, left: LeftOver) -> None:
+    def _row(self, left: InterruptedRun) -> None:
         with ui.row().classes("issue items-center"):
             name = left.path.name if left.plan else left.path.parent.parent.name
             ui.label(f"{name}: interrupted, {left.about}")
@@ -187,19 +187,19 @@ class RunList(RunForm):
     async def _open(self, event: Any) -> None:
         entry = self._entries.get(event.value)
         if entry is not None:
-            with self._page.sentences():
+            with self._page.show_errors():
                 self._show(await asyncio.to_thread(earlier, entry))
 
     async def _recover(self, stream: Path) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             target = await asyncio.to_thread(recovered, stream)
             ui.notify(f"recovered as {target}", type="positive")
         await self.read()
 
-    def _resume(self, left: LeftOver) -> None:
-        with self._page.sentences():
+    def _resume(self, left: InterruptedRun) -> None:
+        with self._page.show_errors():
             given = (self._about(), str(left.plan), left.path, None, self._bench.locked)
-            self._run(f"plan {left.path.name}", carry_out, *given, moves=True)
+            self._run(f"plan {left.path.name}", run_plan_file, *given, moves=True)
 
 
 def _name(entry: "RunEntry") -> str:

@@ -172,7 +172,7 @@ class AxisCard:
                 self._closed = None
 
     async def _told(self, command: Callable[[str], "Future[Any]"]) -> None:
-        with self._page.sentences(self._card):
+        with self._page.show_errors(self._card):
             try:
                 await asyncio.wrap_future(command(self._page.session.id))
             except (CancelledError, asyncio.CancelledError):

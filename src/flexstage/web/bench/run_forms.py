@@ -19,12 +19,12 @@ from flexstage.stage import Stage
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.bench.runs import (
-    AboutRun,
+    RunDescription,
     RunOutcome,
-    WaveformOrder,
-    carry_out,
-    made_waveform,
+    WaveformRequest,
+    build_waveform,
     run_command,
+    run_plan_file,
     take_record,
     waveform_from,
 )
@@ -73,9 +73,9 @@ class RunForm:
         assert self._bench.stage is not None
         return self._bench.stage
 
-    def _about(self) -> AboutRun:
+    def _about(self) -> RunDescription:
         forms = self._forms
-        return AboutRun(
+        return RunDescription(
             parent=self._page.panel.folder("bench"),
             stage=self._stage,
             name=forms.name.strip(),
@@ -174,7 +174,7 @@ class WaveformForm(RunForm):
                 raise ModelError("give a record that holds the waveform: CSV, HDF5, MATLAB, TDMS")
             return waveform_from(self._device, Path(forms.file), forms.axis, cycles)
         low, high = self._span()
-        order = WaveformOrder(
+        order = WaveformRequest(
             axis=forms.axis,
             shape="triangle" if forms.shape == "triangle" else "cosine",
             low=low,
@@ -182,7 +182,7 @@ class WaveformForm(RunForm):
             rate_hz=float(forms.rate_hz or 0.0),
             cycles=cycles,
         )
-        return made_waveform(self._device, self._stage, order)
+        return build_waveform(self._device, self._stage, order)
 
     def _check(self) -> None:
         """Say at once what the waveform would be, or why it is refused."""
@@ -204,7 +204,7 @@ class WaveformForm(RunForm):
         )
 
     def _go(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             made = self._made()
             rate = float(self._forms.sample_rate_hz or 0.0)
             name = f"waveform of {self._forms.axis}"
@@ -228,7 +228,7 @@ class RecordForm(RunForm):
         self._start = ui.button("Record", icon="fiber_manual_record", on_click=self._go)
 
     def _go(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             if Capability.DATA_RECORDER not in self._device.capabilities:
                 raise ModelError("this instrument has no data recorder")
             forms = self._forms
@@ -265,7 +265,7 @@ class PlanForm(RunForm):
         ui.timer(0.0, self._try, once=True)
 
     def _steps(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             names = [step.name for step in read_plan(find_plan(self._forms.plan)).steps]
             chosen = [name for name in self._forms.only if name in names]
             self._only.set_options(names, value=chosen)
@@ -303,7 +303,7 @@ class PlanForm(RunForm):
             show_table(dry_run_table(found, plan.title or Path(forms.plan).stem))
 
     def _go(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             forms = self._forms
             given = (self._about(), forms.plan, None, forms.only or None, self._bench.locked)
-            self._run(f"plan {Path(forms.plan).stem}", carry_out, *given, moves=True)
+            self._run(f"plan {Path(forms.plan).stem}", run_plan_file, *given, moves=True)

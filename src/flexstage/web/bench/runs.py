@@ -71,7 +71,7 @@ _STATE = "run.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AboutRun:
+class RunDescription:
     """Where a run is written, and what is said of it."""
 
     parent: Path
@@ -123,7 +123,7 @@ class RunOutcome:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WaveformOrder:
+class WaveformRequest:
     """A waveform as a person orders it."""
 
     axis: str
@@ -140,7 +140,7 @@ class WaveformOrder:
     """How many."""
 
 
-def made_waveform(device: Instrument, stage: Stage, order: WaveformOrder) -> CommandWaveform:
+def build_waveform(device: Instrument, stage: Stage, order: WaveformRequest) -> CommandWaveform:
     """Return a waveform whose every sample is within the limits: of voltages, or under control.
 
     Raises
@@ -223,7 +223,9 @@ def signals_of(device: Instrument, first: str = "") -> list[Signal]:
     return found[: device.recorder.signals]
 
 
-def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: float) -> RunOutcome:
+def take_record(
+    device: Instrument, about: RunDescription, duration: float, rate_hz: float
+) -> RunOutcome:
     """Record what the stage does, for some time [s]."""
     if not 0.0 < duration < math.inf:
         raise ModelError(f"a record takes a positive time, got {duration:g} s")
@@ -245,7 +247,7 @@ def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: f
 
 
 def run_command(
-    device: Instrument, about: AboutRun, command: CommandWaveform, rate_hz: float
+    device: Instrument, about: RunDescription, command: CommandWaveform, rate_hz: float
 ) -> RunOutcome:
     """Run a waveform and record what follows; other axes stay where they are."""
     (axis,) = command.axes
@@ -259,9 +261,9 @@ def run_command(
     return _recorded(stream, axis, notes)
 
 
-def carry_out(
+def run_plan_file(
     device: Instrument,
-    about: AboutRun,
+    about: RunDescription,
     source: str,
     folder: Path | None,
     only: tuple[str, ...] | None,
@@ -292,7 +294,7 @@ def carry_out(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOver:
+class InterruptedRun:
     """What a run has left that did not come to its end."""
 
     path: Path
@@ -303,20 +305,22 @@ class LeftOver:
     """The plan that can be gone on with."""
 
 
-def left_over(parent: Path) -> list[LeftOver]:
+def interrupted_runs(parent: Path) -> list[InterruptedRun]:
     """Return what runs have left that were interrupted, the newest first."""
     found = []
     for folder in sorted(parent.iterdir(), reverse=True) if parent.is_dir() else []:
         if (folder / _STATE).exists():
             plan = next(iter(folder.glob("*.yaml")), None)
             if plan is not None and not (folder / "results.json").exists():
-                found.append(LeftOver(path=folder, about="a plan that has not ended", plan=plan))
+                found.append(
+                    InterruptedRun(path=folder, about="a plan that has not ended", plan=plan)
+                )
             continue
         for stream in sorted(folder.glob(f"records/*{STREAM_SUFFIX}")):
             with suppress(RecordError, OSError):
                 if not in_use(stream):
                     count = examine(stream).samples
-                    found.append(LeftOver(path=stream, about=f"{count} samples are safe"))
+                    found.append(InterruptedRun(path=stream, about=f"{count} samples are safe"))
     return found
 
 

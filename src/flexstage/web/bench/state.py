@@ -56,7 +56,7 @@ class BenchForms:
 def bench_of(page: "Page") -> BenchLink:
     """Return the bench that all browsers share."""
     panel = page.panel
-    return panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))
+    return panel.state(BenchLink, lambda: BenchLink(panel.emergency_stop, panel.jobs))
 
 
 def person(page: "Page") -> str:

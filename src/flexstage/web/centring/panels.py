@@ -12,7 +12,7 @@ from flexstage.quantities.table import Table, table
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.live_history import POSITION
-from flexstage.web.page import Page, choice, in_page_words, panel, quiet_button
+from flexstage.web.page import Page, choice, display_text, panel, quiet_button
 from flexstage.web.preferences import Preferences
 from flexstage.web.request_form import RequestForm
 
@@ -35,7 +35,7 @@ class ScaleForm:
     begin
         Called with the source of records where one begins anew.
     changed
-        Called when records are to be evaluated again.
+        Called when records are to be evaluate_files again.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ScaleForm:
         """Show them as they are now."""
         state = self._state
         state.wrong.clear()  # the fields are made anew from what was taken
-        self._own.wrong = state.wrong
+        self._own.errors = state.wrong
         self._area.clear()
         with self._area:
             choice(SOURCES, state.source, "Where records come from", lambda e: self._begin(e.value))
@@ -101,7 +101,7 @@ _KINDS = {"start": "start", "trial": "trial move", "move": "move"}
 
 def pair(value: float, uncertainty: float, factor: float) -> str:
     """Write a value and its standard uncertainty, in a unit of so many in the SI unit."""
-    return in_page_words(" ± ".join(beside(factor * value, factor * uncertainty)))
+    return display_text(" ± ".join(beside(factor * value, factor * uncertainty)))
 
 
 def place(at: tuple[float, float], preferences: Preferences) -> str:
@@ -173,7 +173,7 @@ def rows_of(state: CentringState, preferences: Preferences) -> Table:
             e, first = found[i].get("eccentricity"), first_order(found[i], state.request.radius)
             cells = [
                 "–" if e is None else pair(e["value"], e["uncertainty"], factor),
-                "–" if e is None else in_page_words(f"{e['phase_deg']:.1f}"),
+                "–" if e is None else display_text(f"{e['phase_deg']:.1f}"),
                 "–" if first is None else pair(*first, 1.0),
                 residual(found[i], preferences),
             ]

@@ -13,7 +13,7 @@ from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,
     CentreFiles,
-    CentreFound,
+    CentringResult,
 )
 from flexstage.web.jobs import BackgroundJob
 
@@ -22,7 +22,7 @@ _FAR = 1.0  # where nobody says how far a stage goes [m]
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredTurn:
     """A turn of the scale that was measured."""
 
     kind: Literal["start", "trial", "move"]
@@ -39,7 +39,7 @@ class CentringState:
 
     source: Source = "records"
     """Where records come from."""
-    measured: list[Measured] = field(default_factory=list)
+    measured: list[MeasuredTurn] = field(default_factory=list)
     """What was measured, in sequence."""
     at: tuple[float, float] = (0.0, 0.0)
     """Where the stage stands for the next measurement, x and y [m]."""
@@ -47,7 +47,7 @@ class CentringState:
     """How far the axes of the stage go [m]."""
     noise: tuple[float, float] = (0.0, 0.0)
     """What the sensors of the stage do not tell from rest [m]."""
-    found: CentreFound | None = None
+    found: CentringResult | None = None
     """What the measurements say."""
     columns: tuple[str, ...] = ()
     """Columns of the first record."""
@@ -83,7 +83,7 @@ class CentringState:
 
     @property
     def asked(self) -> CentreFiles:
-        """What is to be evaluated."""
+        """What is to be evaluate_files."""
         request = self.request
         if len(self.measured) > 2:  # enough to say how the stage moves
             request = replace(request, stage_at=tuple(each.at for each in self.measured))
@@ -117,7 +117,7 @@ class CentringState:
 
     def take(self, file: Path) -> None:
         """Take a record of the scale with the stage where it stands."""
-        self.measured.append(Measured(self.next_kind, self.at, file))
+        self.measured.append(MeasuredTurn(self.next_kind, self.at, file))
 
     def take_back(self) -> None:
         """Forget the last record."""

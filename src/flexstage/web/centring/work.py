@@ -34,7 +34,7 @@ _FEWEST = 8  # readings of a gauge in a turn
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CentreFiles:
-    """What is evaluated: records in sequence, and how they are read."""
+    """What is evaluate_files: records in sequence, and how they are read."""
 
     files: tuple[Path, ...]
     """A record of each setting."""
@@ -43,7 +43,7 @@ class CentreFiles:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CentreFound:
+class CentringResult:
     """What was found."""
 
     of: CentreFiles
@@ -59,7 +59,7 @@ class CentreFound:
         return self.result.get("settings", [self.result])
 
 
-def evaluated(given: CentreFiles, key: str) -> CentreFound:
+def evaluate_files(given: CentreFiles, key: str) -> CentringResult:
     """Evaluate records; `key` makes the ids of the picture its own in a page."""
     found = centre_files(given.files, given.request)
     numbers = sorted({1, len(found.settings)})
@@ -73,7 +73,7 @@ def evaluated(given: CentreFiles, key: str) -> CentreFound:
         key,
         "Error of the scale over the turn, polar, with the fitted curve, and its harmonics",
     )
-    return CentreFound(of=given, result=found.to_dict(), svg=svg)
+    return CentringResult(of=given, result=found.to_dict(), svg=svg)
 
 
 def likely_columns(path: Path) -> LikelyTurn:

@@ -15,7 +15,7 @@ from flexstage.stage.drawing import DRAWINGS
 from flexstage.stage.drawing.drawn_stage import DrawnStage
 from flexstage.stage.drawing.requests import DrawingOptions
 from flexstage.web.design.state import DesignState
-from flexstage.web.design.work import drawing_found, template_of
+from flexstage.web.design.work import recognise_drawing, template_of
 from flexstage.web.figures import show_table
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, PanelHeading, choice, div, named_dialog, quiet_button, show_job
@@ -129,10 +129,10 @@ class DrawingDialog:
         )
 
     def _look(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             options = self._options()
             job = self._page.panel.jobs.start(
-                f"looking at {self._path.name}", drawing_found, str(self._path), options,
+                f"looking at {self._path.name}", recognise_drawing, str(self._path), options,
                 f"found{self._found.id}", owner=self._page.session.id,
             )  # fmt: skip
             with self._working:
@@ -157,7 +157,7 @@ class DrawingDialog:
             show_table(necks_table(drawn))
 
     def _take(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             path = self._path.with_suffix(".yaml")
             write_whole(path, self._text.encode("utf-8"))
             self._opened(template_of(path))

@@ -51,7 +51,7 @@ class Variant:
         return replace(self, values=tuple(sorted(others.items())))
 
 
-class Remembered(Generic[T]):
+class Cached(Generic[T]):
     """What was computed of the last variants."""
 
     def __init__(self) -> None:
@@ -86,11 +86,11 @@ class DesignState:
     """The axis whose sensitivities are shown."""
     order: str = ""
     """The figure by whose sensitivity the sliders are ordered; empty as the stage has them."""
-    lumped: Remembered[tuple[Characteristic, ...]] = field(default_factory=Remembered)
+    lumped: Cached[tuple[Characteristic, ...]] = field(default_factory=Cached)
     """Characteristics by the lumped model."""
-    corrected: Remembered[tuple[Characteristic, ...]] = field(default_factory=Remembered)
+    corrected: Cached[tuple[Characteristic, ...]] = field(default_factory=Cached)
     """Characteristics by superelements."""
-    slopes: Remembered[Sensitivities] = field(default_factory=Remembered)
+    slopes: Cached[Sensitivities] = field(default_factory=Cached)
     """What each parameter does to each figure."""
 
     def __post_init__(self) -> None:

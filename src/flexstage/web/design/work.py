@@ -62,7 +62,7 @@ def slopes_of(variant: Variant, rows: Sequence[Characteristic]) -> Sensitivities
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedDrawing:
     """A drawing of a variant, and what is wrong with it."""
 
     svg: str
@@ -71,14 +71,14 @@ class Checked:
     """What is wrong, errors first."""
 
 
-def checked(variant: Variant, key: str) -> Checked:
+def checked(variant: Variant, key: str) -> CheckedDrawing:
     """Return the drawing of a variant with what is wrong; `key` makes its ids its own in a page."""
     from flexstage.stage import check
 
     stage = variant.stage()
     issues = check(stage)
     svg = inline(lambda: draw_checked(stage, issues), key, f"Drawing of {stage.name}")
-    return Checked(svg, issues)
+    return CheckedDrawing(svg, issues)
 
 
 def figures_table(
@@ -118,7 +118,7 @@ def stage_file(variant: Variant, name: str) -> str:
     return variant.template.text(dict(variant.values), name)
 
 
-def exported_into(
+def export_to_folder(
     folder: Path, variant: Variant, formats: Sequence[str]
 ) -> tuple[Path, tuple[str, ...]]:
     """Write a variant in some formats into a folder; return the file and remarks.
@@ -149,7 +149,9 @@ def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tupl
     return f"{given.name}.zip", packed.getvalue(), given.notes
 
 
-def drawing_found(path: str, options: "DrawingOptions", key: str) -> tuple["DrawnStage", str, str]:
+def recognise_drawing(
+    path: str, options: "DrawingOptions", key: str
+) -> tuple["DrawnStage", str, str]:
     """Find the stage in a drawing; return it, its picture for a page, and its stage file."""
     from flexstage.report.figures.drawn_stage import draw_found
     from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text

@@ -13,7 +13,7 @@ from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.optimum import Trace
 from flexstage.studies.explore.tolerance import Lot
-from flexstage.web.explore.samples_table import ON_FRONT, SEARCHED, PointColumn, PointTable
+from flexstage.web.explore.samples_table import ON_FRONT, SEARCHED, SamplesColumn, SamplesTable
 from flexstage.web.explore.state import Run
 from flexstage.web.figures import chart
 from flexstage.web.page import choice
@@ -32,7 +32,7 @@ _PICKED = {"symbol": "circle-open", "size": 17, "color": CYCLE[3], "line": {"wid
 _FRONT = {SEARCHED: CYCLE[5], ON_FRONT: CYCLE[0], "chosen": CYCLE[1]}
 
 
-def kinds(table: PointTable) -> tuple[str, ...]:
+def kinds(table: SamplesTable) -> tuple[str, ...]:
     """Return the kinds of charts that suit points, the best first."""
     count = len(table.varied)
     if table.labels:
@@ -45,7 +45,7 @@ def kinds(table: PointTable) -> tuple[str, ...]:
 
 
 def draw(
-    table: PointTable, kind: str, across: PointColumn, up: PointColumn, picked: int | None
+    table: SamplesTable, kind: str, across: SamplesColumn, up: SamplesColumn, picked: int | None
 ) -> Chart:
     """Return a chart of a kind; a map has the figure `up` over both variables."""
     match kind:
@@ -71,7 +71,7 @@ def _dot(x: float, y: float, name: str, marker: dict[str, Any]) -> dict[str, Any
     }  # fmt: skip
 
 
-def _hover(table: PointTable, rows: Sequence[int], *columns: PointColumn) -> list[str]:
+def _hover(table: SamplesTable, rows: Sequence[int], *columns: SamplesColumn) -> list[str]:
     """Return what is said of each point where a pointer is over it."""
     return [
         "<br>".join((f"point {i + 1}", *(f"{c.heading}: {c.values[i]:.5g}" for c in columns)))
@@ -79,14 +79,14 @@ def _hover(table: PointTable, rows: Sequence[int], *columns: PointColumn) -> lis
     ]
 
 
-def _axis(column: PointColumn, values: Any = None) -> dict[str, Any]:
+def _axis(column: SamplesColumn, values: Any = None) -> dict[str, Any]:
     axis: dict[str, Any] = {"title": {"text": column.heading}}
     if values is not None:
         axis["range"] = [float(np.min(values)), float(np.max(values))]
     return axis
 
 
-def _curve(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
+def _curve(table: SamplesTable, across: SamplesColumn, up: SamplesColumn) -> Chart:
     order = np.argsort(across.values, kind="stable")
     rows = [int(i) for i in order]
     data = [
@@ -103,13 +103,13 @@ def _curve(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
     }
 
 
-def _with_described(data: list[dict[str, Any]], x: PointColumn, y: PointColumn) -> list[Any]:
+def _with_described(data: list[dict[str, Any]], x: SamplesColumn, y: SamplesColumn) -> list[Any]:
     if np.isfinite([x.described, y.described]).all():
         data.append(_dot(x.described, y.described, "as described", _MARK))
     return data
 
 
-def _map(table: PointTable, figure: PointColumn) -> Chart:
+def _map(table: SamplesTable, figure: SamplesColumn) -> Chart:
     across, up = table.varied
     shape = table.counts
     x, y = (column.values.reshape(shape) for column in (across, up))
@@ -136,7 +136,7 @@ def _map(table: PointTable, figure: PointColumn) -> Chart:
     return data, {"xaxis": _axis(across, across.values), "yaxis": _axis(up, up.values)}
 
 
-def _scatter(table: PointTable, across: PointColumn, up: PointColumn) -> Chart:
+def _scatter(table: SamplesTable, across: SamplesColumn, up: SamplesColumn) -> Chart:
     labels = list(table.labels) or ["points"] * len(table.points)
     shown = set(table.shown.tolist())
     data = []
@@ -169,7 +169,7 @@ def _thinned(rows: list[int], most: int = _POINTS) -> list[int]:
     return [rows[k] for k in np.linspace(0, len(rows) - 1, most).astype(int)]
 
 
-def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Chart:
+def _parallel(table: SamplesTable, colour: SamplesColumn, picked: int | None) -> Chart:
     """Draw a line for each point through an axis for each column, from its least to its greatest.
 
     One trace has all lines, so that a page of many stays quick; a click on a point of a line picks.
@@ -228,7 +228,7 @@ def _parallel(table: PointTable, colour: PointColumn, picked: int | None) -> Cha
 _THIRDS = ("lowest third", "middle third", "highest third")
 
 
-def _thirds(column: PointColumn, rows: np.ndarray) -> list[list[int]]:
+def _thirds(column: SamplesColumn, rows: np.ndarray) -> list[list[int]]:
     order = rows[np.argsort(column.values[rows], kind="stable")]
     return [[int(i) for i in part] for part in np.array_split(order, 3)]
 
@@ -250,7 +250,7 @@ def _numbers(values: Any) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in values]
 
 
-def draw_way(columns: Sequence[PointColumn], trace: Sequence[Trace]) -> Chart:
+def draw_way(columns: Sequence[SamplesColumn], trace: Sequence[Trace]) -> Chart:
     """Draw the goal of a search over the evaluations, a line for each of its starts.
 
     Points that miss a requirement are hollow.
@@ -299,7 +299,7 @@ class LotChart:
 
     def show(self) -> None:
         """Show what was drawn so far."""
-        found = self._run.job.found
+        found = self._run.job.partial_results
         lot = next((each for each in found if isinstance(each, Lot)), None)
         batches = [each for each in found if isinstance(each, FinishedBatch)]
         if lot is None or not batches:

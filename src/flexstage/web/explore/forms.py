@@ -23,11 +23,11 @@ from flexstage.studies.explore.sweep import usual_cost
 from flexstage.studies.explore.variables import Variable, variables_of
 from flexstage.studies.explore.workers import duration
 from flexstage.virtual.imperfections import Scatter
-from flexstage.web.explore.stage_summary import StageFacts
+from flexstage.web.explore.stage_summary import StageSummary
 from flexstage.web.explore.state import (
     ExploreForm,
-    LimitWords,
-    RangeWords,
+    RangeInput,
+    RequirementInput,
 )
 from flexstage.web.page import Page, PanelHeading, div, quiet_button, remark
 from flexstage.web.request_form import RequestForm
@@ -49,7 +49,7 @@ class Fields:
         The stage, the page, and the function.
     """
 
-    def __init__(self, facts: StageFacts, page: Page, changed: Callable[[], object]) -> None:
+    def __init__(self, facts: StageSummary, page: Page, changed: Callable[[], object]) -> None:
         self.facts, self._page, self.changed = facts, page, changed
         self.preferences = page.preferences
 
@@ -115,7 +115,7 @@ class Fields:
 
         return field.on_value_change(changed)
 
-    def bounds(self, row: RangeWords, variable: Variable) -> None:
+    def bounds(self, row: RangeInput, variable: Variable) -> None:
         """Show the bounds of a parameter, in its unit."""
         factor = variable.factor
 
@@ -137,7 +137,7 @@ class Fields:
 
     def limits(
         self,
-        rows: list[LimitWords],
+        rows: list[RequirementInput],
         names: Iterable[str],
         add: str,
         signs: Mapping[str, str] = _SIGNS,
@@ -161,11 +161,11 @@ class Fields:
             stress = [name for name in left if name.startswith("max_stress")]
             figure = (stress or left or list(options))[0]
             sign = list(signs)[bool(stress)]  # what should be small, and at most so much
-            rows.append(LimitWords(figure, sign, self.facts.values[figure]))
+            rows.append(RequirementInput(figure, sign, self.facts.values[figure]))
             show()
             self.changed()
 
-        def drop(row: LimitWords) -> None:
+        def drop(row: RequirementInput) -> None:
             rows.remove(row)
             show()
             self.changed()
@@ -174,11 +174,11 @@ class Fields:
 
     def _limit(
         self,
-        row: LimitWords,
+        row: RequirementInput,
         options: Mapping[str, str],
         signs: Mapping[str, str],
         again: Callable[[], None],
-        drop: Callable[[LimitWords], None] | None,
+        drop: Callable[[RequirementInput], None] | None,
     ) -> None:
         shown = self.preferences.shown(self.facts.figures[row.figure].shown)
 
@@ -233,7 +233,7 @@ def build_form(form: ExploreForm, fields: Fields) -> None:
             _sensitivity(form, fields)
 
 
-def what_it_takes(request: ExploreRequest, facts: StageFacts) -> str:
+def what_it_takes(request: ExploreRequest, facts: StageSummary) -> str:
     """Say how much work is asked for."""
     match request:
         case SweepRequest():
@@ -284,7 +284,7 @@ def _sweep(form: ExploreForm, fields: Fields) -> None:
             if len(form.over) > 2:
                 fields.of(form).number("samples", "256")
 
-    def choose(row: RangeWords, name: str | None) -> None:
+    def choose(row: RangeInput, name: str | None) -> None:
         if name and name not in {other.name for other in form.over}:
             row.name, row.low, row.high = name, None, None
         again()
@@ -293,10 +293,10 @@ def _sweep(form: ExploreForm, fields: Fields) -> None:
         taken = {row.name for row in form.over}
         left = [name for name in names if name not in taken]
         first = [name for name in left if "neck" in name and name in facts.flexure] or left
-        form.over.append(RangeWords(first[0]))
+        form.over.append(RangeInput(first[0]))
         again()
 
-    def drop(row: RangeWords) -> None:
+    def drop(row: RangeInput) -> None:
         form.over.remove(row)
         again()
 
@@ -354,7 +354,7 @@ def _chosen(form: ExploreForm, fields: Fields, fold: ui.expansion, box: ui.eleme
     if not fold.value or list(box):
         return
 
-    def toggle(row: RangeWords, event: Any) -> None:
+    def toggle(row: RangeInput, event: Any) -> None:
         row.is_chosen = event.value
         fields.changed()
         _count(form, fold)

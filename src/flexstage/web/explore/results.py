@@ -26,7 +26,7 @@ from flexstage.web.explore.samples_table import (
     FOCUS,
     PRESSED,
     ROWS,
-    PointTable,
+    SamplesTable,
     SearchedFront,
     row_name,
     rows_html,
@@ -38,8 +38,8 @@ from flexstage.web.page import (
     Page,
     PanelHeading,
     choice,
+    display_text,
     div,
-    in_page_words,
     quiet_button,
     remark,
     show_job,
@@ -61,7 +61,7 @@ class Results:
         self._seen = -1
         self._plot: ui.plotly | None = None
         self._lot: LotChart | None = None
-        self._table: PointTable | None = None
+        self._table: SamplesTable | None = None
         self._question = run.question
         self._front: SearchedFront | None = None
         if isinstance(run.question, Problem) and len(run.question.goals) > 1:
@@ -85,9 +85,9 @@ class Results:
         job = self._run.job
         if job.is_over:
             self._timer.deactivate()
-        elif len(job.found) != self._seen:
+        elif len(job.partial_results) != self._seen:
             self._follow() if self._lot is None else self._lot.show()
-            self._seen = len(job.found)
+            self._seen = len(job.partial_results)
 
     def _over(self) -> None:
         if self._run.job.state == "done":
@@ -101,7 +101,7 @@ class Results:
         self._body.clear()
         with self._body:
             if job.state == "failed":
-                ui.label(in_page_words(job.error)).classes("issue error").props('role="alert"')
+                ui.label(display_text(job.error)).classes("issue error").props('role="alert"')
             elif job.state == "cancelled":
                 ui.label(_cancelled(run)).classes("issue")
             self._points()
@@ -138,7 +138,7 @@ class Results:
         if before is None or run.job.is_over or self._is_way:
             self._show_picked(table)
 
-    def _known(self) -> PointTable | None:
+    def _known(self) -> SamplesTable | None:
         job, units = self._run.job, self._page.preferences
         result = job.result.result if job.state == "done" else None
         match result:
@@ -149,13 +149,13 @@ class Results:
             case Optimum():
                 return samples_table.of_optimum(result, units)
         if self._front is not None:
-            return self._front.table(job.found, units)
+            return self._front.table(job.partial_results, units)
         if isinstance(self._question, Problem):
-            return samples_table.of_steps(self._question, job.found, units)
+            return samples_table.of_steps(self._question, job.partial_results, units)
         assert self._question is not None
-        return samples_table.of_batches(self._question, job.found, units)
+        return samples_table.of_batches(self._question, job.partial_results, units)
 
-    def _show_controls(self, table: PointTable) -> None:
+    def _show_controls(self, table: SamplesTable) -> None:
         run = self._run
         self._controls.clear()
         if self._is_way:
@@ -198,12 +198,12 @@ class Results:
             return isinstance(job.result.result, Optimum)
         return isinstance(self._question, Problem) and self._front is None
 
-    def _drawn(self, table: PointTable) -> Chart:
+    def _drawn(self, table: SamplesTable) -> Chart:
         run = self._run
         if self._is_way:
             assert isinstance(self._question, Problem)
             done = run.job.state == "done"
-            steps = (each for each in run.job.found if isinstance(each, SearchStep))
+            steps = (each for each in run.job.partial_results if isinstance(each, SearchStep))
             trace = run.job.result.result.trace if done else [step.trace for step in steps]
             way = samples_table.way_columns(self._question, trace, self._page.preferences)
             return charts.draw_way(way, trace)
@@ -213,7 +213,7 @@ class Results:
         assert up is not None
         return charts.draw(table, run.chart, across, up, run.picked)
 
-    def _show_chart(self, table: PointTable) -> None:
+    def _show_chart(self, table: SamplesTable) -> None:
         if not table.shown.size:
             return
         data, layout = self._drawn(table)
@@ -258,7 +258,7 @@ class Results:
         if not self._is_way:
             self._show_chart(table)
 
-    def _show_picked(self, table: PointTable) -> None:
+    def _show_picked(self, table: SamplesTable) -> None:
         run = self._run
         self._picked_box.clear()
         row = run.picked
@@ -276,7 +276,7 @@ class Results:
             ui.label(f"{row_name(table, row)}. {'; '.join(told)}")
             ui.button("Open in Design", on_click=lambda: self._open(table.values(row)))
 
-    def _best(self, table: PointTable) -> int:
+    def _best(self, table: SamplesTable) -> int:
         """Return the best row: that of the result, or the step that is best so far."""
         if table.labels:
             return len(table.points) - 1
@@ -286,7 +286,7 @@ class Results:
         return int(np.lexsort((sign * goal, np.maximum(missed, 100.0 * TOLERANCE)))[0])
 
     def _open(self, picked: dict[str, float]) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             variant = self._run.values(picked)
             variant.stage()
             state = self._page.session.state(DesignState)
@@ -295,7 +295,7 @@ class Results:
             state.commit()
             ui.navigate.to("/design")
 
-    def _show_table(self, table: PointTable) -> None:
+    def _show_table(self, table: SamplesTable) -> None:
         run = self._run
         if self._is_way and run.job.state == "done":
             return  # the table of its parameters says more
@@ -323,7 +323,7 @@ class Results:
         with ui.expansion("What to know of it").classes("group full-width"), ui.element("ul"):
             for note in found.notes:
                 with ui.element("li"):
-                    ui.label(in_page_words(note))
+                    ui.label(display_text(note))
 
 
 _CLICKED = "(event) => { const at = event.points[0]?.customdata; if (at != null) emit(at); }"
@@ -339,7 +339,7 @@ def _cancelled(run: Run) -> str:
     return "Cancelled: what was found until then is kept, and the same run goes on from there."
 
 
-def _so_far(run: Run, table: PointTable) -> str:
+def _so_far(run: Run, table: SamplesTable) -> str:
     """Say how far it has come."""
     if isinstance(run.request, SweepRequest):
         return f"{table.computed} of {len(table.points)} points"
@@ -348,7 +348,7 @@ def _so_far(run: Run, table: PointTable) -> str:
     return f"{len(table.points)} steps" if not table.labels else f"{table.computed} stages"
 
 
-def _usual_axes(table: PointTable) -> tuple[str, str]:
+def _usual_axes(table: SamplesTable) -> tuple[str, str]:
     """Return which columns are shown at first: across and upwards."""
     first, *others = table.columns
     if table.labels:  # goals stand first

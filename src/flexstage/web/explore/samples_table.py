@@ -27,7 +27,7 @@ SEARCHED, ON_FRONT = "searched", "on the front"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PointColumn:
+class SamplesColumn:
     """A column of numbers."""
 
     name: str
@@ -51,14 +51,14 @@ class PointColumn:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PointTable:
+class SamplesTable:
     """Points, a row each: those that are not computed yet have no figures."""
 
     variables: tuple[str, ...]
     """Names of what was varied."""
     points: Array
     """Their values in SI units, shape (S, d)."""
-    columns: tuple[PointColumn, ...]
+    columns: tuple[SamplesColumn, ...]
     """What is shown of each."""
     labels: tuple[str, ...] = ()
     """What rows are called beside their number."""
@@ -74,16 +74,16 @@ class PointTable:
         return np.flatnonzero(np.any(np.isfinite(outcome), axis=0))
 
     @property
-    def varied(self) -> tuple[PointColumn, ...]:
+    def varied(self) -> tuple[SamplesColumn, ...]:
         """The columns of what was varied."""
         return tuple(c for c in self.columns if c.is_varied)
 
     @property
-    def outcome(self) -> tuple[PointColumn, ...]:
+    def outcome(self) -> tuple[SamplesColumn, ...]:
         """The columns of what came out."""
         return tuple(c for c in self.columns if not c.is_varied)
 
-    def column(self, name: str) -> PointColumn | None:
+    def column(self, name: str) -> SamplesColumn | None:
         """Return a column by its name."""
         return next((c for c in self.columns if c.name == name), None)
 
@@ -106,8 +106,8 @@ class PointTable:
         return dict(zip(self.variables, map(float, self.points[row]), strict=True))
 
 
-def _varied(variable: Variable, values: Array) -> PointColumn:
-    return PointColumn(
+def _varied(variable: Variable, values: Array) -> SamplesColumn:
+    return SamplesColumn(
         name=variable.name,
         heading=variable.heading.replace("_", " "),
         short=variable.heading.replace("_", " "),
@@ -119,14 +119,14 @@ def _varied(variable: Variable, values: Array) -> PointColumn:
 
 def _outcome(
     figure: Figure, values: Array, described: float, preferences: Preferences
-) -> PointColumn:
+) -> SamplesColumn:
     shown = preferences.shown(figure.shown)
     known = np.abs(values[np.isfinite(values)])
     if shown == figure.shown and known.size:
         shown = shown.fitting(float(known.max()))
     axis = "" if figure.axis == WHOLE_STAGE else figure.axis
     unit = f"[{shown.shown_unit}]" if shown.shown_unit else ""
-    return PointColumn(
+    return SamplesColumn(
         name=figure.name,
         heading=figure.heading_in(shown),
         short=f"{short_label(figure)} {axis} {unit}".replace("\n", " "),
@@ -142,12 +142,12 @@ def _table(
     values: Array,
     described: Array,
     preferences: Preferences,
-) -> PointTable:
+) -> SamplesTable:
     columns = [_varied(v, points[:, i]) for i, v in enumerate(variables)]
     columns += [
         _outcome(f, values[:, k], float(described[k]), preferences) for k, f in enumerate(figures)
     ]
-    return PointTable(
+    return SamplesTable(
         variables=tuple(v.name for v in variables),
         points=points,
         columns=tuple(columns),
@@ -155,7 +155,7 @@ def _table(
     )
 
 
-def of_sweep(found: Sweep, preferences: Preferences) -> PointTable:
+def of_sweep(found: Sweep, preferences: Preferences) -> SamplesTable:
     """Return the points of a sweep, with the figures that vary."""
     order = list(found.moving) or list(range(len(found.figures)))
     table = _table(
@@ -173,7 +173,7 @@ def of_batches(
     question: tuple[Family, tuple[Figure, ...], SweepPlan],
     batches: Iterable[object],
     preferences: Preferences,
-) -> PointTable:
+) -> SamplesTable:
     """Return the points of a sweep that goes on, or was cancelled, as far as it came."""
     family, figures, plan = question
     points = plan.points(family.variables)
@@ -189,7 +189,7 @@ def of_batches(
     return replace(table, counts=plan.counts(family.variables), computed=computed)
 
 
-def of_front(found: Front, preferences: Preferences) -> PointTable:
+def of_front(found: Front, preferences: Preferences) -> SamplesTable:
     """Return the points of a front; the last row is the chosen design, made better."""
     best = found.optimum
     own = [best.figures.index(figure) for figure in found.figures]
@@ -222,7 +222,7 @@ class SearchedFront:
         self._values = np.zeros((0, len(problem.figures)))
         self._front = np.zeros(0, dtype=int)
 
-    def table(self, found: Sequence[object], preferences: Preferences) -> PointTable | None:
+    def table(self, found: Sequence[object], preferences: Preferences) -> SamplesTable | None:
         """Return the points so far; None of none yet."""
         new = [each for each in found[self._taken :] if isinstance(each, Generation)]
         self._taken = len(found)
@@ -247,7 +247,7 @@ class SearchedFront:
 
 def _front_table(
     problem: Problem, points: Array, values: Array, preferences: Preferences
-) -> PointTable:
+) -> SamplesTable:
     unknown = np.full(len(problem.figures), np.nan)
     variables = problem.family.variables
     table = _table(variables, problem.figures, points, values, unknown, preferences)
@@ -256,14 +256,14 @@ def _front_table(
 
 def of_steps(
     problem: Problem, found: Iterable[object], preferences: Preferences
-) -> PointTable | None:
+) -> SamplesTable | None:
     """Return the steps of a search that goes on, or was cancelled; None before the first."""
     steps = [each for each in found if isinstance(each, SearchStep)]
     if not steps:
         return None
     points = np.array([step.point for step in steps])
     varied = [_varied(v, points[:, i]) for i, v in enumerate(problem.family.variables)]
-    return PointTable(
+    return SamplesTable(
         variables=tuple(v.name for v in problem.family.variables),
         points=points,
         columns=(*way_columns(problem, [s.trace for s in steps], preferences), *varied),
@@ -273,7 +273,7 @@ def of_steps(
 
 def way_columns(
     problem: Problem, trace: Sequence[Trace], preferences: Preferences
-) -> tuple[PointColumn, ...]:
+) -> tuple[SamplesColumn, ...]:
     """Return the way of a search: evaluations, goal, and what the requirements are missed by."""
     objective = np.array([step.objective for step in trace])
     if problem.goals:
@@ -289,11 +289,11 @@ def way_columns(
     )
 
 
-def _plain(name: str, heading: str, values: Array) -> PointColumn:
-    return PointColumn(name=name, heading=heading, short=heading, values=values, described=np.nan)
+def _plain(name: str, heading: str, values: Array) -> SamplesColumn:
+    return SamplesColumn(name=name, heading=heading, short=heading, values=values, described=np.nan)
 
 
-def of_optimum(found: Optimum, preferences: Preferences) -> PointTable:
+def of_optimum(found: Optimum, preferences: Preferences) -> SamplesTable:
     """Return start and best stage, by the finest model."""
     level = found.levels[-1]
     table = _front_table(
@@ -317,7 +317,7 @@ PRESSED = """(event) => {
 }"""
 
 
-def row_name(table: PointTable, row: int) -> str:
+def row_name(table: SamplesTable, row: int) -> str:
     """Return what a row is called."""
     label = table.labels[row] if table.labels else ""
     if label in ("best", "start"):
@@ -325,7 +325,7 @@ def row_name(table: PointTable, row: int) -> str:
     return f"Point {row + 1}" + (f", {label}" if label else "")
 
 
-def rows_html(table: PointTable, run: Run, rows: list[int], pages: int) -> str:
+def rows_html(table: SamplesTable, run: Run, rows: list[int], pages: int) -> str:
     """Return the rows of a table with buttons to pick each, to sort by a column, to turn pages."""
     heads = []
     for column in table.columns:

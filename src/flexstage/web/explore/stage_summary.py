@@ -12,7 +12,7 @@ from flexstage.web.design.state import SHARE, Variant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StageFacts:
+class StageSummary:
     """The parameters and figures of a stage."""
 
     template: StageTemplate
@@ -60,7 +60,7 @@ def _words(requirement: Requirement) -> str:
     return f"{figure.label} ≤ {figure.text(high)}"
 
 
-def facts_of(variant: Variant) -> StageFacts:
+def summarise_stage(variant: Variant) -> StageSummary:
     """Return what is to be known of a variant.
 
     Raises
@@ -73,7 +73,7 @@ def facts_of(variant: Variant) -> StageFacts:
     known = known_figures(stage)
     figures = {f.name: f for f in (Figure(quantity=q, axis=a) for q, a in known)}
     batched = set(batched_figures(stage))
-    return StageFacts(
+    return StageSummary(
         template=template,
         variables={v.name: v for v in every_variable(template, SHARE)},
         flexure=frozenset(v.name for v in usual_variables(template)),

@@ -15,9 +15,9 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.studies.explore.variables import Variable
-from flexstage.web.design.state import Remembered, Variant
-from flexstage.web.explore.stage_summary import StageFacts
-from flexstage.web.explore.work import Question
+from flexstage.web.design.state import Cached, Variant
+from flexstage.web.explore.stage_summary import StageSummary
+from flexstage.web.explore.work import StudyDefinition
 from flexstage.web.jobs import BackgroundJob
 
 #: What can be done, by the command that does it, and what the button says.
@@ -25,7 +25,7 @@ KINDS = {kind.job(): kind.job().capitalize() for kind in get_args(ExploreRequest
 
 
 @dataclass
-class RangeWords:
+class RangeInput:
     """A parameter and its bounds, which are 30 % to either side where none are given."""
 
     name: str
@@ -44,7 +44,7 @@ class RangeWords:
         low = variable.low if self.low is None else self.low
         return low, variable.high if self.high is None else self.high
 
-    def variable(self, facts: StageFacts) -> Variable:
+    def variable(self, facts: StageSummary) -> Variable:
         """Return the parameter with these bounds."""
         variable = facts.variables[self.name]
         low, high = self.bounds(variable)
@@ -52,7 +52,7 @@ class RangeWords:
 
 
 @dataclass
-class LimitWords:
+class RequirementInput:
     """What is required of a figure, or sought of it."""
 
     figure: str
@@ -63,13 +63,13 @@ class LimitWords:
     """The value, in the unit of the quantity."""
 
     @classmethod
-    def of(cls, requirement: Requirement) -> "LimitWords":
+    def of(cls, requirement: Requirement) -> "RequirementInput":
         """Return a requirement in words."""
         sign = ">=" if requirement.low is not None else "<="
         value = requirement.high if requirement.low is None else requirement.low
         return cls(requirement.figure.name, sign, value)
 
-    def requirement(self, facts: StageFacts) -> Requirement:
+    def requirement(self, facts: StageSummary) -> Requirement:
         """Return it as a requirement."""
         if self.value is None:
             raise ModelError(f"say which value {self.figure} shall have")
@@ -84,17 +84,17 @@ class ExploreForm:
     """What is asked for, without the rows."""
     of: list[str] = field(default_factory=list)
     """Names of the figures that are looked at."""
-    over: list[RangeWords] = field(default_factory=list)
+    over: list[RangeInput] = field(default_factory=list)
     """What is varied, or may be."""
-    goals: list[LimitWords] = field(default_factory=list)
+    goals: list[RequirementInput] = field(default_factory=list)
     """What is sought."""
-    limits: list[LimitWords] = field(default_factory=list)
+    limits: list[RequirementInput] = field(default_factory=list)
     """What is required."""
     wrong: dict[str, FlexstageError] = field(default_factory=dict)
     """Why fields of the request do not have the value that stands in the form."""
 
     @property
-    def chosen(self) -> list[RangeWords]:
+    def chosen(self) -> list[RangeInput]:
         """What is varied."""
         return [row for row in self.over if row.is_chosen]
 
@@ -106,7 +106,7 @@ class ExploreForm:
         except FlexstageError as error:
             self.wrong[name] = error
 
-    def whole(self, facts: StageFacts) -> ExploreRequest:
+    def whole(self, facts: StageSummary) -> ExploreRequest:
         """Return what is asked for, with the rows; what is missing is refused."""
         for error in self.wrong.values():
             raise error
@@ -142,23 +142,23 @@ class ExploreForm:
         return replace(request, of=() if tuple(self.of) == facts.usual else tuple(self.of))
 
 
-def usual_forms(facts: StageFacts) -> dict[str, ExploreForm]:
+def default_forms(facts: StageSummary) -> dict[str, ExploreForm]:
     """Return the forms as they are filled at first: a first run is one press."""
     usual = facts.usual
     required = [r for r in facts.required if r.figure.name in facts.of_lots]
     return {
         "sweep": ExploreForm(
-            SweepRequest(), of=[*usual], over=[RangeWords(facts.neck)] if facts.neck else []
+            SweepRequest(), of=[*usual], over=[RangeInput(facts.neck)] if facts.neck else []
         ),
         "optimise": ExploreForm(
             OptimiseRequest(model="lumped"),
-            goals=[LimitWords(facts.frequency, "maximise")],
-            over=[RangeWords(n, is_chosen=n in facts.flexure) for n in facts.variables],
+            goals=[RequirementInput(facts.frequency, "maximise")],
+            over=[RangeInput(n, is_chosen=n in facts.flexure) for n in facts.variables],
         ),
         "tolerance": ExploreForm(
             ToleranceRequest(model="lumped"),
             of=[*usual],
-            limits=[LimitWords.of(r) for r in required],
+            limits=[RequirementInput.of(r) for r in required],
         ),
         "sensitivity": ExploreForm(SensitivityRequest(), of=[*usual]),
     }
@@ -170,7 +170,7 @@ class Run:
 
     variant: Variant
     """The stage."""
-    facts: StageFacts
+    facts: StageSummary
     """What is known of it."""
     request: ExploreRequest
     """What was asked for."""
@@ -178,7 +178,7 @@ class Run:
     """Where its files lie."""
     job: BackgroundJob
     """The work."""
-    question: Question = None
+    question: StudyDefinition = None
     """What a sweep or an optimisation is about."""
     chart: str = ""
     """Kind of the chart; the usual one where it is empty."""
@@ -210,7 +210,7 @@ class ExploreState:
 
     kind: str = "sweep"
     """One of `KINDS`."""
-    facts: Remembered[StageFacts] = field(default_factory=Remembered)
+    facts: Cached[StageSummary] = field(default_factory=Cached)
     """What is known of each stage."""
     forms: dict[str, ExploreForm] = field(default_factory=dict)
     """The forms of the stage at hand, by what they are for."""
@@ -224,8 +224,8 @@ class ExploreState:
         """The form that is shown."""
         return self.forms[self.kind]
 
-    def fit(self, variant: Variant, facts: StageFacts) -> None:
+    def fit(self, variant: Variant, facts: StageSummary) -> None:
         """Fill the forms anew where another stage is at hand; one that was changed keeps them."""
         if self.forms_of is None or self.forms_of.template != variant.template:
-            self.forms = usual_forms(facts)
+            self.forms = default_forms(facts)
         self.forms_of = variant

@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 #: What is varied, which figures are computed and where; or what is sought; None of other work.
-Question = tuple[Family, tuple[Figure, ...], SweepPlan] | Problem | None
+StudyDefinition = tuple[Family, tuple[Figure, ...], SweepPlan] | Problem | None
 #: Title of the picture that says most of an optimum.
 BEFORE_AFTER = "Before and after"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Explored:
+class ExploreResult:
     """What came out, as the command prints and writes it, with its pictures for a page."""
 
     result: Sweep | Front | Optimum | Sensitivities | ToleranceStudy
@@ -62,7 +62,7 @@ class Explored:
     """What is to be known of it and of its files."""
 
 
-def question_of(template: StageTemplate, request: ExploreRequest) -> Question:
+def define_study(template: StageTemplate, request: ExploreRequest) -> StudyDefinition:
     """Return what a sweep or an optimisation is about; what is wrong with a request is told."""
     match request:
         case SweepRequest():
@@ -76,7 +76,9 @@ def question_of(template: StageTemplate, request: ExploreRequest) -> Question:
     return None
 
 
-def explored(folder: Path, template: StageTemplate, request: ExploreRequest, key: str) -> Explored:
+def run_exploration(
+    folder: Path, template: StageTemplate, request: ExploreRequest, key: str
+) -> ExploreResult:
     """Do what is asked of a stage, and write what the command writes into a folder.
 
     Finished batches are kept there until then, so that what was cancelled goes on from them. Ids in
@@ -101,7 +103,7 @@ def explored(folder: Path, template: StageTemplate, request: ExploreRequest, key
         (title, inline(draw, f"{key}{k}", title))
         for k, (title, draw) in enumerate(shown.pictures.items())
     )
-    return Explored(
+    return ExploreResult(
         result=result,
         files=tuple(written),
         pictures=pictures,

@@ -17,13 +17,13 @@ from flexstage.records.read_options import DriveColumns, ReadOptions, TextLayout
 from flexstage.web.figures import in_page, picture, show_table
 from flexstage.web.hysteresis.requests import UNITS, Reading
 from flexstage.web.hysteresis.state import MeasuredFiles
-from flexstage.web.hysteresis.work import Looked, is_light, looked_at
+from flexstage.web.hysteresis.work import FilePreview, is_light, looked_at
 from flexstage.web.jobs import BackgroundJob
-from flexstage.web.page import Page, Task, div, in_page_words, quiet_button, remark
+from flexstage.web.page import Page, Task, display_text, div, quiet_button, remark
 from flexstage.web.uploads import upload
 
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
-_MOST = 128 * 2**20  # byte
+_MAX_SIZE = 128 * 2**20  # byte
 _PATIENT = "outlined dense stack-label debounce=700"
 #: Fields that most files do not need, and what is written as an example.
 _UNUSUAL = {
@@ -95,7 +95,7 @@ class FilesForm:
         """Make the fields."""
         with div("take"):
             upload(
-                self._page, self._label, _ENDINGS, self._replace, view="hysteresis", most=_MOST
+                self._page, self._label, _ENDINGS, self._replace, view="hysteresis", max_size=_MAX_SIZE
             ).classes("tall")
             if self._example is not None:
                 quiet_button("Take the example", on_click=self._take_example).props("outline")
@@ -123,7 +123,7 @@ class FilesForm:
             if not self._reference:
                 upload(
                     self._page, "Another record of the same drive", _ENDINGS, self._add,
-                    view="hysteresis", most=_MOST,
+                    view="hysteresis", max_size=_MAX_SIZE,
                 ).classes("whole")  # fmt: skip
         self._working = ui.column().classes("full-width")
         self._task = Task(
@@ -179,7 +179,7 @@ class FilesForm:
         try:
             reading = self._source.reading.changed(name, value)
         except FlexstageError as error:  # the text stays in its field, to be mended
-            self._refused[name] = self._page.words(f"{_LABELS[name]}: {error}")
+            self._refused[name] = self._page.message(f"{_LABELS[name]}: {error}")
             self._source.wrong = self._refused[name]
             self._say_wrong()
             self._changed()
@@ -257,7 +257,7 @@ class FilesForm:
         assert self._example is not None
         self._refused.clear()
         folder = self._page.panel.folder(f"hysteresis/{self._page.session.id}")
-        with self._page.sentences():
+        with self._page.show_errors():
             path = await asyncio.to_thread(self._example, folder)
             self._source.open(Reading(files=(str(path),)))
             self.look()
@@ -304,7 +304,7 @@ class FilesForm:
             if self._source.reading == reading:
                 self._take(found)
 
-    def _take(self, found: Looked) -> None:
+    def _take(self, found: FilePreview) -> None:
         self._source.looked, self._plain = found, None
         self._source.wrong = next(iter(self._refused.values()), "")
         reading = found.reading
@@ -326,13 +326,13 @@ class FilesForm:
             self.look()
             return
         self._source.wrong = (
-            self._page.words(sentence) or "The file was not read: it was cancelled."
+            self._page.message(sentence) or "The file was not read: it was cancelled."
         )
         self.sync()
         self._changed()
 
 
-def show_contents(looked: Looked) -> None:
+def show_contents(looked: FilePreview) -> None:
     """Show what was read of files."""
     picture(looked.svg)
     for one in looked.contents:
@@ -347,4 +347,4 @@ def show_contents(looked: Looked) -> None:
                 f"{first['seconds']:.4g} s after sample {first['after_sample']}"
             ).classes("issue")
         for note in one["notes"]:
-            remark(in_page_words(note.replace(one["file"], name)))
+            remark(display_text(note.replace(one["file"], name)))

@@ -22,15 +22,15 @@ from flexstage.web.figures import figure, in_page, picture, save, sentence, show
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.work import (
-    Compensated,
-    Predicted,
+    Compensation,
+    PredictionSet,
     compensated,
     other_example,
     predicted,
     usual_motion,
     waveform,
 )
-from flexstage.web.page import Page, Task, div, in_page_words, panel, remark
+from flexstage.web.page import Page, Task, display_text, div, panel, remark
 from flexstage.web.request_form import RequestForm
 
 _SHAPES = {"sine": "Sine", "triangle": "Triangle", "file": "From a file"}
@@ -110,7 +110,7 @@ class CompensationPanel:
         else:
             if drive.validity is not None:
                 low, high = drive.validity.output_range
-                reach = in_page_words(readable(drive.output_unit, low, high, digits=4))
+                reach = display_text(readable(drive.output_unit, low, high, digits=4))
                 remark(f"The record of the model reaches {reach}.")
             with div("entries"):
                 self._number("centre", f"Centre{unit}", factor)
@@ -196,7 +196,7 @@ class CompensationPanel:
         field = ui.number(label, value=value, format="%.6g").props(_NUMBER)
 
         def changed(event: Any) -> None:
-            with self._page.sentences():
+            with self._page.show_errors():
                 take(event.value)
 
         field.on_value_change(changed)
@@ -248,7 +248,7 @@ class CompensationPanel:
         self._results.visible = True
         self._shown.classes(add="stale")
 
-    def _take(self, made: Compensated) -> None:
+    def _take(self, made: Compensation) -> None:
         if self._due:
             self.compute()
             return
@@ -263,7 +263,7 @@ class CompensationPanel:
             self._refuse(why)
 
     def _refuse(self, why: str) -> None:
-        self._wrong.text = in_page_words(sentence(why))
+        self._wrong.text = display_text(sentence(why))
         self._wrong.visible = bool(why)
         if why:
             self._results.visible = True
@@ -284,7 +284,7 @@ class CompensationPanel:
                 ends = float(command.command.min()), float(command.command.max())
                 figure("Command", readable(drive.input_unit, *ends, digits=4))
                 figure(
-                    "Predicted error",
+                    "PredictionSet error",
                     f"{readable(drive.output_unit, command.rms_error)} rms",
                     "of the model with itself",
                 )
@@ -310,7 +310,7 @@ class CompensationPanel:
             def give() -> None:
                 made, model = self._state.compensated, self._state.model
                 if made is not None and model is not None and format.value:
-                    with self._page.sentences():
+                    with self._page.show_errors():
                         name = f"{Path(model.name).stem}-{made.motion.shape}"
                         content = waveform(made.made, model.file.model, format.value)
                         save(self._page, f"{name}{_FILES[format.value]}", content)
@@ -410,7 +410,7 @@ class PredictionPanel:
             else self._state.other.missing()
         )
         shown = missing if missing != self._state.other.wrong else ""
-        self._missing.text = in_page_words(shown)
+        self._missing.text = display_text(shown)
         self._missing.visible = bool(shown)
         self._go.set_enabled(not missing)
 
@@ -428,6 +428,6 @@ class PredictionPanel:
                 start, "prediction",
             )  # fmt: skip
 
-    def _take(self, found: Predicted) -> None:
+    def _take(self, found: PredictionSet) -> None:
         self._state.predicted = found
         self.show()

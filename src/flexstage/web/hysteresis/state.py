@@ -6,7 +6,7 @@ from typing import Literal
 from flexstage.hysteresis import ModelFile
 from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.web.hysteresis.requests import Reading, WantedMotion
-from flexstage.web.hysteresis.work import Compensated, Identified, Looked, Predicted
+from flexstage.web.hysteresis.work import Compensation, FilePreview, IdentifiedModel, PredictionSet
 from flexstage.web.jobs import BackgroundJob
 
 Step = Literal["record", "model", "compensate", "predict"]
@@ -18,7 +18,7 @@ class MeasuredFiles:
 
     reading: Reading = field(default_factory=Reading)
     """How they are read."""
-    looked: Looked | None = None
+    looked: FilePreview | None = None
     """What is in them, as far as it could be read."""
     wrong: str = ""
     """Why they cannot be read."""
@@ -75,7 +75,7 @@ class OpenModel:
     """The model with its errors and warnings."""
     text: str
     """Its file."""
-    identified: Identified | None = None
+    identified: IdentifiedModel | None = None
     """How it was found; None for one that was opened."""
 
     @property
@@ -98,7 +98,7 @@ class HysteresisState:
     """With what a model is being identified."""
     asked: tuple[Reading, IdentifyRequest] | None = None
     """With what the models that are listed were identified."""
-    tried: dict[str, Identified] = field(default_factory=dict)
+    tried: dict[str, IdentifiedModel] = field(default_factory=dict)
     """Models of that by kind: first the one that was chosen of all."""
     model: OpenModel | None = None
     """The model that is shown, and that commands are made with."""
@@ -106,7 +106,7 @@ class HysteresisState:
     """What the drive shall follow."""
     reference: MeasuredFiles = field(default_factory=MeasuredFiles)
     """A reference out of a file."""
-    compensated: Compensated | None = None
+    compensated: Compensation | None = None
     """The command for that."""
     other: MeasuredFiles = field(default_factory=MeasuredFiles)
     """Another record, on which the model is tried."""
@@ -114,7 +114,7 @@ class HysteresisState:
     """What the drive did before that."""
     moved_for: float = 30.0
     """For how long it had moved [s], where it had."""
-    predicted: Predicted | None = None
+    predicted: PredictionSet | None = None
     """How the model predicts it."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
     """Long work whose result nobody has taken yet, by what it is for."""

@@ -56,7 +56,7 @@ _MOST_SAMPLES = 1_000_000  # of a command; controllers hold less
 
 
 @dataclass(frozen=True, slots=True)
-class Looked:
+class FilePreview:
     """What is in files, before anything is asked of them."""
 
     reading: Reading
@@ -67,11 +67,11 @@ class Looked:
     """A drawing of the first one, for a page."""
 
 
-def looked_at(reading: Reading, key: str) -> Looked:
+def looked_at(reading: Reading, key: str) -> FilePreview:
     """Look into files and draw the first; `key` makes the ids of that its own in a page."""
     reading, found, record = whole(reading)
     svg = inline(lambda: _drawn(record, reading), key, f"What is in {Path(record.source).name}")
-    return Looked(reading, found, svg)
+    return FilePreview(reading, found, svg)
 
 
 def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
@@ -134,7 +134,7 @@ def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class IdentifiedModel:
     """A model, and what is shown of it."""
 
     found: Identification
@@ -151,15 +151,15 @@ class Identified:
     """Loop, fit and residual, for a page."""
 
 
-def identified(reading: Reading, request: IdentifyRequest, key: str) -> Identified:
+def identified(reading: Reading, request: IdentifyRequest, key: str) -> IdentifiedModel:
     """Identify a drive, as `flexstage identify` does."""
     records, driven, follows = read(reading)
     if reading.columns.is_table and not reading.how.sample_rate:
         request = rowwise(request)
     found = identify(records, driven, follows, request)
     file = identified_file(found, records)
-    says = f"Measured and modelled loop, and residual, of {', '.join(reading.names)}"
-    return Identified(
+    says = f"MeasuredTurn and modelled loop, and residual, of {', '.join(reading.names)}"
+    return IdentifiedModel(
         found=found,
         file=file,
         text=model_text(file),
@@ -178,7 +178,7 @@ def opened(path: Path) -> tuple[ModelFile, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Compensated:
+class Compensation:
     """A command, and what is shown of it."""
 
     motion: WantedMotion
@@ -195,7 +195,7 @@ class Compensated:
     """The command, its loop and what is left, for a page."""
 
 
-def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
+def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensation:
     """Compute the command for a motion, and draw it."""
     made, notes = command(file.model, motion)
     endless = motion.shape != "file" and motion.periods == 0
@@ -205,7 +205,7 @@ def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     band = file.errors.get("heldout_95")
     says = "The command and what it leaves"
     svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
-    return Compensated(motion, made, float(np.sqrt(np.mean(left**2))), notes, svg)
+    return Compensation(motion, made, float(np.sqrt(np.mean(left**2))), notes, svg)
 
 
 def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:
@@ -285,7 +285,7 @@ def waveform(made: Feedforward, drive: DriveModel, format: str) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Predicted:
+class PredictionSet:
     """A model on other records, and what is shown of it."""
 
     found: tuple[Prediction, ...]
@@ -294,14 +294,14 @@ class Predicted:
     """Loop and error of the first one, for a page."""
 
 
-def predicted(file: ModelFile, reading: Reading, start: Start | None, key: str) -> Predicted:
+def predicted(file: ModelFile, reading: Reading, start: Start | None, key: str) -> PredictionSet:
     """Try a model on other records, as `flexstage predict` does."""
     records, driven, follows = read(reading)
     found = predict_each(file.model, records, driven, follows, start)
     band = file.errors.get("heldout_95")
-    says = f"Measured and predicted loop, and error, of {reading.names[0]}"
+    says = f"MeasuredTurn and predicted loop, and error, of {reading.names[0]}"
     svg = inline(lambda: draw_prediction(found[0], file.model, band), key, says)
-    return Predicted(tuple(found), svg)
+    return PredictionSet(tuple(found), svg)
 
 
 _RATE_HZ = 400.0

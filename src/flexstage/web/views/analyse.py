@@ -17,8 +17,8 @@ from flexstage.web.analyse.bode import Bode
 from flexstage.web.analyse.shapes import NOTHING_YET, Shapes
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import (
-    Analysed,
-    analysed,
+    ModelResult,
+    analyse_variant,
     errors_table,
     figures_tables,
     hinges_table,
@@ -107,8 +107,8 @@ class ModelsPanel:
         """Start a model of the stage that is open, unless that is known or on its way."""
         variant = self._design.now
         key = (variant, model)
-        with self._page.sentences():
-            for error in self._own.wrong.values():
+        with self._page.show_errors():
+            for error in self._own.errors.values():
                 raise error
             options = fitting_options(model, self._state.asked)
             known = self._state.found(variant, model)
@@ -119,7 +119,7 @@ class ModelsPanel:
                 return False
             self._state.failed.pop(key, None)
             self._state.jobs[key] = self._page.panel.jobs.start(
-                f"{variant.name}, {title_of(model)}", analysed, variant, model, options, fields,
+                f"{variant.name}, {title_of(model)}", analyse_variant, variant, model, options, fields,
                 owner=self._page.session.id,
             )  # fmt: skip
             self.sync()
@@ -178,7 +178,7 @@ class Convergence:
         self._start = start
         self._place = div("full-width stacked")
 
-    def show(self, found: dict[str, Analysed]) -> None:
+    def show(self, found: dict[str, ModelResult]) -> None:
         """Show what is known."""
         self._place.clear()
         refined = [one for one in found.values() if one.convergence]
@@ -235,7 +235,7 @@ class AnalyseView:
         self._state = page.session.state(AnalyseState)
         self._design = page.session.state(DesignState)
         self._seen: object = None
-        self._found: dict[str, Analysed] | None = None
+        self._found: dict[str, ModelResult] | None = None
 
     def build(self) -> None:
         """Make the view."""
@@ -302,7 +302,7 @@ class AnalyseView:
         self._models.sync()
         self._show()
 
-    def _known(self) -> dict[str, Analysed]:
+    def _known(self) -> dict[str, ModelResult]:
         found = {model: self._state.found(self._design.now, model) for model in MODEL_WORDS}
         return {model: one for model, one in found.items() if one is not None}
 
@@ -315,7 +315,7 @@ class AnalyseView:
             self._show_tables(list(found.values()))
             self._part.show(found)
 
-    def _show_tables(self, every: list[Analysed]) -> None:
+    def _show_tables(self, every: list[ModelResult]) -> None:
         self._tables.clear()
         with self._tables:
             if not every:
@@ -331,7 +331,7 @@ class AnalyseView:
                 show_table(others)
             self._show_details(every)
 
-    def _show_details(self, every: list[Analysed]) -> None:
+    def _show_details(self, every: list[ModelResult]) -> None:
         best = every[-1]  # that leaves the least out
         if best.analysis.coupling is not None:
             with self._fold(f"All drives together, {title_of(best.model)}"):

@@ -102,7 +102,7 @@ class ConnectionBar:
                 leads_to_safe=forms.leads_to_safe,
             )
 
-        with page.sentences(self._area):
+        with page.show_errors(self._area):
             try:
                 await asyncio.to_thread(work)
             finally:
@@ -156,14 +156,14 @@ class ConnectionBar:
             )
 
     def _do(self, function: Callable[..., object], *arguments: object) -> None:
-        with self._page.sentences(self._area):
+        with self._page.show_errors(self._area):
             try:
                 function(*arguments)
             finally:
                 self.build()
 
     async def _disconnect(self) -> None:
-        with self._page.sentences(self._area):
+        with self._page.show_errors(self._area):
             try:
                 await asyncio.to_thread(self._bench.disconnect, self._page.session.id)
             finally:
@@ -281,7 +281,7 @@ class BenchView:
     def _open(self, event: Any) -> None:
         self._forms.tab = event.value
         self._fields.clear()
-        with self._fields, self._page.sentences():
+        with self._fields, self._page.show_errors():
             self._form = _TABS[event.value][1](self._page, self._bench, self._show)
             self._form.build()
 

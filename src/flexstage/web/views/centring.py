@@ -15,9 +15,9 @@ from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.panels import SOURCES, ScaleForm, figures, pair, place, rows_of
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.centring.work import (
-    CentreFound,
+    CentringResult,
     axes_of,
-    evaluated,
+    evaluate_files,
     gauge_record,
     likely_columns,
     limits_of,
@@ -27,7 +27,16 @@ from flexstage.web.centring.work import (
     simulated_record,
 )
 from flexstage.web.figures import figure, picture, show_lines, show_table
-from flexstage.web.page import Page, PanelHeading, Task, complain, div, panel, quiet_button, remark
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    Task,
+    div,
+    panel,
+    quiet_button,
+    remark,
+    show_error,
+)
 from flexstage.web.preferences import LENGTHS
 from flexstage.web.uploads import upload
 
@@ -108,14 +117,14 @@ class CentringView:
         self._take_record(kept)
 
     def _typed(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             path = self._new_file(".csv")
             gauge_record(self._state.gauge_text, 1.0 / LENGTHS[self._state.gauge_unit], path)
             self._state.gauge_text = ""
             self._take_record(path)
 
     async def _turn(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             state, path = self._state, self._new_file(".csv")
             by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
             await asyncio.to_thread(simulated_record, by, len(state.measured), path)
@@ -138,7 +147,7 @@ class CentringView:
             self._state.at = (at[0], at[1])
 
     async def _move(self, target: tuple[float, float]) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             me = self._page.session.id
             self._state.at = await asyncio.to_thread(move_to, self._bench, me, target)
             ui.notify(f"the stage stands at {place(self._state.at, self._page.preferences)}")
@@ -150,13 +159,13 @@ class CentringView:
         self._task.stop()
         self._show()
         if self._state.measured:
-            with self._page.sentences():
+            with self._page.show_errors():
                 for error in self._state.wrong.values():
                     raise error
                 key = f"centring{self._shown.id}"
-                self._task.start("evaluation", evaluated, self._state.asked, key)
+                self._task.start("evaluation", evaluate_files, self._state.asked, key)
 
-    def _take(self, found: CentreFound) -> None:
+    def _take(self, found: CentringResult) -> None:
         self._state.found = found
         target = self._state.target()
         if target is not None and axes_of(self._bench) is None:
@@ -165,7 +174,7 @@ class CentringView:
 
     def _failed(self, sentence: str) -> None:
         if sentence:
-            complain(sentence)
+            show_error(sentence)
         self._show()
 
     # what is shown
@@ -285,7 +294,9 @@ class CentringView:
         if target is None:
             waiting = self._task.running or not state.up_to_date
             words = (
-                "The records are evaluated …" if waiting else "No move follows from these records."
+                "The records are evaluate_files …"
+                if waiting
+                else "No move follows from these records."
             )
             ui.label(words).classes("muted")
             if not waiting and state.found is not None:

@@ -19,9 +19,9 @@ from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.sliders import Sliders
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import (
-    Checked,
+    CheckedDrawing,
     checked,
-    exported_into,
+    export_to_folder,
     figures_table,
     rows_of,
     slopes_of,
@@ -32,12 +32,12 @@ from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import (
     Page,
     PanelHeading,
-    complain,
     div,
     named_dialog,
     panel,
     quiet_button,
     remark,
+    show_error,
     show_job,
 )
 
@@ -238,16 +238,16 @@ class DesignView:
         elif begins_finer and self._job is None:
             self._start_job(variant)
 
-    async def _checked(self, variant: Variant, key: str) -> Checked | None:
+    async def _checked(self, variant: Variant, key: str) -> CheckedDrawing | None:
         self._drawing = True
         try:
-            with self._page.sentences():
+            with self._page.show_errors():
                 return await asyncio.to_thread(checked, variant, key)
         finally:
             self._drawing = False
         return None
 
-    def _show_checked(self, found: Checked) -> None:
+    def _show_checked(self, found: CheckedDrawing) -> None:
         self._picture.content = found.svg
         self._issues.clear()
         with self._issues:
@@ -277,7 +277,7 @@ class DesignView:
         elif kind == "corrected":
             # it is not asked for again: the figures of this model stay out
             self._state.corrected.put(variant, ())
-            complain(f"{job.name}: {job.error}")
+            show_error(f"{job.name}: {job.error}")
         if variant == self._state.now:
             self._sliders.show_slopes()
             self._show_figures(variant)
@@ -296,7 +296,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
         field = ui.input("Name of the stage", value=name).classes("full-width")
 
         def save() -> None:
-            with page.sentences():
+            with page.show_errors():
                 stem = file_name((field.value or name).strip())
                 content = stage_file(variant, stem).encode("utf-8")
                 path = page.panel.folder("design") / f"{stem}.yaml"
@@ -329,7 +329,7 @@ def ask_export(page: Page, variant: Variant) -> None:
             go.disable()
             folder, owner = page.panel.folder("design"), page.session.id
             job = page.panel.jobs.start(
-                "export", exported_into, folder, variant, formats, owner=owner
+                "export", export_to_folder, folder, variant, formats, owner=owner
             )
             with working:
                 show_job(page, job, over)

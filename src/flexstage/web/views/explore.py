@@ -13,11 +13,11 @@ from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import checked
 from flexstage.web.explore.forms import Fields, build_form, what_it_takes
 from flexstage.web.explore.results import Results
-from flexstage.web.explore.stage_summary import StageFacts, facts_of
+from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
 from flexstage.web.explore.state import KINDS, ExploreState, Run
-from flexstage.web.explore.work import explored, question_of
+from flexstage.web.explore.work import define_study, run_exploration
 from flexstage.web.figures import picture
-from flexstage.web.page import Page, PanelHeading, div, in_page_words, panel, remark
+from flexstage.web.page import Page, PanelHeading, display_text, div, panel, remark
 
 
 def build(page: Page) -> None:
@@ -38,7 +38,7 @@ class ExploreView:
         self._page = page
         self._design = page.session.state(DesignState)
         self._state = page.session.state(ExploreState)
-        self._facts: StageFacts | None = None
+        self._facts: StageSummary | None = None
 
     def build(self) -> None:
         """Make the view."""
@@ -76,11 +76,11 @@ class ExploreView:
 
     async def _read(self, variant: Variant) -> None:
         try:
-            facts = await asyncio.to_thread(facts_of, variant)
+            facts = await asyncio.to_thread(summarise_stage, variant)
         except FlexstageError as error:
             self._form.clear()
             with self._form:
-                ui.label(in_page_words(str(error))).classes("issue error").props('role="alert"')
+                ui.label(display_text(str(error))).classes("issue error").props('role="alert"')
             return
         self._state.facts.put(variant, facts)
         if variant == self._design.now:
@@ -117,7 +117,7 @@ class ExploreView:
             request = self._state.form.whole(self._facts)
             told, is_possible = what_it_takes(request, self._facts), True
         except FlexstageError as error:
-            told, is_possible = in_page_words(str(error)), False
+            told, is_possible = display_text(str(error)), False
         self._takes.text = told
         self._takes.classes(
             add="" if is_possible else "issue", remove="issue" if is_possible else ""
@@ -127,14 +127,14 @@ class ExploreView:
     # runs
 
     async def _start(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             await self._started()
 
     async def _started(self) -> None:
         state, facts, variant = self._state, self._facts, self._design.now
         assert facts is not None
         request = state.form.whole(facts)
-        question = await asyncio.to_thread(question_of, facts.template, request)
+        question = await asyncio.to_thread(define_study, facts.template, request)
         before = state.runs.get(state.kind)
         if before is not None:
             before.job.cancel()
@@ -142,7 +142,7 @@ class ExploreView:
         said = _folder_name(state.kind, facts, request, self._page.session.id)
         folder = self._page.panel.folder(f"explore/{said}")
         job = self._page.panel.jobs.start(
-            f"{KINDS[state.kind]} of {variant.name}", explored, folder, facts.template, request,
+            f"{KINDS[state.kind]} of {variant.name}", run_exploration, folder, facts.template, request,
             f"found-{state.kind}", owner=self._page.session.id,
         )  # fmt: skip
         state.runs[state.kind] = Run(variant, facts, request, folder, job, question)
@@ -165,13 +165,13 @@ class ExploreView:
 
     async def _draw(self, drawing: ui.html) -> None:
         """Draw the stage at hand where nothing was found yet."""
-        with self._page.sentences():
+        with self._page.show_errors():
             found = await asyncio.to_thread(checked, self._design.now, f"at-hand{drawing.id}")
             if not drawing.is_deleted:
                 drawing.content = found.svg
 
 
-def _folder_name(kind: str, facts: StageFacts, request: Request, owner: str) -> str:
+def _folder_name(kind: str, facts: StageSummary, request: Request, owner: str) -> str:
     """Return a name that the same run of a person has again, to go on from what was finished."""
     said = hashlib.sha256(repr((facts.template, request, owner)).encode()).hexdigest()[:8]
     return file_name(f"{kind}-{facts.template.stage().name}-{said}")

@@ -23,8 +23,8 @@ from flexstage.web.figures import figure, in_page, picture, save, sentence, show
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.panels import CompensationPanel, PredictionPanel
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
-from flexstage.web.hysteresis.work import Identified, example_record, identified, opened
-from flexstage.web.page import Page, PanelHeading, Task, div, in_page_words, panel
+from flexstage.web.hysteresis.work import IdentifiedModel, example_record, identified, opened
+from flexstage.web.page import Page, PanelHeading, Task, display_text, div, panel
 from flexstage.web.uploads import upload
 
 
@@ -83,10 +83,10 @@ class ModelPanel:
             elif model is not None:
                 self._warn(model)
 
-    def _tell(self, model: OpenModel, made: Identified) -> None:
+    def _tell(self, model: OpenModel, made: IdentifiedModel) -> None:
         found = made.found
         PanelHeading(f"{MODELS[found.kind].title}: {model.name}")
-        ui.label(in_page_words(sentence(verdict_in_words(found)))).classes(
+        ui.label(display_text(sentence(verdict_in_words(found)))).classes(
             "issue good" if found.verdict.fits else "issue error"
         )
         unit, stroke = found.model.output_unit, found.stroke
@@ -114,7 +114,7 @@ class ModelPanel:
                 "outlined dense options-dense"
             ).on_value_change(lambda event: self._show_kind(event.value))
 
-    def _more(self, made: Identified) -> None:
+    def _more(self, made: IdentifiedModel) -> None:
         found, first = made.found, next(iter(self._state.tried.values())).found
         show_table(in_page(candidates_table(first)))
         show_lines(failures(first), "issue")
@@ -155,11 +155,11 @@ class ModelPanel:
             only = replace(search, model=(kind,))
             self._task.start(name, identified, reading, only, f"{kind}-loop")
 
-    def _take_another(self, made: Identified) -> None:
+    def _take_another(self, made: IdentifiedModel) -> None:
         self._state.tried[made.found.kind] = made
         self._use(made)
 
-    def _use(self, made: Identified) -> None:
+    def _use(self, made: IdentifiedModel) -> None:
         name = "" if self._state.asked is None else ", ".join(self._state.asked[0].names)
         self._state.take(OpenModel(name, made.file, made.text, made))
         self._changed()
@@ -308,7 +308,7 @@ class HysteresisView:
             try:
                 self._set(name, field.read(text) if text else field.default)
             except FlexstageError as error:
-                entry.error = in_page_words(str(error))
+                entry.error = display_text(str(error))
                 self._wrong.add(name)
             else:
                 entry.error = None
@@ -328,7 +328,7 @@ class HysteresisView:
         source = self._state.source
         missing = source.missing()
         shown = "" if missing == source.wrong else missing
-        self._missing.text = in_page_words(shown)
+        self._missing.text = display_text(shown)
         self._missing.visible = bool(shown)
         self._asked.visible = bool(source.reading.files)
         self._go.set_enabled(not missing and not self._wrong)
@@ -347,7 +347,7 @@ class HysteresisView:
         state.asking = asked
         self._task.start(name, identified, *asked, "loop")
 
-    def _take(self, made: Identified) -> None:
+    def _take(self, made: IdentifiedModel) -> None:
         state = self._state
         state.asked, state.tried = state.asking, {made.found.kind: made}
         name = "" if state.asked is None else ", ".join(state.asked[0].names)

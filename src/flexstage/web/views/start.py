@@ -9,12 +9,12 @@ from flexstage.web.design.state import DesignState
 from flexstage.web.page import (
     Page,
     PanelHeading,
-    complain,
     div,
     pages_of,
     panel,
     quiet_button,
     remark,
+    show_error,
 )
 from flexstage.web.sessions import Session
 from flexstage.web.views import START, VIEWS
@@ -70,8 +70,8 @@ def _ago(seconds: float) -> str:
 
 def _go_on(page: Page, left: Session) -> None:
     if pages_of(left):
-        complain("another browser has opened that meanwhile")
+        show_error("another browser has opened that meanwhile")
         return
-    page.panel.access.go_on(page.session, left)
+    page.panel.access.take_over(page.session, left)
     # the page itself is of the session that this browser had
     ui.run_javascript("location.href = '/design'")
