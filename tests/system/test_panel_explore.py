@@ -26,7 +26,7 @@ from flexstage.studies.explore.requests import (
 )
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.explore import charts, samples_table
-from flexstage.web.explore.results import same_command
+from flexstage.web.explore.results import equivalent_command
 from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
 from flexstage.web.explore.state import (
     ExploreForm,
@@ -53,7 +53,7 @@ def facts() -> StageSummary:
 
 def by_the_command(facts: StageSummary, request: ExploreRequest) -> dict[str, Any]:
     """What the command line that the page shows prints as JSON."""
-    words = shlex.split(same_command(facts.template, request))[1:]
+    words = shlex.split(equivalent_command(facts.template, request))[1:]
     found = CliRunner().invoke(app, [*words, "--json", "--quiet", "--workers", "1"])
     if found.exit_code == 2:  # one that shares no work has no workers
         found = CliRunner().invoke(app, [*words, "--json", "--quiet"])
@@ -79,17 +79,17 @@ def same(found: Any, expected: dict[str, Any]) -> None:
 
 def vary(form: ExploreForm, *names: str) -> None:
     """Choose which parameters may change."""
-    for row in form.over:
-        row.is_chosen = row.name in names
+    for row in form.ranges:
+        row.is_varied = row.name in names
 
 
 @pytest.mark.slow
 def test_a_sweep_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> None:
     form = default_forms(facts)["sweep"]
-    form.over = [RangeInput(NECK, count=3), RangeInput("leg_spacing", 0.035, 0.0475, 2)]
-    request = form.whole(facts)
+    form.ranges = [RangeInput(NECK, count=3), RangeInput("leg_spacing", 0.035, 0.0475, 2)]
+    request = form.complete_request(facts)
     found: Any = run_exploration(tmp_path, facts.template, request, "found")
-    assert f"--set '{NECK}=0.47 mm'" in same_command(facts.template, request)
+    assert f"--set '{NECK}=0.47 mm'" in equivalent_command(facts.template, request)
     same(found.result.to_dict(), by_the_command(facts, request))
     assert {"sweep.csv", "sweep.json", "sweep.svg"} <= {path.name for path in found.files}
     assert (tmp_path / "sweep.csv").read_bytes().count(b"\r\n") == 7
@@ -103,14 +103,14 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
     tmp_path: Path, facts: StageSummary
 ) -> None:
     forms = default_forms(facts)
-    request = forms["sensitivity"].whole(facts)
+    request = forms["sensitivity"].complete_request(facts)
     assert isinstance(request, SensitivityRequest)
     found = found_by_the_page(tmp_path, facts, request)
     same(found.to_dict(), by_the_command(facts, request))
     lot = forms["tolerance"]
-    lot.take("samples", 60)
-    lot.take("scatter", ("neck_own=3 um",))
-    request = lot.whole(facts)
+    lot.assign("samples", 60)
+    lot.assign("scatter", ("neck_own=3 um",))
+    request = lot.complete_request(facts)
     assert isinstance(request, ToleranceRequest)
     assert tuple(map(str, request.require)) == (
         "safety_factor.x >= 1.5",
@@ -123,12 +123,12 @@ def test_sensitivities_and_a_lot_are_those_of_the_command(
 @pytest.mark.slow
 def test_an_optimum_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> None:
     form = default_forms(facts)["optimise"]
-    assert "--over" not in same_command(facts.template, form.whole(facts))
+    assert "--over" not in equivalent_command(facts.template, form.complete_request(facts))
     vary(form, NECK, "leg_spacing")
-    form.take("evaluations", 30)
-    form.take("without", ("output_wall.x",))
-    form.limits = [RequirementInput("max_stress.x", "<=", 95e6)]
-    request = form.whole(facts)
+    form.assign("evaluations", 30)
+    form.assign("without", ("output_wall.x",))
+    form.requirements = [RequirementInput("max_stress.x", "<=", 95e6)]
+    request = form.complete_request(facts)
     steps: list[Any] = []
     with listen(lambda what, done: None, steps.append):
         found = found_by_the_page(tmp_path, facts, request)
@@ -149,8 +149,8 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> 
     form = default_forms(facts)["optimise"]
     form.goals.append(RequirementInput("max_stress.x", "minimise"))
     vary(form, NECK, "leg.bar_length")
-    form.take("evaluations", 40)
-    request = form.whole(facts)
+    form.assign("evaluations", 40)
+    request = form.complete_request(facts)
     stages: list[Any] = []
     with listen(lambda what, done: None, stages.append):
         found = found_by_the_page(tmp_path, facts, request)
@@ -169,46 +169,46 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> 
     )
     for kind in charts.kinds(shown):
         data, layout = charts.draw(shown, kind, shown.columns[1], shown.columns[0], found.chosen)
-        assert data[-1]["name"] in ("picked", "as described")
+        assert data[-1]["name"] in ("selected", "nominal")
         assert layout["xaxis"]["title"]["text"]
 
 
 def test_forms_say_what_they_lack(facts: StageSummary) -> None:
     forms = default_forms(facts)
-    forms["sweep"].of = []
+    forms["sweep"].figures = []
     with pytest.raises(ModelError, match="choose at least one figure"):
-        forms["sweep"].whole(facts)
-    forms["optimise"].limits = [RequirementInput("max_stress.x", "<=")]
-    with pytest.raises(ModelError, match="which value max_stress"):
-        forms["optimise"].whole(facts)
-    forms["optimise"].limits = []
+        forms["sweep"].complete_request(facts)
+    forms["optimise"].requirements = [RequirementInput("max_stress.x", "<=")]
+    with pytest.raises(ModelError, match=r"max_stress\.x needs a value"):
+        forms["optimise"].complete_request(facts)
+    forms["optimise"].requirements = []
     vary(forms["optimise"])
     with pytest.raises(ModelError, match="at least one parameter"):
-        forms["optimise"].whole(facts)
+        forms["optimise"].complete_request(facts)
     lot = forms["tolerance"]
-    lot.take("samples", 0)
+    lot.assign("samples", 0)
     with pytest.raises(ModelError, match=r"samples must be .* from 2 .*, got 0"):
-        lot.whole(facts)
-    lot.take("samples", 60)
-    lot.whole(facts)
+        lot.complete_request(facts)
+    lot.assign("samples", 60)
+    lot.complete_request(facts)
     bare = replace(facts, variables={}, flexure=frozenset(), template=StageTemplate.of("cartwheel"))
     with pytest.raises(ModelError, match="cartwheel"):
-        default_forms(bare)["sweep"].whole(bare)
+        default_forms(bare)["sweep"].complete_request(bare)
     assert facts.frequency == "natural_frequency.x"
     assert facts.neck == NECK
 
 
 def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageSummary) -> None:
     form = default_forms(facts)["sweep"]
-    form.over[0].count = 9
-    request = form.whole(facts)
+    form.ranges[0].count = 9
+    request = form.complete_request(facts)
     assert isinstance(request, SweepRequest)
     batches: list[Any] = []
     with listen(lambda what, done: None, batches.append):
         whole = ready_sweep(request, facts.template)()
     part = samples_table.of_batches(swept(request, facts.template), batches[:4], UNITS)
     assert part.computed == 4
-    assert part.shown.tolist() == [0, 1, 2, 3]
+    assert part.computed_rows.tolist() == [0, 1, 2, 3]
     frequency = part.column("natural_frequency.x")
     assert frequency is not None
     column = [figure.name for figure in whole.figures].index("natural_frequency.x")
@@ -218,7 +218,7 @@ def test_points_of_a_cancelled_sweep_are_those_that_were_computed(facts: StageSu
     data, _ = charts.draw(part, charts.CURVE, part.varied[0], frequency, 2)
     assert data[0]["y"][4] is None
     assert data[0]["customdata"][2] == 2
-    assert data[-1]["name"] == "picked"
+    assert data[-1]["name"] == "selected"
 
 
 async def come(condition: Callable[[], Any], seconds: float = 30.0) -> None:
@@ -237,9 +237,9 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         design, state = session.state(DesignState), session.state(ExploreState)
         design.open(GUIDE.template)
         await user.open("/explore")
-        await come(lambda: state.facts.get(GUIDE))
+        await come(lambda: state.summaries.get(GUIDE))
         await user.should_see(kind=ui.button, content="Run sweep", retries=50)
-        state.forms["sweep"].over[0].count = 5
+        state.forms["sweep"].ranges[0].count = 5
         user.find(kind=ui.button, content="Run sweep").click()
         await come(lambda: "sweep" in state.runs)
         run = state.runs["sweep"]
@@ -247,14 +247,14 @@ def test_a_point_is_picked_and_opened_in_design(tmp_path: Path) -> None:
         assert run.job.state == "done", run.job.error
         same(
             run.job.result.result.to_dict(),
-            by_the_command(run.facts, run.request),
+            by_the_command(run.summary, run.request),
         )
         # a reload finds the result
         await user.open("/explore")
         await user.should_see("5 of 5 points")
-        await user.should_see(kind=ui.html, content='data-do="pick:4"')
+        await user.should_see(kind=ui.html, content='data-do="select:4"')
         await user.should_see(f"flexstage sweep parallelogram --over '{NECK}=0.35..0.65 mm/5'")
-        run.picked = 1
+        run.selected_row = 1
         await user.open("/explore")
         user.find("Open in Design").click()
         await come(lambda: design.now != GUIDE)
@@ -273,7 +273,7 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
         page.get_by_role("button", name="Run sweep").wait_for()
         page.get_by_role("combobox", name="Design").fill("parallelogram")
         page.get_by_role("option", name="parallelogram", exact=True).click()
-        page.get_by_text("4 figures, the usual ones").wait_for()
+        page.get_by_text("4 figures (default)").wait_for()
         page.get_by_role("button", name="Run sweep").click()
         page.get_by_role("button", name="sweep.csv").wait_for()
         page.get_by_text("25 of 25 points").wait_for()
@@ -288,7 +288,7 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
         # by a click on the curve
         marks = page.locator(".points").locator("xpath=..").locator(".scatterlayer .point")
         marks.nth(8).click(force=True)
-        page.locator(".picked", has_text="Point 9.").wait_for()
+        page.locator(".selected-sample", has_text="Point 9.").wait_for()
         with page.expect_download() as waiting:
             page.get_by_role("button", name="sweep.csv").click()
         assert waiting.value.suggested_filename == "sweep.csv"
@@ -301,13 +301,13 @@ def test_stages_are_explored_in_the_page(tmp_path: Path) -> None:
         page.get_by_role("link", name="Explore").click()
         page.get_by_text("25 of 25 points").wait_for()
         page.get_by_role("button", name="Optimise", exact=True).click()
-        page.get_by_role("button", name="One more goal").click()
+        page.get_by_role("button", name="Add goal").click()
         page.get_by_role("button", name="Run optimise").click()
         page.locator(".points table").wait_for()
         page.reload()
         page.locator(".points table").wait_for()
         page.get_by_role("button", name="Cancel").click()
-        page.get_by_text("Cancelled: what was found until then is below.").wait_for()
+        page.get_by_text("Cancelled. The designs so far are below.").wait_for()
         page.locator(".points tbody button").first.click()
         page.get_by_role("button", name="Open in Design").wait_for()
         page.get_by_role("button", name="parallel coordinates").click()

@@ -1,4 +1,4 @@
-"""Points that were looked at, as a page shows them: what was varied, and what came out."""
+"""Table of the samples of a study: varied parameters and figures of each."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,11 +19,11 @@ from flexstage.studies.explore.optimise.problem import Problem
 from flexstage.studies.explore.sampling import SweepPlan
 from flexstage.studies.explore.sweep import Sweep
 from flexstage.studies.explore.variables import Variable
-from flexstage.web.explore.state import Run
+from flexstage.web.explore.state import ExploreRun
 from flexstage.web.preferences import Preferences
 
-#: What points of a search for a front are called.
-SEARCHED, ON_FRONT = "searched", "on the front"
+#: Labels of the points of a multi-objective search.
+DOMINATED, ON_FRONT = "dominated", "on the front"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,78 +31,78 @@ class SamplesColumn:
     """A column of numbers."""
 
     name: str
-    """What it is called among the others."""
+    """Identifier of the column."""
     heading: str
-    """Its name in words, with the unit."""
+    """Heading with the unit."""
     short: str
-    """The same where there is little room."""
+    """Short heading for narrow axes."""
     values: Array
-    """Its numbers in that unit, NaN where there is none."""
+    """Values in that unit; NaN if unknown."""
     described: float
-    """The number of the stage as it is described; NaN where that is not known."""
+    """Value of the described stage; NaN if unknown."""
     is_varied: bool = False
-    """Whether it is a parameter that was varied."""
+    """The column is a varied parameter."""
 
     @property
     def varies(self) -> bool:
-        """Whether its numbers differ by more than a ten-thousandth of their size."""
-        known = self.values[np.isfinite(self.values)]
-        return bool(known.size) and bool(np.ptp(known) > 1e-4 * np.abs(known).max())
+        """The values differ by more than a ten-thousandth of their size."""
+        finite = self.values[np.isfinite(self.values)]
+        return bool(finite.size) and bool(np.ptp(finite) > 1e-4 * np.abs(finite).max())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SamplesTable:
-    """Points, a row each: those that are not computed yet have no figures."""
+    """Samples, one per row; figures of a sample that is not computed yet are NaN."""
 
     variables: tuple[str, ...]
-    """Names of what was varied."""
+    """Names of the varied parameters."""
     points: Array
-    """Their values in SI units, shape (S, d)."""
+    """Parameters of the samples [SI], shape (S, d)."""
     columns: tuple[SamplesColumn, ...]
-    """What is shown of each."""
+    """Columns of the table."""
     labels: tuple[str, ...] = ()
-    """What rows are called beside their number."""
+    """Labels of the rows, in addition to their number."""
     counts: tuple[int, ...] = ()
-    """Number of values of each variable on a grid; empty for other points."""
+    """Number of values of each parameter on a grid; empty for other samples."""
     computed: int = 0
-    """Points that were looked at."""
+    """Number of computed samples."""
 
     @property
-    def shown(self) -> np.ndarray:
-        """The rows that have figures."""
+    def computed_rows(self) -> np.ndarray:
+        """Rows whose figures are computed."""
         outcome = [c.values for c in self.columns if not c.is_varied]
         return np.flatnonzero(np.any(np.isfinite(outcome), axis=0))
 
     @property
     def varied(self) -> tuple[SamplesColumn, ...]:
-        """The columns of what was varied."""
+        """Columns of the varied parameters."""
         return tuple(c for c in self.columns if c.is_varied)
 
     @property
     def outcome(self) -> tuple[SamplesColumn, ...]:
-        """The columns of what came out."""
+        """Columns of the figures."""
         return tuple(c for c in self.columns if not c.is_varied)
 
     def column(self, name: str) -> SamplesColumn | None:
-        """Return a column by its name."""
+        """Return a column by its identifier."""
         return next((c for c in self.columns if c.name == name), None)
 
     def ordered(self, name: str, *, descending: bool) -> list[int]:
-        """Return the rows that have figures in the order of a column.
+        """Return the computed rows in the order of a column.
 
-        Without one as they are, those of a front that was not found yet before the others.
+        Without a column the points of a front come first.
         """
-        rows = self.shown
+        rows = self.computed_rows
         column = self.column(name)
         if column is None:
-            searched = [bool(self.labels) and self.labels[i] == SEARCHED for i in rows]
+            searched = [bool(self.labels) and self.labels[i] == DOMINATED for i in rows]
             return rows[np.argsort(searched, kind="stable")].tolist()
         values = column.values[rows]
         order = np.argsort(-values if descending else values, kind="stable")
         return rows[order].tolist()
 
     def values(self, row: int) -> dict[str, float]:
-        """Return the parameters of a row, in SI units."""
+        """Return the parameters of a row [SI]."""
         return dict(zip(self.variables, map(float, self.points[row]), strict=True))
 
 
@@ -120,18 +120,18 @@ def _varied(variable: Variable, values: Array) -> SamplesColumn:
 def _outcome(
     figure: Figure, values: Array, described: float, preferences: Preferences
 ) -> SamplesColumn:
-    shown = preferences.shown(figure.shown)
-    known = np.abs(values[np.isfinite(values)])
-    if shown == figure.shown and known.size:
-        shown = shown.fitting(float(known.max()))
+    quantity = preferences.shown(figure.shown)
+    sizes = np.abs(values[np.isfinite(values)])
+    if quantity == figure.shown and sizes.size:
+        quantity = quantity.fitting(float(sizes.max()))
     axis = "" if figure.axis == WHOLE_STAGE else figure.axis
-    unit = f"[{shown.shown_unit}]" if shown.shown_unit else ""
+    unit = f"[{quantity.shown_unit}]" if quantity.shown_unit else ""
     return SamplesColumn(
         name=figure.name,
-        heading=figure.heading_in(shown),
+        heading=figure.heading_in(quantity),
         short=f"{short_label(figure)} {axis} {unit}".replace("\n", " "),
-        values=np.where(np.abs(values) < shown.zero, 0.0, values) * shown.factor,
-        described=described * shown.factor,
+        values=np.where(np.abs(values) < quantity.zero, 0.0, values) * quantity.factor,
+        described=described * quantity.factor,
     )
 
 
@@ -155,18 +155,18 @@ def _table(
     )
 
 
-def of_sweep(found: Sweep, preferences: Preferences) -> SamplesTable:
-    """Return the points of a sweep, with the figures that vary."""
-    order = list(found.moving) or list(range(len(found.figures)))
+def of_sweep(sweep: Sweep, preferences: Preferences) -> SamplesTable:
+    """Return the samples of a sweep, with the figures that vary."""
+    order = list(sweep.moving) or list(range(len(sweep.figures)))
     table = _table(
-        found.variables,
-        [found.figures[k] for k in order],
-        found.points,
-        found.values[:, order],
-        found.described[order],
+        sweep.variables,
+        [sweep.figures[k] for k in order],
+        sweep.points,
+        sweep.values[:, order],
+        sweep.described[order],
         preferences,
     )
-    return replace(table, counts=found.counts)
+    return replace(table, counts=sweep.counts)
 
 
 def of_batches(
@@ -174,45 +174,45 @@ def of_batches(
     batches: Iterable[object],
     preferences: Preferences,
 ) -> SamplesTable:
-    """Return the points of a sweep that goes on, or was cancelled, as far as it came."""
+    """Return the samples of a running or cancelled sweep."""
     family, figures, plan = question
     points = plan.points(family.variables)
     values = np.full((len(points), len(figures)), np.nan)
     computed = 0
     for batch in batches:
         if isinstance(batch, FinishedBatch) and batch.job == "sweep":
-            found = batch.arrays["values"]
-            values[batch.start : batch.start + len(found)] = found
-            computed += len(found)
+            values_of_batch = batch.arrays["values"]
+            values[batch.start : batch.start + len(values_of_batch)] = values_of_batch
+            computed += len(values_of_batch)
     unknown = np.full(len(figures), np.nan)
     table = _table(family.variables, figures, points, values, unknown, preferences)
     return replace(table, counts=plan.counts(family.variables), computed=computed)
 
 
-def of_front(found: Front, preferences: Preferences) -> SamplesTable:
-    """Return the points of a front; the last row is the chosen design, made better."""
-    best = found.optimum
-    own = [best.figures.index(figure) for figure in found.figures]
+def of_front(front: Front, preferences: Preferences) -> SamplesTable:
+    """Return the points of a front; the last row is the selected design after refinement."""
+    best = front.optimum
+    figure_columns = [best.figures.index(figure) for figure in front.figures]
     table = _front_table(
-        found.problem,
-        np.vstack((found.points, best.point)),
-        np.vstack((found.values, best.levels[0].best[own])),
+        front.problem,
+        np.vstack((front.points, best.point)),
+        np.vstack((front.values, best.levels[0].best[figure_columns])),
         preferences,
     )
-    labels = [ON_FRONT] * len(found.points)
-    labels[found.chosen] = "chosen"
-    return replace(table, labels=(*labels, "chosen, improved"))
+    labels = [ON_FRONT] * len(front.points)
+    labels[front.chosen] = "selected"
+    return replace(table, labels=(*labels, "selected, refined"))
 
 
 class SearchedFront:
-    """The stages of a search for a front that keep every requirement, as they are handed over.
+    """The feasible designs of a running multi-objective search, with its present front.
 
-    What was looked at once is not compared again: a search goes on for thousands of stages.
+    Each design is compared once with the front, as a search has thousands of designs.
 
     Parameters
     ----------
     problem
-        What is sought.
+        The problem.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -222,20 +222,28 @@ class SearchedFront:
         self._values = np.zeros((0, len(problem.figures)))
         self._front = np.zeros(0, dtype=int)
 
-    def table(self, found: Sequence[object], preferences: Preferences) -> SamplesTable | None:
-        """Return the points so far; None of none yet."""
-        new = [each for each in found[self._taken :] if isinstance(each, Generation)]
-        self._taken = len(found)
-        if new:
+    def table(
+        self, partial_results: Sequence[object], preferences: Preferences
+    ) -> SamplesTable | None:
+        """Return the points so far; None if there are none."""
+        generations = [
+            each for each in partial_results[self._taken :] if isinstance(each, Generation)
+        ]
+        self._taken = len(partial_results)
+        if generations:
             before = len(self._points)
-            self._points = np.vstack((self._points, *(each.points[each.kept] for each in new)))
-            self._values = np.vstack((self._values, *(each.values[each.kept] for each in new)))
+            self._points = np.vstack(
+                (self._points, *(each.points[each.kept] for each in generations))
+            )
+            self._values = np.vstack(
+                (self._values, *(each.values[each.kept] for each in generations))
+            )
             rows = np.concatenate((self._front, np.arange(before, len(self._points))))
             self._front = rows[non_dominated(self._costs(rows))]
         if not len(self._points):
             return None
         table = _front_table(self._problem, self._points, self._values, preferences)
-        labels = np.full(len(self._points), SEARCHED, dtype=object)
+        labels = np.full(len(self._points), DOMINATED, dtype=object)
         labels[self._front] = ON_FRONT
         return replace(table, labels=tuple(labels))
 
@@ -255,10 +263,10 @@ def _front_table(
 
 
 def of_steps(
-    problem: Problem, found: Iterable[object], preferences: Preferences
+    problem: Problem, partial_results: Iterable[object], preferences: Preferences
 ) -> SamplesTable | None:
-    """Return the steps of a search that goes on, or was cancelled; None before the first."""
-    steps = [each for each in found if isinstance(each, SearchStep)]
+    """Return the steps of a running or cancelled search; None before the first."""
+    steps = [each for each in partial_results if isinstance(each, SearchStep)]
     if not steps:
         return None
     points = np.array([step.point for step in steps])
@@ -266,26 +274,26 @@ def of_steps(
     return SamplesTable(
         variables=tuple(v.name for v in problem.family.variables),
         points=points,
-        columns=(*way_columns(problem, [s.trace for s in steps], preferences), *varied),
+        columns=(*history_columns(problem, [s.trace for s in steps], preferences), *varied),
         computed=len(steps),
     )
 
 
-def way_columns(
+def history_columns(
     problem: Problem, trace: Sequence[Trace], preferences: Preferences
 ) -> tuple[SamplesColumn, ...]:
-    """Return the way of a search: evaluations, goal, and what the requirements are missed by."""
+    """Return the history of a search: evaluations, goal and constraint violation."""
     objective = np.array([step.objective for step in trace])
     if problem.goals:
         goal = _outcome(problem.goals[0].figure, objective, np.nan, preferences)
     else:
-        goal = _plain("distance", "Distance from the start [parts of the bounds]", objective)
-    missed = 100.0 * np.array([step.violation for step in trace])
-    at = np.array([float(step.evaluations) for step in trace])
+        goal = _plain("distance", "Distance from the start [range of the bounds]", objective)
+    violation = 100.0 * np.array([step.violation for step in trace])
+    evaluations = np.array([float(step.evaluations) for step in trace])
     return (
-        _plain("evaluations", "Evaluations by rigid bodies", at),
+        _plain("evaluations", "Evaluations of the rigid-body model", evaluations),
         goal,
-        _plain("missed", "Requirements missed by [%]", missed),
+        _plain("violation", "Constraint violation [%]", violation),
     )
 
 
@@ -293,24 +301,24 @@ def _plain(name: str, heading: str, values: Array) -> SamplesColumn:
     return SamplesColumn(name=name, heading=heading, short=heading, values=values, described=np.nan)
 
 
-def of_optimum(found: Optimum, preferences: Preferences) -> SamplesTable:
-    """Return start and best stage, by the finest model."""
-    level = found.levels[-1]
+def of_optimum(optimum: Optimum, preferences: Preferences) -> SamplesTable:
+    """Return the start and the best design by the finest model."""
+    level = optimum.levels[-1]
     table = _front_table(
-        found.problem,
-        np.array([found.start, found.point]),
+        optimum.problem,
+        np.array([optimum.start, optimum.point]),
         np.array([level.start, level.best]),
         preferences,
     )
     return replace(table, labels=("start", "best"))
 
 
-#: Rows that are shown at a time.
+#: Rows of one page of the table.
 ROWS = 12
 _MARKS = {True: " ▼", False: " ▲"}
-#: Puts the focus back on what was pressed, as the rows are made anew.
+#: Script that returns the focus to the pressed button, as the rows are rebuilt.
 FOCUS = '[...document.querySelectorAll("[data-do]")].find(b => b.dataset.do === {pressed})?.focus()'
-#: What a page hands on of a press in the rows: what is done, and with which row or column.
+#: Script that emits the action of a pressed button, and its row or column.
 PRESSED = """(event) => {
   const button = event.target.closest("[data-do]");
   if (button) emit(button.dataset.do);
@@ -318,46 +326,46 @@ PRESSED = """(event) => {
 
 
 def row_name(table: SamplesTable, row: int) -> str:
-    """Return what a row is called."""
+    """Return the name of a row."""
     label = table.labels[row] if table.labels else ""
     if label in ("best", "start"):
         return label.capitalize()
     return f"Point {row + 1}" + (f", {label}" if label else "")
 
 
-def rows_html(table: SamplesTable, run: Run, rows: list[int], pages: int) -> str:
-    """Return the rows of a table with buttons to pick each, to sort by a column, to turn pages."""
-    heads = []
+def rows_html(table: SamplesTable, run: ExploreRun, rows: list[int], pages: int) -> str:
+    """Return the rows as HTML, with buttons to select, to sort by a column, and to turn pages."""
+    headings = []
     for column in table.columns:
-        here = run.sort == column.name
-        way = ("descending" if run.descending else "ascending") if here else "none"
-        mark = _MARKS[run.descending] if here else ""
-        heads.append(
-            f'<th aria-sort="{way}"><button data-do="sort:{escape(column.name)}" '
-            f'title="Sort by it">{escape(column.heading)}{mark}</button></th>'
+        is_sorted = run.sort_column == column.name
+        order = ("descending" if run.descending else "ascending") if is_sorted else "none"
+        mark = _MARKS[run.descending] if is_sorted else ""
+        headings.append(
+            f'<th aria-sort="{order}"><button data-do="sort:{escape(column.name)}" '
+            f'title="Sort by this column">{escape(column.heading)}{mark}</button></th>'
         )
     body = []
     for row in rows:
-        chosen = run.picked == row
+        is_selected = run.selected_row == row
         cells = "".join(f"<td>{_cell(c.values[row])}</td>" for c in table.columns)
         label = f" {escape(table.labels[row])}" if table.labels else ""
         body.append(
-            f'<tr{" class=chosen" if chosen else ""}><td class="text"><button '
-            f'data-do="pick:{row}" aria-pressed="{str(chosen).lower()}" '
-            f'aria-label="Pick point {row + 1}">{row + 1}</button>{label}</td>{cells}</tr>'
+            f'<tr{" class=chosen" if is_selected else ""}><td class="text"><button '
+            f'data-do="select:{row}" aria-pressed="{str(is_selected).lower()}" '
+            f'aria-label="Select point {row + 1}">{row + 1}</button>{label}</td>{cells}</tr>'
         )
-    turn = ""
+    pager = ""
     if pages > 1:
-        at = run.page
-        back, on = max(at - 1, 0), min(at + 1, pages - 1)
-        turn = (
-            f'<div class="turn"><button data-do="page:{back}" aria-label="Rows before">◀</button>'
-            f" {at + 1} of {pages} "
-            f'<button data-do="page:{on}" aria-label="Next rows">▶</button></div>'
+        page = run.page
+        previous, following = max(page - 1, 0), min(page + 1, pages - 1)
+        pager = (
+            f'<div class="turn"><button data-do="page:{previous}" aria-label="Previous rows">◀'
+            f"</button> {page + 1} of {pages} "
+            f'<button data-do="page:{following}" aria-label="Next rows">▶</button></div>'
         )
     return (
         f'<div class="scroll" tabindex="0"><table><thead><tr><th class="text">point</th>'
-        f"{''.join(heads)}</tr></thead><tbody>{''.join(body)}</tbody></table></div>{turn}"
+        f"{''.join(headings)}</tr></thead><tbody>{''.join(body)}</tbody></table></div>{pager}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the forms of the view Explore need to know of a stage."""
+"""Parameters, figures and default requirements of a stage for the forms of the view Explore."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,43 +16,43 @@ class StageSummary:
     """The parameters and figures of a stage."""
 
     template: StageTemplate
-    """The stage, with what was changed of it set throughout."""
+    """The stage with the changed parameters as its nominal values."""
     variables: Mapping[str, Variable]
-    """What can be varied, by name, 30 % to either side."""
+    """Parameters that can be varied, by name, with bounds of ±30 %."""
     flexure: frozenset[str]
-    """Names of those that an optimisation varies where none is named."""
+    """Names of the parameters that an optimisation varies by default."""
     figures: Mapping[str, Figure]
     """All figures, by name."""
     values: Mapping[str, float] = field(repr=False)
-    """Their values by the lumped model, by name."""
-    usual: tuple[str, ...]
-    """Names of the figures that are looked at first."""
-    of_lots: frozenset[str]
-    """Names of the figures that a lot has."""
-    required: tuple[Requirement, ...]
-    """What an optimisation requires unasked."""
+    """Values of the figures by the lumped model, by name."""
+    default_figures: tuple[str, ...]
+    """Names of the figures in a result by default."""
+    tolerance_figures: frozenset[str]
+    """Names of the figures of a tolerance analysis."""
+    requirements: tuple[Requirement, ...]
+    """Default requirements of an optimisation."""
 
     @property
-    def unasked(self) -> dict[str, str]:
-        """What is required unasked, in words, by the name by which it is left out."""
-        made = {CHECK: "can be made: no error of flexstage check"}
-        return made | {r.figure.name: _words(r) for r in self.required}
+    def default_requirements(self) -> dict[str, str]:
+        """Texts of the default requirements, by the name that disables each."""
+        texts = {CHECK: "Manufacturable: no error of flexstage check"}
+        return texts | {r.figure.name: _requirement_text(r) for r in self.requirements}
 
     @property
     def frequency(self) -> str:
-        """The name of the figure that is optimised first."""
-        return next((n for n in self.usual if n.startswith("natural_frequency")), self.usual[0])
+        """Name of the figure that is maximised by default: the first natural frequency."""
+        names = self.default_figures
+        return next((n for n in names if n.startswith("natural_frequency")), names[0])
 
     @property
     def neck(self) -> str:
-        """The name of the parameter that is swept first: a neck, which moves most; empty: none."""
+        """Name of the parameter that is swept by default: a neck thickness, or empty."""
         first = next(iter(self.variables), "")
         necks = [name for name in self.variables if "neck" in name]
         return next((name for name in necks if name in self.flexure), first)
 
 
-def _words(requirement: Requirement) -> str:
-    """Return a requirement as people write it."""
+def _requirement_text(requirement: Requirement) -> str:
     figure, low, high = requirement.figure, requirement.low, requirement.high
     if low is not None:
         return f"{figure.label} ≥ {figure.text(low)}"
@@ -61,12 +61,12 @@ def _words(requirement: Requirement) -> str:
 
 
 def summarise_stage(variant: Variant) -> StageSummary:
-    """Return what is to be known of a variant.
+    """Return the summary of a variant.
 
     Raises
     ------
     FlexstageError
-        It is no stage, or has no axes.
+        The stage is infeasible, or has no axes.
     """
     template = variant.template.with_values(dict(variant.values))
     stage = template.stage()
@@ -79,7 +79,7 @@ def summarise_stage(variant: Variant) -> StageSummary:
         flexure=frozenset(v.name for v in usual_variables(template)),
         figures=figures,
         values={name: known[figure.key] for name, figure in figures.items()},
-        usual=tuple(f.name for f in usual_figures(known)),
-        of_lots=frozenset(name for name, figure in figures.items() if figure.key in batched),
-        required=usual_requirements(stage, known, ()),
+        default_figures=tuple(f.name for f in usual_figures(known)),
+        tolerance_figures=frozenset(n for n, figure in figures.items() if figure.key in batched),
+        requirements=usual_requirements(stage, known, ()),
     )

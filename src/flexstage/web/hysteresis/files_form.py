@@ -95,7 +95,12 @@ class FilesForm:
         """Make the fields."""
         with div("take"):
             upload(
-                self._page, self._label, _ENDINGS, self._replace, view="hysteresis", max_size=_MAX_SIZE
+                self._page,
+                self._label,
+                _ENDINGS,
+                self._replace,
+                view="hysteresis",
+                max_size=_MAX_SIZE,
             ).classes("tall")
             if self._example is not None:
                 quiet_button("Take the example", on_click=self._take_example).props("outline")

@@ -119,8 +119,8 @@ class ModelsPanel:
                 return False
             self._state.failed.pop(key, None)
             self._state.jobs[key] = self._page.panel.jobs.start(
-                f"{variant.name}, {title_of(model)}", analyse_variant, variant, model, options, fields,
-                owner=self._page.session.id,
+                f"{variant.name}, {title_of(model)}", analyse_variant,
+                variant, model, options, fields, owner=self._page.session.id,
             )  # fmt: skip
             self.sync()
             return True
