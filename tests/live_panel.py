@@ -68,9 +68,11 @@ def add_view(history: LiveHistory, charts: int) -> None:
         from flexstage.web.live_chart import LiveChart
 
         loops = (None, ("x voltage", "x position"))
-        for says, loop in zip(("Voltage and position", "Loop of x")[:charts], loops, strict=False):
+        for alt_text, loop in zip(
+            ("Voltage and position", "Loop of x")[:charts], loops, strict=False
+        ):
             with ui.element("section").classes("panel"):
-                LiveChart(page, history, says=says, loop=loop)
+                LiveChart(page, history, alt_text=alt_text, loop=loop)
 
     name = f"{views.__name__}.live"
     sys.modules[name] = types.ModuleType(name)

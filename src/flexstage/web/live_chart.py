@@ -1,4 +1,4 @@
-"""A chart that follows a history on a page, which asks for what it lacks when it can draw it."""
+"""A live chart of a history: its script requests new data when it can draw them."""
 
 import asyncio
 import math
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
-#: What a live chart shows.
+#: Kinds of live charts.
 MODES = ("time", "loop", "spectrum")
 
-#: Where the data of a history are asked for.
+#: Address of the data of histories.
 PATH = "/live/"
 
-_LONGEST = 1e12  # time that is one [s]
-_FEWEST = 64  # samples of a spectrum
-_GAP = 10.0  # mean distances of samples that one of them may be
+_MAX_TIME = 1e12  # largest valid time [s]
+_FEWEST = 64  # smallest number of samples of a spectrum
+_GAP = 10.0  # largest sample interval of a spectrum, relative to the mean
 
 
 class SharedHistories(WeakValueDictionary[str, LiveHistory]):
-    """The histories that pages show now, by their keys, as long as someone holds them."""
+    """The histories of open pages, by their keys."""
 
 
 def add_live_data(app: "FastAPI", panel: "Panel") -> None:
-    """Let pages of a panel have live charts, and ask for what their histories hold."""
+    """Add a route for the data of live charts to the panel."""
     from starlette.responses import Response
 
     histories = panel.state(SharedHistories)
@@ -47,12 +47,12 @@ def add_live_data(app: "FastAPI", panel: "Panel") -> None:
         history = histories.get(request.path_params["key"])
         if history is None:
             return Response(status_code=204)
-        asked = request.query_params
+        query = request.query_params
         try:
-            if asked.get("mode") == "spectrum":
-                body = await asyncio.to_thread(_packed_or_why, history, asked)
+            if query.get("mode") == "spectrum":
+                body = await asyncio.to_thread(_window_or_message, history, query)
             else:
-                body = packed(history, asked)
+                body = encode_window(history, query)
         except (KeyError, ValueError):
             return Response(status_code=400)
         if isinstance(body, str):
@@ -62,141 +62,139 @@ def add_live_data(app: "FastAPI", panel: "Panel") -> None:
     app.add_route(PATH + "{key}", answer, methods=["GET"], include_in_schema=False)
 
 
-def _packed_or_why(history: LiveHistory, asked: "Mapping[str, str]") -> bytes | str:
-    """Return what a page asked for, or the sentence why there is none."""
+def _window_or_message(history: LiveHistory, query: "Mapping[str, str]") -> bytes | str:
+    """Return the requested data, or the message why there are none."""
     try:
-        return packed(history, asked)
+        return encode_window(history, query)
     except FlexstageError as error:
         return str(error)
 
 
-def packed(history: LiveHistory, asked: "Mapping[str, str]") -> bytes:
-    """Return what a page asked for, as it reads it.
+def encode_window(history: LiveHistory, query: "Mapping[str, str]") -> bytes:
+    """Return the requested data in the binary format of the script.
 
-    Nine numbers (generation, tier, length of a bin, newest time, begin, end, count of points,
-    whether they have a greatest value beside the least, time of the first sample that ever came),
-    the newest value of each channel, times of points, all in 8 bytes, then the least and the
-    greatest values in 4.
+    Nine numbers (generation, tier, length of a bin, newest time, begin, end, number of points,
+    1 if points have maxima as well as minima, time of the first sample), the newest value of each
+    channel and the times of the points, all in 8 bytes; then the minima and maxima in 4 bytes.
 
-    `asked` has the `mode` (`time`; `loop` for samples alone; `spectrum`, whose points have
-    frequencies for times), the `length` [s] and, where it does not follow, the `end`; `generation`,
-    `tier` and `after` of what the page has already.
+    `query` has the `mode` (`time`; `loop` for samples only; `spectrum` with frequencies in place of
+    times), the `length` [s] and, unless it follows the newest sample, the `end`; and `generation`,
+    `tier` and `after` of the points that the page has already.
 
     Raises
     ------
     FlexstageError
-        There is no spectrum of what was measured, and why.
+        The samples have no spectrum.
     KeyError, ValueError
-        It is nothing that a page asks.
+        The query is invalid.
     """
     span = history.span
-    mode, length = asked["mode"], _number(asked["length"])
-    end = _number(asked["end"]) if "end" in asked else span[1] if span else 0.0
+    mode, length = query["mode"], _number(query["length"])
+    end = _number(query["end"]) if "end" in query else span[1] if span else 0.0
     if length <= 0.0 or mode not in MODES:
-        raise ValueError(asked)
+        raise ValueError(query)
     generation = history.generation
     known: tuple[int, float] | None = None
-    if asked.get("generation") == str(generation):
-        known = int(asked["tier"]), _number(asked["after"])
+    if query.get("generation") == str(generation):
+        known = int(query["tier"]), _number(query["after"])
     if mode == "spectrum":
-        found = spectrum(history, end - length, end)
+        window = spectrum(history, end - length, end)
     else:
-        found = _found(history, end - length, end, mode == "loop", known)
-    both = found.high is not found.low
+        window = _window(history, end - length, end, mode == "loop", known)
+    has_maxima = window.high is not window.low
     origin, newest = span or (math.nan, math.nan)
-    of_window = (end - length, end, found.times.size, both, origin)
-    head = np.array([generation, found.tier, found.step, newest, *of_window], dtype="<f8")
-    values = [found.low, found.high] if both else [found.low]
+    window_numbers = (end - length, end, window.times.size, has_maxima, origin)
+    head = np.array([generation, window.tier, window.step, newest, *window_numbers], dtype="<f8")
+    values = [window.low, window.high] if has_maxima else [window.low]
     parts = [
         head,
         history.newest.astype("<f8"),
-        found.times.astype("<f8"),
+        window.times.astype("<f8"),
         *(v.astype("<f4") for v in values),
     ]
     return b"".join(part.tobytes() for part in parts)
 
 
-def _found(
+def _window(
     history: LiveHistory, begin: float, end: float, loop: bool, known: tuple[int, float] | None
 ) -> HistoryWindow:
     if not loop:
         return history.window(begin, end, POINTS, known=known)
-    whole = history.samples(begin, end, POINTS)
-    if known is None or known[0] != whole.tier:
-        return whole
+    samples = history.samples(begin, end, POINTS)
+    if known is None or known[0] != samples.tier:
+        return samples
     return history.samples(begin, end, POINTS, after=known[1])
 
 
 def spectrum(history: LiveHistory, begin: float, end: float) -> HistoryWindow:
-    """Return root spectral densities [unit/√Hz], with frequencies [Hz] for times.
+    """Return root spectral densities [unit/√Hz], with frequencies [Hz] in place of times.
 
-    The samples are taken as evenly spaced: at each multiple of their mean distance stands the one
-    that is nearest.
+    The samples are resampled uniformly: each multiple of their mean interval gets the nearest one.
 
     Validity
     --------
-    Times that stray from even ones by an rms of s take (2 pi f s)^2 of the power of a line at f,
-    and spread it; the level of white noise stays.
+    A timing jitter of rms s removes (2 pi f s)^2 of the power of a line at f and spreads it; the
+    level of white noise does not change.
 
     Raises
     ------
     ModelError
-        There are few samples, or none for a while.
+        There are too few samples, or there is a gap.
     """
-    found = history.samples(begin, end)
-    if found.times.size < _FEWEST:
-        raise ModelError(f"a spectrum needs {_FEWEST} samples, there are {found.times.size}")
-    steps = np.diff(found.times)
-    mean = float(steps.mean())
-    if steps.max() > _GAP * mean:
+    window = history.samples(begin, end)
+    if window.times.size < _FEWEST:
+        raise ModelError(f"a spectrum needs {_FEWEST} samples, got {window.times.size}")
+    steps = np.diff(window.times)
+    mean_step = float(steps.mean())
+    if steps.max() > _GAP * mean_step:
         raise ModelError(
-            f"a spectrum needs evenly spaced samples: for {steps.max():.3g} s of the last "
-            f"{end - begin:g} s there was none"
+            f"a spectrum needs uniform samples: the last {end - begin:g} s have a gap of "
+            f"{steps.max():.3g} s"
         )
-    even = found.times[0] + mean * np.arange(found.times.size)
-    nearest = np.searchsorted(0.5 * (found.times[1:] + found.times[:-1]), even)
-    made = [spectral_density(values, 1.0 / mean) for values in found.low[nearest].T]
-    roots = np.sqrt([one.density[1:] for one in made]).T
-    lines = made[0].frequency_hz[1:]
+    uniform_times = window.times[0] + mean_step * np.arange(window.times.size)
+    nearest = np.searchsorted(0.5 * (window.times[1:] + window.times[:-1]), uniform_times)
+    spectra = [spectral_density(values, 1.0 / mean_step) for values in window.low[nearest].T]
+    roots = np.sqrt([each.density[1:] for each in spectra]).T
+    lines = spectra[0].frequency_hz[1:]
     return HistoryWindow(tier=0, step=0.0, times=lines, low=roots, high=roots)
 
 
 def _number(text: str) -> float:
     value = float(text)
-    if not abs(value) < _LONGEST:
+    if not abs(value) < _MAX_TIME:
         raise ValueError(text)
     return value
 
 
 _STATIC = Path(__file__).parent / "static"
 
-#: How long the windows are that one chooses from [s].
+#: Selectable lengths of the window [s].
 WINDOWS = (10.0, 60.0, 600.0, 3600.0)
 
 
 class ChartViews(dict[tuple[str, ...], dict[str, Any]]):
-    """What a browser shows in each live chart: window, loop, hidden channels.
+    """Settings of the live charts of a browser: window, loop, hidden channels.
 
-    By what the charts say that they show, and the names of their channels.
+    The keys are the description of the chart and the names of its channels.
     """
 
 
 class LiveChart(
     Element, component=_STATIC / "live_chart.js", dependencies=[_STATIC / "live_drawing.js"]
 ):
-    """A chart of a history that pages share: over time, one channel over another, or spectra.
+    """A chart of a history: over time, one channel over another, or spectra.
 
     Parameters
     ----------
     page
         The page; its preferences choose the units.
     history
-        What is shown.
-    says
-        What it shows, for those who do not see it; different for each chart of a view.
+        The history.
+    alt_text
+        Description for screen readers, different for each chart of a view.
     loop
-        The loop that it begins with: the names of its channels, x and y. Over time where none is
-        given; a loop is then that of the first voltage and the first channel that is none.
+        Initial loop, by the names of its channels x and y. By default the chart begins over time;
+        its loop is that of the first voltage and the first other channel.
     """
 
     def __init__(
@@ -204,20 +202,20 @@ class LiveChart(
         page: Page,
         history: LiveHistory,
         *,
-        says: str = "Live chart",
+        alt_text: str = "Live chart",
         loop: tuple[str, str] | None = None,
     ) -> None:
         super().__init__()
-        # pages are answered as long as somebody holds it
+        # the route serves a history as long as it is referenced
         self._history = history
         self._views = page.session.state(ChartViews)
-        self._key = (says, *(channel.name for channel in history.channels))
+        self._key = (alt_text, *(channel.name for channel in history.channels))
         self.classes("live-chart")
         self.props["address"] = PATH + history.key
         page.panel.state(SharedHistories)[history.key] = history
-        self.props["channels"] = [_described(page, channel) for channel in history.channels]
+        self.props["channels"] = [_channel_data(page, channel) for channel in history.channels]
         self.props["rate"], self.props["seconds"] = history.rate_hz, history.seconds
-        self.props["windows"], self.props["says"] = list(WINDOWS), says
+        self.props["windows"], self.props["caption"] = list(WINDOWS), alt_text
         self.props["begins"] = "loop" if loop else "time"
         self.props["pair"] = _pair(history, loop)
         self.props["view"] = self._views.get(self._key, {})
@@ -228,26 +226,26 @@ class LiveChart(
 
 
 def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:
-    """Return the places of the channels of a loop."""
+    """Return the indices of the channels of a loop."""
     names = [channel.name for channel in history.channels]
     if loop is None:
-        # what is driven, and the first that follows it
+        # the first driven channel, and the first other one
         driven = [channel.quantity == VOLTAGE for channel in history.channels]
-        mixed = len({*driven}) > 1
-        return [driven.index(True), driven.index(False)] if mixed else [0, len(names) - 1]
+        is_mixed = len({*driven}) > 1
+        return [driven.index(True), driven.index(False)] if is_mixed else [0, len(names) - 1]
     for name in loop:
         if name not in names:
-            raise ModelError(f"there is no channel '{name}' to show: there are {', '.join(names)}")
+            raise ModelError(f"there is no channel '{name}'; the channels are {', '.join(names)}")
     return [names.index(name) for name in loop]
 
 
-def _described(page: Page, channel: LiveChannel) -> dict[str, Any]:
-    """Return a channel as the script of the chart takes it, in the units of the page."""
-    shown = page.preferences.shown(channel.quantity)
+def _channel_data(page: Page, channel: LiveChannel) -> dict[str, Any]:
+    """Return a channel in the format of the script, in the units of the page."""
+    quantity = page.preferences.shown(channel.quantity)
     return {
         "name": channel.name,
-        "quantity": shown.name,
-        "label": shown.label,
-        "unit": shown.shown_unit,
-        "factor": shown.factor,
+        "quantity": quantity.name,
+        "label": quantity.label,
+        "unit": quantity.shown_unit,
+        "factor": quantity.factor,
     }

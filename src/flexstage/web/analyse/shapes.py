@@ -86,7 +86,7 @@ def sent_state(
         "factor": factor,
         "swings": swings,
         "bar": {"title": title, "ticks": ticks, "colours": colours},
-        "says": f"{state.name}: {state.words}; colours: {title}, up to {_tick(top)}",
+        "caption": f"{state.name}: {state.words}; colours: {title}, up to {_tick(top)}",
     }
 
 

@@ -310,21 +310,22 @@ class ToleranceChart:
 
     def show(self) -> None:
         """Show the samples so far."""
-        found = self._run.job.partial_results
-        lot = next((each for each in found if isinstance(each, Lot)), None)
-        batches = [each for each in found if isinstance(each, FinishedBatch)]
+        partial_results = self._run.job.partial_results
+        lot = next((each for each in partial_results if isinstance(each, Lot)), None)
+        batches = [each for each in partial_results if isinstance(each, FinishedBatch)]
         if lot is None or not batches:
             return
         values = lot.corrected(np.concatenate([each.arrays["values"] for each in batches]))
         if self._plot is None:
             self._begin(lot.figures)
         names = [figure.name for figure in lot.figures]
-        at = names.index(self._run.y_column)
+        column = names.index(self._run.y_column)
         assert self._plot is not None
         assert self._count is not None
         self._count.text = f"{len(values)} simulated stages"
-        figure = lot.figures[at]
-        self._plot.update_figure(chart_figure(*histogram(figure, values[:, at], self._preferences)))
+        figure = lot.figures[column]
+        data, layout = histogram(figure, values[:, column], self._preferences)
+        self._plot.update_figure(chart_figure(data, layout))
 
     def _begin(self, figures: tuple[Figure, ...]) -> None:
         run, labels = self._run, {f.name: f.label for f in figures}

@@ -256,7 +256,7 @@ class BenchView:
                     LiveChart(
                         self._page,
                         bench.history,
-                        says="Position and voltage of every axis as they are read",
+                        alt_text="Position and voltage of every axis as they are read",
                     )
                 self._make_result()
 
