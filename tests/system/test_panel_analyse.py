@@ -20,7 +20,7 @@ from flexstage.stage.designs import StageTemplate
 from flexstage.studies.models import MODELS, fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table
-from flexstage.web.analyse.shapes import sent_state, sent_surface
+from flexstage.web.analyse.shapes import state_data, surface_data
 from flexstage.web.analyse.state import AnalyseState
 from flexstage.web.analyse.work import (
     ModelResult,
@@ -28,7 +28,7 @@ from flexstage.web.analyse.work import (
     figures_tables,
     hinges_table,
     modes_table,
-    saved,
+    save_archive,
 )
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.preferences import Preferences
@@ -157,7 +157,7 @@ def test_faces_and_edges_of_a_box() -> None:
 @pytest.mark.parametrize("colour", ["stress", "displacement"])
 def test_the_page_gets_what_was_found(lumped: ModelResult, colour: str) -> None:
     surface, state = lumped.surface, lumped.surface.statics[0]
-    sent, given = sent_surface(surface), sent_state(surface, state, colour, Preferences())
+    sent, given = surface_data(surface), state_data(surface, state, colour, Preferences())
     assert unpacked(sent["points"], "<f4", 3) == pytest.approx(1e3 * surface.points, abs=1e-4)
     assert (unpacked(sent["triangles"], "<u4", 3) == surface.triangles).all()
     values = unpacked(given["values"], "<i2", 4) / 32767
@@ -193,7 +193,7 @@ def test_cursors_read_the_response(lumped: ModelResult) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_results_are_saved_by_model(lumped: ModelResult, tmp_path: Path) -> None:
-    path = saved(tmp_path, [lumped])
+    path = save_archive(tmp_path, [lumped])
     with zipfile.ZipFile(path) as archive:
         assert archive.namelist() == ["lumped/analysis.json", "lumped/bode-x.svg"]
         assert json.loads(archive.read("lumped/analysis.json")) == dict(lumped.results)
@@ -225,7 +225,7 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         state = session.state(AnalyseState)
         await user.open("/analyse")
         # the quick model is run at once, of the stage that Design has open
-        await come(lambda: state.found(GUIDE, "lumped"))
+        await come(lambda: state.result(GUIDE, "lumped"))
         await user.should_see("193.7")
         await user.open("/analyse")
         await user.should_see("193.7")
@@ -233,28 +233,31 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         pressed = [b.text for b in states if b.props["aria-pressed"] == "true"]
         assert len(pressed) == 1 < len(states)
         # what was chosen is shown again
-        state.shown.state = "mode 2"
+        state.display.state = "mode 2"
         await user.open("/analyse")
         await user.should_see("193.7")
-        assert state.shown.state == "mode 2"
+        assert state.display.state == "mode 2"
         # the page of Design is still open, and does its own
         own = [name for name in started if name.startswith("parallelogram, ")]
         assert own == ["parallelogram, rigid bodies"]
         # what fails says why, and the others go on
-        state.chosen, state.asked = ["plane"], ModelOptions(accuracy=0.01, quantity="magic")
+        state.selected_models, state.options = (
+            ["plane"],
+            ModelOptions(accuracy=0.01, quantity="magic"),
+        )
         user.find(kind=ui.button, content="Analyse").click()
-        await come(lambda: state.failed)
+        await come(lambda: state.errors)
         await user.should_see("unknown quantity")
         await user.should_see("193.7")
         # an accuracy that is none is refused, and nothing runs with the one before
-        state.failed.clear()
+        state.errors.clear()
         before = [name for name in started if "of the whole" in name]  # Design has jobs of its own
         (accuracy,) = (e for e in user.find(ui.number).elements if e.label == "Accuracy [%]")
         accuracy.value = 150.0
         await user.should_see("accuracy must be between 0 and 1, got 1.5")
         user.find(kind=ui.button, content="Analyse").click()
         await asyncio.sleep(0.3)
-        assert state.asked.accuracy == 0.01
+        assert state.options.accuracy == 0.01
         assert [name for name in started if "of the whole" in name] == before
 
     simulated(tmp_path, look)
