@@ -236,17 +236,17 @@ def test_what_a_browser_left_is_opened_again_in_another(tmp_path: Path) -> None:
         user.http_client.cookies.clear()
         await user.http_client.get("/", params={"token": panel.access.new_token()})
         await user.open("/")
-        await user.should_see("Drive one")
+        await user.should_see("Operate a stage")
         # as long as it is open there, nobody else takes it
-        await user.should_not_see("Open it again")
+        await user.should_not_see("Reopen")
         for client in pages_of(left):
             client.tab_id = None
         await user.open("/")
-        await user.should_not_see("Open it again")
+        await user.should_not_see("Reopen")
         left.last_seen -= 60.0
         await user.open("/")
         await user.should_see("Ann: cartwheel; last seen 2 min ago")
-        user.find("Open it again").click()
+        user.find("Reopen").click()
         await user.open("/design")
         await user.should_see("cartwheel", retries=20)
         assert {*panel.access._sessions.values()} == {left}

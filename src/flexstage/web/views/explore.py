@@ -10,7 +10,6 @@ from flexstage.files.names import file_name
 from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
-from flexstage.web.design.work import checked
 from flexstage.web.explore.forms import FormFields, build_form, work_estimate
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.stage_summary import StageSummary, summarise_stage
@@ -50,7 +49,7 @@ class ExploreView:
                 "explore-kinds"
             )
         with div("columns explore"):
-            self._form = panel("asked")
+            self._form = panel("form-panel")
             self._results = panel()
         self._opened()
         if self._state.kind in self._state.runs:
@@ -167,7 +166,7 @@ class ExploreView:
         """Draw the open stage, as there are no results yet."""
         with self._page.show_errors():
             drawing_with_issues = await asyncio.to_thread(
-                checked, self._design.now, f"open-stage{drawing.id}"
+                draw_with_issues, self._design.now, f"open-stage{drawing.id}"
             )
             if not drawing.is_deleted:
                 drawing.content = drawing_with_issues.svg
