@@ -53,7 +53,7 @@ def refusal_page(reason: str, login: str | None = None) -> str:
         "panel once, in one browser.</p>"
     )
     return _PAGE.format(
-        title="flexstage: refused", head="", body=f"<p>AccessDenied: {escape(reason)}.</p>{hint}"
+        title="flexstage: refused", head="", body=f"<p>Refused: {escape(reason)}.</p>{hint}"
     )
 
 

@@ -241,7 +241,7 @@ def _pair(history: LiveHistory, loop: tuple[str, str] | None) -> list[int]:
 
 def _channel_data(page: Page, channel: LiveChannel) -> dict[str, Any]:
     """Return a channel in the format of the script, in the units of the page."""
-    quantity = page.preferences.shown(channel.quantity)
+    quantity = page.preferences.displayed(channel.quantity)
     return {
         "name": channel.name,
         "quantity": quantity.name,

@@ -30,13 +30,13 @@ class Preferences:
         """Dark page or not; None if the computer decides."""
         return {"auto": None, "light": False, "dark": True}[self.theme]
 
-    def shown(self, quantity: Quantity | str) -> Quantity:
+    def displayed(self, quantity: Quantity | str) -> Quantity:
         """Return a quantity with the unit that is selected for its dimension.
 
         Examples
         --------
         >>> arcsec = Preferences(angle="arcsec")
-        >>> arcsec.shown("parasitic_rotation").text(4.85e-6), arcsec.shown("pitch").shown_unit
+        >>> arcsec.displayed("parasitic_rotation").text(4.85e-6), arcsec.displayed("pitch").shown_unit
         ('1.000', 'arcsec')
         """
         customary = display(quantity) if isinstance(quantity, str) else quantity

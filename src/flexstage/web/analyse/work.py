@@ -148,7 +148,7 @@ def figures_tables(preferences: Preferences, results: Sequence[ModelResult]) -> 
     heads += ["difference"] if len(models) == 2 else []
     main, others = [], []
     for row in rows:
-        quantity = preferences.shown(row.quantity)
+        quantity = preferences.displayed(row.quantity)
         axis = "" if row.axis == WHOLE_STAGE else row.axis
         cells = [Cell(quantity.heading, small=row.remark), axis]
         cells += [_cell(row.cells.get(model), quantity) for model in models]
@@ -212,7 +212,7 @@ def hinges_table(result: ModelResult) -> Table:
 def meshes_table(preferences: Preferences, result: ModelResult) -> Table:
     """Return the meshes of a refinement, with the values of its quantity."""
     refinement = result.results["refinement"]
-    quantity = preferences.shown(refinement["quantity"])
+    quantity = preferences.displayed(refinement["quantity"])
     steps = refinement["steps"]
     axes = [v["axis"] for v in steps[-1]["values"] if v["quantity"] == quantity.name]
     rows = []
@@ -235,7 +235,7 @@ def errors_table(preferences: Preferences, result: ModelResult) -> Table:
     for row in result.analysis.characteristics:
         if not row.uncertainty:
             continue  # unknown or zero
-        quantity = preferences.shown(row.quantity)
+        quantity = preferences.displayed(row.quantity)
         share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
         uncertainty = number(row.uncertainty * quantity.factor, 2)
         axis = "" if row.axis == WHOLE_STAGE else row.axis

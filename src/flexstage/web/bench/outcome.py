@@ -65,7 +65,7 @@ def show_outcome(page: Page, outcome: RunOutcome) -> None:
 
 
 def _display_quantity(preferences: Preferences, unit: str) -> Quantity:
-    return preferences.shown(VOLTAGE if unit == "V" else POSITION)
+    return preferences.displayed(VOLTAGE if unit == "V" else POSITION)
 
 
 def _axis(text: str) -> dict[str, Any]:

@@ -83,7 +83,7 @@ class AxisCard:
             limits = self._axis.limits
             self._readouts = div("readouts")
             with self._readouts:
-                display = self._page.preferences.shown
+                display = self._page.preferences.displayed
                 self._position = _Readout(display(POSITION), limits.position, "position control")
                 self._voltage = None
                 if Capability.OPEN_LOOP in capabilities:
@@ -95,7 +95,7 @@ class AxisCard:
     @property
     def _quantity(self) -> Quantity:
         """Quantity of commands: position in closed loop, else voltage."""
-        return self._page.preferences.shown(POSITION if self._closed else VOLTAGE)
+        return self._page.preferences.displayed(POSITION if self._closed else VOLTAGE)
 
     def show(self, reading: AxisReading | None, *, has_control: bool, stale: bool = False) -> None:
         """Show a reading, pale if `stale`; the controls need `has_control`."""

@@ -121,7 +121,7 @@ class WaveformForm(RunForm):
 
     @property
     def _quantity(self) -> Quantity:
-        return self._page.preferences.shown(POSITION if self._closed else VOLTAGE)
+        return self._page.preferences.displayed(POSITION if self._closed else VOLTAGE)
 
     def _span(self) -> tuple[float, float]:
         """Return the ends of the waveform: the entered ones, or 80 % of the limits."""

@@ -108,7 +108,7 @@ def with_uncertainty(value: float, uncertainty: float, factor: float) -> str:
 
 def position_text(at: tuple[float, float], preferences: Preferences) -> str:
     """Return a stage position as text."""
-    quantity = preferences.shown(POSITION)
+    quantity = preferences.displayed(POSITION)
     parts = (f"{n} {shown_number(quantity, v)}" for n, v in zip("xy", at, strict=True))
     return f"{', '.join(parts)} {quantity.shown_unit}"
 
@@ -171,7 +171,7 @@ def turns_table(state: CentringState, preferences: Preferences) -> Table:
     turns = state.result.settings if state.result is not None and state.up_to_date else []
     rows = []
     for i, turn in enumerate(state.turns):
-        at = [shown_number(preferences.shown(POSITION), v) for v in turn.at]
+        at = [shown_number(preferences.displayed(POSITION), v) for v in turn.at]
         cells = ["…"] * 4
         if i < len(turns):
             e, first = (

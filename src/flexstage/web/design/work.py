@@ -99,7 +99,7 @@ def figures_table(
         if row.quantity not in TABLE_FIGURES and not any(c.failing for c in row.cells.values()):
             continue
         key = (row.quantity, row.axis)
-        quantity = preferences.shown(row.quantity)
+        quantity = preferences.displayed(row.quantity)
         values = [
             Cell("…" if name == "superelement" and corrected is None else "–")
             if (characteristic := by_model[name].get(key)) is None

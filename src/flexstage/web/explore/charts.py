@@ -349,7 +349,7 @@ class ToleranceChart:
 
 def histogram(figure: Figure, values: Array, preferences: Preferences) -> Chart:
     """Return the histogram of a figure; infeasible samples are excluded."""
-    quantity = preferences.shown(figure.shown)
+    quantity = preferences.displayed(figure.shown)
     finite = values[np.isfinite(values)] * quantity.factor
     counts, edges = np.histogram(finite, bins=_BINS) if finite.size else (np.zeros(1), np.zeros(2))
     bars = {

@@ -57,7 +57,7 @@ class FormFields:
         """Return the headings of figures, with their units."""
         figures = self.summary.figures
         return {
-            name: figures[name].heading_in(self.preferences.shown(figures[name].shown))
+            name: figures[name].heading_in(self.preferences.displayed(figures[name].shown))
             for name in names
         }
 
@@ -190,7 +190,7 @@ class FormFields:
         rebuild: Callable[[], None],
         on_remove: Callable[[RequirementInput], None] | None,
     ) -> None:
-        quantity = self.preferences.shown(self.summary.figures[row.figure].shown)
+        quantity = self.preferences.displayed(self.summary.figures[row.figure].shown)
 
         def choose_figure(event: Any) -> None:
             row.figure, row.value = event.value, self.summary.values[event.value]

@@ -120,7 +120,7 @@ def _varied(variable: Variable, values: Array) -> SamplesColumn:
 def _outcome(
     figure: Figure, values: Array, described: float, preferences: Preferences
 ) -> SamplesColumn:
-    quantity = preferences.shown(figure.shown)
+    quantity = preferences.displayed(figure.shown)
     sizes = np.abs(values[np.isfinite(values)])
     if quantity == figure.shown and sizes.size:
         quantity = quantity.fitting(float(sizes.max()))

@@ -40,9 +40,17 @@ START = PanelView("Start", "home", "start", "What do you want to do?")
 VIEWS: tuple[PanelView, ...] = (
     PanelView("Design", "architecture", "design", "Choose a stage and change its parameters"),
     PanelView("Analyse", "insights", "analyse", "Run models of the stage and compare them"),
-    PanelView("Explore", "travel_explore", "explore", "Sweep, optimise, tolerance and sensitivity analysis"),
     PanelView(
-        "Hysteresis", "all_inclusive", "hysteresis", "Identify the hysteresis of a drive, and compensate it"
+        "Explore",
+        "travel_explore",
+        "explore",
+        "Sweep, optimise, tolerance and sensitivity analysis",
+    ),
+    PanelView(
+        "Hysteresis",
+        "all_inclusive",
+        "hysteresis",
+        "Identify the hysteresis of a drive, and compensate it",
     ),
     PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
     PanelView("Centring", "adjust", "centring", "Centre an encoder scale on a rotary table"),

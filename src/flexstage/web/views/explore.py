@@ -10,6 +10,7 @@ from flexstage.files.names import file_name
 from flexstage.files.request import Request
 from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.design.work import draw_with_issues
 from flexstage.web.explore.forms import FormFields, build_form, work_estimate
 from flexstage.web.explore.results import Results
 from flexstage.web.explore.stage_summary import StageSummary, summarise_stage

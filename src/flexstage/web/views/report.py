@@ -38,7 +38,7 @@ _EMPTY = (
 )
 _SANDBOX = "allow-same-origin allow-scripts allow-modals allow-popups allow-downloads"
 _PRINT = "document.querySelector('iframe.report').contentWindow.print()"
-# a report follows the theme of the computer, and here that of the page; prints are always light
+# a report follows the theme of the page, not the computer; prints are always light
 _FOLLOW_LOOK = """(event) => {
   const report = event.target.contentDocument;
   const rules = [...report.styleSheets].flatMap(sheet => [...sheet.cssRules]);
@@ -107,7 +107,9 @@ class ReportView:
         with div("parts"):
             for name, label in _PARTS.items():
                 box = ui.checkbox(label, value=name in request.parts).props("dense")
-                box.on_value_change(lambda e, name=name: self._tick(name, is_selected=bool(e.value)))
+                box.on_value_change(
+                    lambda e, name=name: self._tick(name, is_selected=bool(e.value))
+                )
 
     def _tick(self, part: str, *, is_selected: bool) -> None:
         present = self._state.request.parts
