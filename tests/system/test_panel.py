@@ -152,11 +152,11 @@ def test_undo_goes_back_and_redo_forth() -> None:
 
 def test_what_is_shown_is_in_the_unit_that_was_chosen() -> None:
     chosen = Preferences(length="mm", angle="arcsec")
-    assert chosen.shown("output_displacement").text(64.6e-6) == "0.06460"
+    assert chosen.displayed("output_displacement").text(64.6e-6) == "0.06460"
     # 1 arcsec = pi / (180 * 3600) rad
-    assert chosen.shown("parasitic_rotation").text(4.8481368e-6) == "1.000"
-    assert chosen.shown("natural_frequency_hz").heading == "Natural frequency [Hz]"
-    assert Preferences().shown("smallest_neck").shown_unit == "mm"
+    assert chosen.displayed("parasitic_rotation").text(4.8481368e-6) == "1.000"
+    assert chosen.displayed("natural_frequency_hz").heading == "Natural frequency [Hz]"
+    assert Preferences().displayed("smallest_neck").shown_unit == "mm"
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,8 @@ class Preferences:
         Examples
         --------
         >>> arcsec = Preferences(angle="arcsec")
-        >>> arcsec.displayed("parasitic_rotation").text(4.85e-6), arcsec.displayed("pitch").shown_unit
+        >>> rotation, pitch = map(arcsec.displayed, ("parasitic_rotation", "pitch"))
+        >>> rotation.text(4.85e-6), pitch.shown_unit
         ('1.000', 'arcsec')
         """
         customary = display(quantity) if isinstance(quantity, str) else quantity

@@ -31,8 +31,8 @@ _PARTS = {
 }
 _NAMES = {name: title_of(name) for name in MODELS}
 _EMPTY = (
-    "Write the report of the stage above. It compares the models with published values on one page, "
-    "and has these chapters. The report is one self-contained file. It takes a few seconds, "
+    "Write the report of the stage above. One page compares the models with published values, and "
+    "these chapters follow. The report is one self-contained file. It takes a few seconds, "
     "with finite elements of the whole stage a minute, and in 3D several minutes. Cached results "
     "are reused."
 )
