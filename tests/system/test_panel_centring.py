@@ -34,7 +34,7 @@ from tests.undrawn import undrawn
 def measured(state: CentringState, folder: Path) -> None:
     """Turn the simulated table once, and evaluate."""
     path = folder / f"turn-{len(state.turns) + 1}.csv"
-    by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
+    by = [at - first for at, first in zip(state.position, state.origin, strict=True)]
     simulated_record(by, len(state.turns), path)
     state.add_turn(path)
     state.result = evaluate_files(state.evaluation, "key")
@@ -67,7 +67,7 @@ def centred(tmp_path_factory: pytest.TempPathFactory) -> tuple[CentringState, li
             measured(state, folder)
             target = state.target()
             assert target is not None
-            state.at = target
+            state.position = target
     return state, steps
 
 
@@ -81,7 +81,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
     # the centre of the example, and noise of 1 arcsec of 1440 samples at 50 mm
     assert first["value"] == pytest.approx(math.hypot(17.3e-6, 11.2e-6), abs=0.05e-6)
     assert last["interval"][1] < 0.1e-6
-    at = "; ".join(f"{1e6 * x},{1e6 * y}" for x, y in (m.at for m in state.turns))
+    at = "; ".join(f"{1e6 * x},{1e6 * y}" for x, y in (m.position for m in state.turns))
     options = ["--angle", "angle", "--error", "head 1,head 2", "--heads", "0,180", "--kind", "disc"]
     files = [str(m.file) for m in state.turns]
     with pytest.raises(SystemExit) as end:
@@ -92,7 +92,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
     # places went through a text
     for one in (printed, own):
         places = one["trial"].pop("positions")
-        assert np.allclose(places, [m.at for m in state.turns], rtol=0.0, atol=1e-18)
+        assert np.allclose(places, [m.position for m in state.turns], rtol=0.0, atol=1e-18)
     assert own["trial"]["centre"]["x"] == pytest.approx(printed["trial"]["centre"]["x"], rel=1e-9)
     assert own["settings"] == printed["settings"]
     name, value, remark = figures(own, state.request.radius, Preferences())[0]
@@ -105,7 +105,7 @@ def test_a_move_below_the_noise_of_the_sensor_is_not_asked_for(
 ) -> None:
     state = copy.copy(centred[0])
     x, y = state.target() or (0.0, 0.0)
-    at = state.turns[-1].at
+    at = state.turns[-1].position
     assert 0.0 < abs(x - at[0]) < 1e-6
     state.noise = (1.01 * abs(x - at[0]), 0.99 * abs(y - at[1]))
     assert state.target() == (at[0], y)
@@ -118,10 +118,10 @@ def test_the_last_turn_is_taken_back_and_another_source_begins_anew(tmp_path: Pa
     state = CentringState()
     state.begin("example")
     measured(state, tmp_path)
-    state.at = (5e-6, 0.0)
+    state.position = (5e-6, 0.0)
     measured(state, tmp_path)
     state.undo_turn()
-    assert (len(state.turns), state.at, state.result) == (1, (5e-6, 0.0), None)
+    assert (len(state.turns), state.position, state.result) == (1, (5e-6, 0.0), None)
     state.begin("gauge")
     assert (state.turns, state.request.names, state.step) == ([], ("gauge",), 1)
 
@@ -172,7 +172,7 @@ def test_a_turn_is_found_again_after_a_reload(tmp_path: Path) -> None:
         await come(lambda: state.result)
         target = state.target()
         assert target is not None
-        assert state.at == target
+        assert state.position == target
         await user.open("/centring")
         await user.should_see("1 start")
         await user.should_see("Move the stage by")
@@ -235,17 +235,17 @@ def test_the_page_moves_a_connected_stage(tmp_path: Path) -> None:
             await asyncio.sleep(0.3)
             await user.open("/centring")
             state = session.state(CentringState)
-            assert state.at == pytest.approx((38e-6, 38e-6), abs=0.2e-6)
+            assert state.position == pytest.approx((38e-6, 38e-6), abs=0.2e-6)
             for turn in range(1, 5):
                 user.find("Turn the simulated table").click()
                 await come(lambda turn=turn: len(state.turns) == turn and state.up_to_date)
-                target, before = state.target(), state.at
+                target, before = state.target(), state.position
                 assert target is not None
                 if turn < 4:
                     await user.should_see("Move the stage there")
                     user.find("Move the stage there").click()
-                    await come(lambda before=before: state.at != before)
-                    assert state.at == pytest.approx(target, abs=0.1e-6)
+                    await come(lambda before=before: state.position != before)
+                    assert state.position == pytest.approx(target, abs=0.1e-6)
             assert state.result is not None
             assert state.result.data["eccentricity"]["value"] < 0.1e-6
             bench.control.release(session.id)

@@ -53,12 +53,12 @@ class BackgroundJob:
     seconds: float = 0.0
     """Duration [s]."""
     _cancel: threading.Event = field(default_factory=threading.Event)
-    _ended: threading.Event = field(default_factory=threading.Event)
+    _end_event: threading.Event = field(default_factory=threading.Event)
 
     @property
     def is_over(self) -> bool:
         """The job is done, failed or cancelled."""
-        return self._ended.is_set()
+        return self._end_event.is_set()
 
     def cancel(self) -> None:
         """Request the end of the job."""
@@ -66,7 +66,7 @@ class BackgroundJob:
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for the end of the job; return whether it is over."""
-        return self._ended.wait(timeout)
+        return self._end_event.wait(timeout)
 
     def _update(self, activity: str, share: float) -> None:
         self.activity, self.share = activity, share
@@ -76,7 +76,7 @@ class BackgroundJob:
         self.state = state
         if state == "done":
             self.partial_results = []
-        self._ended.set()
+        self._end_event.set()
 
 
 class Jobs:
@@ -94,7 +94,7 @@ class Jobs:
         self._jobs: dict[str, BackgroundJob] = {}
         self._idle: list[_Worker] = []
         self._lock = threading.Lock()
-        self._closed = False
+        self._is_closed = False
 
     def start(
         self, name: str, function: Callable[..., Any], *arguments: Any, owner: str = ""
@@ -128,7 +128,7 @@ class Jobs:
     def close(self) -> None:
         """Cancel all jobs and end the processes."""
         with self._lock:
-            self._closed = True
+            self._is_closed = True
             jobs, idle, self._idle = [*self._jobs.values()], self._idle, []
         for job in jobs:
             job.cancel()
@@ -140,8 +140,8 @@ class Jobs:
     def _new(self, name: str, owner: str) -> BackgroundJob:
         job = BackgroundJob(name, owner)
         with self._lock:
-            over = [each.id for each in self._jobs.values() if each.is_over]
-            for old in over[: max(0, len(over) - _MAX_FINISHED)]:
+            finished = [each.id for each in self._jobs.values() if each.is_over]
+            for old in finished[: max(0, len(finished) - _MAX_FINISHED)]:
                 del self._jobs[old]
             self._jobs[job.id] = job
         return job
@@ -197,7 +197,7 @@ class Jobs:
         finally:
             with self._lock:
                 # the next job reuses one idle process
-                reusable = reusable and not (self._closed or self._idle)
+                reusable = reusable and not (self._is_closed or self._idle)
                 if reusable:
                     self._idle.append(worker)
             if not reusable:

@@ -96,14 +96,14 @@ class Page:
     def watch(
         self,
         job: BackgroundJob,
-        over: Callable[[BackgroundJob], None],
+        on_end: Callable[[BackgroundJob], None],
     ) -> ui.timer:
         """Call a function in this page once, when a job is over or if it is over already."""
 
         def update() -> None:
             if job.is_over:
                 timer.cancel()
-                over(job)
+                on_end(job)
 
         timer = ui.timer(_JOB_INTERVAL, update)
         return timer
@@ -235,11 +235,11 @@ def quiet_button(text: str = "", **properties: Any) -> ui.button:
 
 
 def show_job(
-    page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None] | None = None
+    page: Page, job: BackgroundJob, on_end: Callable[[BackgroundJob], None] | None = None
 ) -> None:
-    """Show the progress of a job and a button to cancel it; call `over` at its end.
+    """Show the progress of a job and a button to cancel it; call `on_end` at its end.
 
-    With `over`, the page shows the message of a failed job.
+    With `on_end`, the page shows the message of a failed job.
     """
     _clear_errors(_card())
     with ui.row().classes("job items-center no-wrap") as row:
@@ -257,15 +257,15 @@ def show_job(
 
     timer = ui.timer(_JOB_INTERVAL, update)
 
-    def ended(job: BackgroundJob) -> None:
+    def finish(job: BackgroundJob) -> None:
         timer.cancel()
         row.delete()
-        if over is not None:
+        if on_end is not None:
             if job.state == "failed":
                 show_error(page.message(f"{job.name}: {job.error}"))
-            over(job)
+            on_end(job)
 
-    page.watch(job, ended)
+    page.watch(job, finish)
 
 
 class Task:
@@ -281,9 +281,9 @@ class Task:
         The purpose.
     place
         Element for the progress.
-    done
+    on_result
         Called with the result.
-    failed
+    on_failure
         Called with the message of a failure; by default the page shows it.
     elsewhere
         Called if another page of this browser has taken the result, such as the one before a
@@ -296,12 +296,16 @@ class Task:
         jobs: dict[str, BackgroundJob],
         key: str,
         place: ui.element,
-        done: Callable[[Any], object],
-        failed: Callable[[str], object] | None = None,
+        on_result: Callable[[Any], object],
+        on_failure: Callable[[str], object] | None = None,
         elsewhere: Callable[[], object] | None = None,
     ) -> None:
         self._page, self._jobs, self._key, self._place = page, jobs, key, place
-        self._done, self._failed, self._elsewhere = done, failed or _show_failure, elsewhere
+        self._on_result, self._on_failure, self._elsewhere = (
+            on_result,
+            on_failure or _show_failure,
+            elsewhere,
+        )
         self.attach()
 
     @property
@@ -328,20 +332,20 @@ class Task:
         if job is not None:
             with self._place:
                 show_job(self._page, job)
-                self._page.watch(job, self._over)
+                self._page.watch(job, self._take_result)
 
-    def _over(self, job: BackgroundJob) -> None:
+    def _take_result(self, job: BackgroundJob) -> None:
         if self._jobs.get(self._key) is not job:
             if self._elsewhere is not None and job.state == "done":
                 self._elsewhere()
             return
         del self._jobs[self._key]
         if job.state == "done":
-            self._done(job.result)
+            self._on_result(job.result)
         elif job.state == "failed":
-            self._failed(self._page.message(job.error))
+            self._on_failure(self._page.message(job.error))
         else:
-            self._failed("")
+            self._on_failure("")
 
 
 def _show_failure(sentence: str) -> None:

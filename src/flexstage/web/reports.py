@@ -27,7 +27,7 @@ FILES: Mapping[str, str] = MappingProxyType(
         "results.json": "Results (JSON)",
     }
 )
-_FIRST = next(iter(FILES))
+_MAIN_FILE = next(iter(FILES))
 _ADDRESS = "/reports"
 
 
@@ -47,26 +47,26 @@ class WrittenReport:
     def title(self) -> str:
         """Name of the stage and time of writing."""
         stage = self.name.rpartition("_")[0] or self.name
-        return f"{stage}, {datetime.fromtimestamp(self._written):%d %b %Y %H:%M:%S}"
+        return f"{stage}, {datetime.fromtimestamp(self._written_at):%d %b %Y %H:%M:%S}"
 
     @property
     def files(self) -> list[str]:
         """The files of the report that exist."""
         return [name for name in FILES if (self.folder / name).is_file()]
 
-    def address(self, file: str = _FIRST) -> str:
+    def address(self, file: str = _MAIN_FILE) -> str:
         """Return the address of a file of the report in the panel."""
         return f"{_ADDRESS}/{self.name}/{file}"
 
     @property
-    def _written(self) -> float:
-        return (self.folder / _FIRST).stat().st_mtime
+    def _written_at(self) -> float:
+        return (self.folder / _MAIN_FILE).stat().st_mtime
 
 
 def written_reports(folder: Path) -> list[WrittenReport]:
     """Return the reports in a folder, the newest first."""
-    reports = [WrittenReport(path.parent) for path in folder.glob(f"*/{_FIRST}")]
-    return sorted(reports, key=lambda report: (report._written, report.name), reverse=True)
+    reports = [WrittenReport(path.parent) for path in folder.glob(f"*/{_MAIN_FILE}")]
+    return sorted(reports, key=lambda report: (report._written_at, report.name), reverse=True)
 
 
 def new_folder(folder: Path, stage: str) -> Path:

@@ -31,37 +31,37 @@ class History(Generic[S]):
 
     def __init__(self, now: S) -> None:
         self.now = now
-        self._before: deque[S] = deque(maxlen=_MAX_UNDO)
-        self._after: list[S] = []
+        self._undo_stack: deque[S] = deque(maxlen=_MAX_UNDO)
+        self._redo_stack: list[S] = []
 
     def put(self, state: S) -> None:
         """Add a new state; undone states are lost."""
         if state != self.now:
-            self._before.append(self.now)
-            self._after.clear()
+            self._undo_stack.append(self.now)
+            self._redo_stack.clear()
             self.now = state
 
     def undo(self) -> None:
         """Return to the previous state, if there is one."""
-        if self._before:
-            self._after.append(self.now)
-            self.now = self._before.pop()
+        if self._undo_stack:
+            self._redo_stack.append(self.now)
+            self.now = self._undo_stack.pop()
 
     def redo(self) -> None:
         """Revert the last undo, if there is one."""
-        if self._after:
-            self._before.append(self.now)
-            self.now = self._after.pop()
+        if self._redo_stack:
+            self._undo_stack.append(self.now)
+            self.now = self._redo_stack.pop()
 
     @property
     def can_undo(self) -> bool:
         """A previous state exists."""
-        return bool(self._before)
+        return bool(self._undo_stack)
 
     @property
     def can_redo(self) -> bool:
         """An undone state exists."""
-        return bool(self._after)
+        return bool(self._redo_stack)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -76,7 +76,7 @@ class States:
             self._states[kind] = (make or kind)()
         return self._states[kind]
 
-    def opened(self, kind: type[S]) -> S | None:
+    def existing_state(self, kind: type[S]) -> S | None:
         """Return the state of a view, or None if the view was never opened."""
         return self._states.get(kind)
 

@@ -161,7 +161,7 @@ class Shapes:
                 self._moving = MovingStage(
                     result.surface, self._state_data(result), in_3d=result.model == "solid"
                 )
-            self._words = ui.label().classes("small")
+            self._description = ui.label().classes("small")
             if result.model in _RIGID:
                 remark(
                     "Bodies are drawn rigid, and notches as bent bars. The colour of a notch "
@@ -202,7 +202,7 @@ class Shapes:
     def _update_text(self, result: ModelResult) -> None:
         state = self._states(result).get(self._display.state)
         self._colour.visible = state is not None and state.stress is not None
-        self._words.text = state.words if state else "The stage has no mode."
+        self._description.text = state.words if state else "The stage has no mode."
         for key, button in self._buttons.items():
             is_pressed = str(key == self._display.state).lower()
             button.props(f"aria-pressed={is_pressed}")

@@ -60,7 +60,7 @@ class AxisCard:
         device = bench.device
         assert device is not None
         self._axis = device.axes[name]
-        self._closed: bool | None = None
+        self._closed_loop: bool | None = None
         self._stale = False
         self._build()
 
@@ -95,7 +95,7 @@ class AxisCard:
     @property
     def _quantity(self) -> Quantity:
         """Quantity of commands: position in closed loop, else voltage."""
-        return self._page.preferences.displayed(POSITION if self._closed else VOLTAGE)
+        return self._page.preferences.displayed(POSITION if self._closed_loop else VOLTAGE)
 
     def show(self, reading: AxisReading | None, *, has_control: bool, stale: bool = False) -> None:
         """Show a reading, pale if `stale`; the controls need `has_control`."""
@@ -108,11 +108,11 @@ class AxisCard:
         if self._voltage is not None:
             self._voltage.show(reading.voltage)
         self._moving.text = "moving" if reading.moving else "at rest"
-        on = reading.closed_loop
-        self._loop.text = "closed loop" if on else "open loop"
-        if self._closed != on:
-            self._closed = on
-            self._servo.set_value(on)
+        is_on = reading.closed_loop
+        self._loop.text = "closed loop" if is_on else "open loop"
+        if self._closed_loop != is_on:
+            self._closed_loop = is_on
+            self._servo.set_value(is_on)
             self._build_controls()
         for element in self._inputs:
             element.set_enabled(has_control)
@@ -163,13 +163,13 @@ class AxisCard:
         return step
 
     async def _switch(self, event: Any) -> None:
-        on = bool(event.value)
-        if on != self._closed:
-            await self._send(lambda me: self._bench.set_closed_loop(me, self._name, on))
+        is_on = bool(event.value)
+        if is_on != self._closed_loop:
+            await self._send(lambda me: self._bench.set_closed_loop(me, self._name, is_on))
             reading = self._bench.readings.get(self._name)
             if reading is not None:
                 # the next reading shows the real state of the switch
-                self._closed = None
+                self._closed_loop = None
 
     async def _send(self, command: Callable[[str], "Future[Any]"]) -> None:
         with self._page.show_errors(self._card):

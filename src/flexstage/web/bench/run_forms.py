@@ -83,7 +83,7 @@ class RunForm:
             note=forms.note.strip(),
         )
 
-    def _words(self) -> None:
+    def _name_fields(self) -> None:
         """Show the fields for the name and the note of the run."""
         bind_field(ui.input("Name of the run"), self._forms, "name").props(_FIELD)
         bind_field(ui.input("Note"), self._forms, "note").props(_FIELD)
@@ -105,28 +105,28 @@ class WaveformForm(RunForm):
             bind_field(choice(axes, None, "Axis"), forms, "axis", self._rebuild)
             bind_field(choice(_SHAPES, None, "Shape"), forms, "shape", self._rebuild)
             self._ends = div("fields inner")
-            self._words()
+            self._name_fields()
         self._status = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Run the waveform", icon="play_arrow", on_click=self._go)
-        self._closed: bool | None = None
+        self._closed_loop: bool | None = None
         self.look()
 
     def look(self) -> None:
         super().look()
         # position control may have been switched
-        closed = self._bench.readings.get(self._forms.axis)
-        if closed is not None and closed.closed_loop != self._closed:
-            self._closed = closed.closed_loop
+        reading = self._bench.readings.get(self._forms.axis)
+        if reading is not None and reading.closed_loop != self._closed_loop:
+            self._closed_loop = reading.closed_loop
             self._rebuild()
 
     @property
     def _quantity(self) -> Quantity:
-        return self._page.preferences.displayed(POSITION if self._closed else VOLTAGE)
+        return self._page.preferences.displayed(POSITION if self._closed_loop else VOLTAGE)
 
     def _span(self) -> tuple[float, float]:
         """Return the ends of the waveform: the entered ones, or 80 % of the limits."""
         limits = self._device.axes[self._forms.axis].limits
-        low, high = (limits.position if self._closed else limits.voltage) or (0.0, 1e-5)
+        low, high = (limits.position if self._closed_loop else limits.voltage) or (0.0, 1e-5)
         default = (low + 0.1 * (high - low), low + 0.9 * (high - low))
         return self._forms.ends.get(self._key, default)
 
@@ -222,7 +222,7 @@ class RecordForm(RunForm):
         with div("fields"):
             bind_field(ui.number("Duration [s]"), forms, "duration").props(_FIELD)
             bind_field(ui.number("Sample rate [Hz]"), forms, "sample_rate_hz").props(_FIELD)
-            self._words()
+            self._name_fields()
         remark(
             "Position and voltage of every axis, at the rate of the controller. You can move the "
             "stage during the record; a stop keeps the data so far."
@@ -255,9 +255,9 @@ class PlanForm(RunForm):
             plans_available[forms.plan] = Path(forms.plan).name
         with div("fields"):
             plans = bind_field(
-                choice(plans_available, None, "Plan"), forms, "plan", self._other
+                choice(plans_available, None, "Plan"), forms, "plan", self._choose_plan
             ).classes("wide")
-            self._only = choice([], None, "Only these steps", self._chosen, multiple=True)
+            self._only = choice([], None, "Only these steps", self._choose_steps, multiple=True)
             self._only.props("use-chips").classes("wide")
 
             def use_file(path: Path) -> None:
@@ -267,10 +267,10 @@ class PlanForm(RunForm):
             upload(self._page, "Plan file", (".yaml", ".yml"), use_file, view="bench").classes(
                 "slim"
             )
-            self._words()
+            self._name_fields()
         self._status = ui.label().classes("small").props('role="status"')
         self._start = ui.button("Run the plan", icon="play_arrow", on_click=self._go)
-        self._shown = div("full-width")
+        self._preview_area = div("full-width")
         self._steps()
         ui.timer(0.0, self._try, once=True)
 
@@ -280,12 +280,12 @@ class PlanForm(RunForm):
             selected = [name for name in self._forms.only if name in names]
             self._only.set_options(names, value=selected)
 
-    async def _other(self) -> None:
+    async def _choose_plan(self) -> None:
         self._forms.only = ()
         self._steps()
         await self._try()
 
-    async def _chosen(self, event: Any) -> None:
+    async def _choose_steps(self, event: Any) -> None:
         self._forms.only = tuple(event.value or ())
         await self._try()
 
@@ -308,8 +308,8 @@ class PlanForm(RunForm):
             f"{len(preview.steps)} steps, {preview.duration:.0f} s of motion and records: "
             "within the limits of the description"
         )
-        self._shown.clear()
-        with self._shown, ui.expansion("Dry run").classes("full-width"):
+        self._preview_area.clear()
+        with self._preview_area, ui.expansion("Dry run").classes("full-width"):
             show_table(dry_run_table(preview, plan.title or Path(forms.plan).stem))
 
     def _go(self) -> None:

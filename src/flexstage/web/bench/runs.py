@@ -53,14 +53,14 @@ def loop_figures(record: Record, loop: tuple[str, str]) -> tuple[Tracking, int] 
 
     The errors are NaN without a reference; None without a complete cycle.
     """
-    over, along = (record.channel(name) for name in loop)
-    bounds = cycles(over.values, 1.0 / record.sample_rate_hz).bounds
+    command, along = (record.channel(name) for name in loop)
+    bounds = cycles(command.values, 1.0 / record.sample_rate_hz).bounds
     if bounds.size < 2:
         return None
     count = bounds.size - 1
-    if over.name == REFERENCE:
-        return tracking(over.values, along.values, bounds), count
-    width = loop_width(over.values, along.values, bounds)
+    if command.name == REFERENCE:
+        return tracking(command.values, along.values, bounds), count
+    width = loop_width(command.values, along.values, bounds)
     return Tracking(loop_width=width, rms=np.nan, largest=np.nan), count
 
 
@@ -149,13 +149,13 @@ def build_waveform(device: Instrument, stage: Stage, request: WaveformRequest) -
         The waveform exceeds the limits, or its parameters are invalid.
     """
     axis = device.axes[request.axis]
-    closed = axis.closed_loop
+    closed_loop = axis.closed_loop
     limits = axis.limits
     for end in (request.low, request.high):
-        (check_position if closed else check_voltage)(limits, end, request.axis)
+        (check_position if closed_loop else check_voltage)(limits, end, request.axis)
     if not request.low < request.high:
         raise ModelError("the low end of a waveform must be below its high end")
-    setting = axis_setting(stage, request.axis, closed_loop=closed, limits=limits)
+    setting = axis_setting(stage, request.axis, closed_loop=closed_loop, limits=limits)
     span = setting.high - setting.low
     cycles = EqualCycles(
         axis=request.axis,
@@ -165,7 +165,7 @@ def build_waveform(device: Instrument, stage: Stage, request: WaveformRequest) -
         shape=request.shape,
         low=min(max((request.low - setting.low) / span, 0.0), 1.0),
         high=min(max((request.high - setting.low) / span, 0.0), 1.0),
-        closed_loop=closed,
+        closed_loop=closed_loop,
     )
     base = base_rate_of(device)
     rate = whole_part(min(_SAMPLES_PER_CYCLE * request.rate_hz, base), base)

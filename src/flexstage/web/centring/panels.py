@@ -33,7 +33,7 @@ class ScaleForm:
     page
         The page.
     begin
-        Called with the source of records where one begins anew.
+        Called with the source of records to start again.
     changed
         Called when records are to be evaluate_files again.
     """
@@ -171,7 +171,7 @@ def turns_table(state: CentringState, preferences: Preferences) -> Table:
     turns = state.result.settings if state.result is not None and state.up_to_date else []
     rows = []
     for i, turn in enumerate(state.turns):
-        at = [shown_number(preferences.displayed(POSITION), v) for v in turn.at]
+        at = [shown_number(preferences.displayed(POSITION), v) for v in turn.position]
         cells = ["…"] * 4
         if i < len(turns):
             e, first = (

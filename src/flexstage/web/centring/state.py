@@ -27,7 +27,7 @@ class MeasuredTurn:
 
     kind: Literal["start", "trial", "move"]
     """Move before the turn."""
-    at: tuple[float, float]
+    position: tuple[float, float]
     """Stage position, x and y [m]."""
     file: Path
     """Record of the turn."""
@@ -41,7 +41,7 @@ class CentringState:
     """Source of the records."""
     turns: list[MeasuredTurn] = field(default_factory=list)
     """The measured turns, in sequence."""
-    at: tuple[float, float] = (0.0, 0.0)
+    position: tuple[float, float] = (0.0, 0.0)
     """Stage position for the next turn, x and y [m]."""
     limits: tuple[tuple[float, float], tuple[float, float]] = ((-_FAR, _FAR), (-_FAR, _FAR))
     """Travel of the axes of the stage [m]."""
@@ -69,7 +69,7 @@ class CentringState:
     @property
     def origin(self) -> tuple[float, float]:
         """Initial stage position, x and y [m]."""
-        return self.turns[0].at if self.turns else self.at
+        return self.turns[0].position if self.turns else self.position
 
     @property
     def step(self) -> int:
@@ -86,7 +86,7 @@ class CentringState:
         """Records and request of the evaluation."""
         request = self.request
         if len(self.turns) > 2:  # enough to calibrate the axes
-            request = replace(request, stage_at=tuple(each.at for each in self.turns))
+            request = replace(request, stage_at=tuple(each.position for each in self.turns))
         return CentreFiles(files=tuple(each.file for each in self.turns), request=request)
 
     @property
@@ -117,16 +117,16 @@ class CentringState:
 
     def add_turn(self, file: Path) -> None:
         """Add the record of a turn at the present stage position."""
-        self.turns.append(MeasuredTurn(self.next_kind, self.at, file))
+        self.turns.append(MeasuredTurn(self.next_kind, self.position, file))
 
     def undo_turn(self) -> None:
         """Remove the last turn."""
-        self.at = self.turns.pop().at
+        self.position = self.turns.pop().position
         self.result = None
 
-    def begin(self, source: Source, at: tuple[float, float] | None = None) -> None:
+    def begin(self, source: Source, position: tuple[float, float] | None = None) -> None:
         """Start again at a stage position; at zero if it is unknown."""
-        new_state = CentringState(source=source, at=at or (0.0, 0.0))
+        new_state = CentringState(source=source, position=position or (0.0, 0.0))
         scale = {"radius": self.request.radius or self.radius, "kind": self.request.kind}
         if source == "gauge" and self.request.kind == MAGNET:
             scale["kind"] = "disc"  # a gauge measures at a rim
@@ -165,10 +165,12 @@ class CentringState:
             # a step below the noise of the sensor is not requested
             x, y = (
                 present if abs(centre[name] - present) <= noise else centre[name]
-                for name, present, noise in zip("xy", self.turns[-1].at, self.noise, strict=True)
+                for name, present, noise in zip(
+                    "xy", self.turns[-1].position, self.noise, strict=True
+                )
             )
             return x, y
-        axis, position = len(self.turns) - 1, list(self.turns[-1].at)
+        axis, position = len(self.turns) - 1, list(self.turns[-1].position)
         position[axis] = trial_position(position[axis], self.limits[axis], self._trial_length())
         return position[0], position[1]
 

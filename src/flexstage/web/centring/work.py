@@ -28,7 +28,7 @@ from flexstage.web.pictures import inline
 EXAMPLE_RADIUS = 50e-3
 EXAMPLE_HEADS = (0.0, math.pi)
 _CENTRE = (17.3e-6, -11.2e-6)
-_TURNED, _GAINS = (
+_ORIENTATION, _GAINS = (
     0.7,
     (1.03, 0.96),
 )  # orientation of its stage on the table [rad], and gains of the axes
@@ -89,9 +89,9 @@ def gauge_record(text: str, factor: float, path: Path) -> None:
 
     `factor` is the unit of the readings in metres.
     """
-    words = re.split(r"[\s;]+", text.replace("\N{MINUS SIGN}", "-").strip())
+    parts = re.split(r"[\s;]+", text.replace("\N{MINUS SIGN}", "-").strip())
     try:
-        values = np.array([float(word.replace(",", ".")) for word in words if word])
+        values = np.array([float(part.replace(",", ".")) for part in parts if part])
     except ValueError:
         raise RecordError(
             f"the readings must be numbers separated by spaces, such as 12 8 -3, got '{text[:40]}'"
@@ -106,7 +106,7 @@ def gauge_record(text: str, factor: float, path: Path) -> None:
 
 def simulated_record(displacement: Sequence[float], index: int, path: Path) -> None:
     """Write a simulated record of the heads after a displacement of the stage, x and y [m]."""
-    c, s = math.cos(_TURNED), math.sin(_TURNED)
+    c, s = math.cos(_ORIENTATION), math.sin(_ORIENTATION)
     # rotated and mirrored, as a real mounting can be
     matrix = np.array([[c, s], [s, -c]]) @ np.diag(_GAINS)
     x, y = np.array(_CENTRE) + matrix @ np.asarray(displacement)

@@ -31,12 +31,12 @@ class StageChoice:
     ----------
     page
         The page.
-    opened
+    on_open
         Called after another stage was opened.
     """
 
-    def __init__(self, page: Page, opened: Callable[[], object]) -> None:
-        self._page, self._opened = page, opened
+    def __init__(self, page: Page, on_open: Callable[[], object]) -> None:
+        self._page, self._on_open = page, on_open
         self._state = page.session.state(DesignState)
         designs = {name: name for name in sorted(DESIGNS)}
         self._choice = choice(designs, self._open_design(), "Design", self._choose, with_input=True)
@@ -65,18 +65,18 @@ class StageChoice:
     def _open(self, template: StageTemplate) -> None:
         self._state.open(template)
         self.sync()
-        self._opened()
+        self._on_open()
 
 
 _DRIVE = "x: 12,4 -> 30,4; piezo, free_stroke=38 um, stiffness=50 N/um"
 _PROBE = "x: 30,4 -> 40,4"
 
 
-def ask_drawing(page: Page, path: Path, opened: Callable[[StageTemplate], None]) -> None:
+def ask_drawing(page: Page, path: Path, on_open: Callable[[StageTemplate], None]) -> None:
     """Recognise a stage in a drawing, ask for missing data, and open it."""
     with named_dialog(path.name).props("persistent") as dialog, ui.card().classes("dialog wide"):
         PanelHeading(path.name)
-        DrawingDialog(page, path, opened, dialog).build()
+        DrawingDialog(page, path, on_open, dialog).build()
     dialog.open()
 
 
@@ -85,14 +85,14 @@ class DrawingDialog:
 
     Parameters
     ----------
-    page, path, opened, dialog
+    page, path, on_open, dialog
         Page, drawing, function that is called with the stage, and the dialog to close then.
     """
 
     def __init__(
-        self, page: Page, path: Path, opened: Callable[[StageTemplate], None], dialog: ui.dialog
+        self, page: Page, path: Path, on_open: Callable[[StageTemplate], None], dialog: ui.dialog
     ) -> None:
-        self._page, self._path, self._opened, self._dialog = page, path, opened, dialog
+        self._page, self._path, self._on_open, self._dialog = page, path, on_open, dialog
         self._text = ""
 
     def build(self) -> None:
@@ -160,7 +160,7 @@ class DrawingDialog:
         with self._page.show_errors():
             path = self._path.with_suffix(".yaml")
             write_whole(path, self._text.encode("utf-8"))
-            self._opened(template_of(path))
+            self._on_open(template_of(path))
             self._dialog.close()
 
 

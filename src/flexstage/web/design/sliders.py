@@ -14,7 +14,7 @@ from flexstage.web.page import PanelHeading, choice, div
 
 _DIGITS = 5
 _WHOLE_STAGE = "whole stage"
-_FIRST, _OTHERS = "most effective dimensions", "other dimensions"
+_EFFECTIVE, _OTHERS = "most effective dimensions", "other dimensions"
 _ORDERS = {"": "stage file"} | {
     name: f"by {name}" for name in dict.fromkeys(SLIDER_FIGURES.values())
 }
@@ -33,12 +33,12 @@ class Sliders:
     ----------
     state
         State of the view.
-    moved
+    on_change
         Called after a change of the variant.
     """
 
-    def __init__(self, state: DesignState, moved: Callable[[], object]) -> None:
-        self._state, self._moved = state, moved
+    def __init__(self, state: DesignState, on_change: Callable[[], object]) -> None:
+        self._state, self._on_change = state, on_change
         self._rows: dict[str, tuple[Variable, ui.slider, ui.number, ui.html]] = {}
         with ui.row().classes("items-center heading"):
             PanelHeading("Parameters")
@@ -86,9 +86,9 @@ class Sliders:
         for variable in variables:
             group = variable.name.rpartition(".")[0]
             if is_first and not is_data_sheet(group):
-                group = _FIRST if variable.name in FIRST_OPEN else _OTHERS
+                group = _EFFECTIVE if variable.name in FIRST_OPEN else _OTHERS
             groups.setdefault(group, []).append(variable)
-        groups = {name: groups[name] for name in sorted(groups, key=lambda n: n != _FIRST)}
+        groups = {name: groups[name] for name in sorted(groups, key=lambda n: n != _EFFECTIVE)}
         for index, (group, members) in enumerate(groups.items()):
             if len(groups) == 1:
                 for variable in members:
@@ -128,8 +128,8 @@ class Sliders:
     def _set(self, variable: Variable, displayed: float | None, source: ui.element) -> None:
         if displayed is None:
             return
-        now = self._state.value(variable) * variable.factor
-        if abs(displayed - now) <= 10.0**-_DIGITS * abs(now):
+        present = self._state.value(variable) * variable.factor
+        if abs(displayed - present) <= 10.0**-_DIGITS * abs(present):
             return
         nominal = variable.usual
         value = displayed / variable.factor
@@ -141,7 +141,7 @@ class Sliders:
         else:
             slider.value = displayed
         self.show_slopes()
-        self._moved()
+        self._on_change()
 
     def sync(self) -> None:
         """Set all sliders to the values of the variant, after an undo."""

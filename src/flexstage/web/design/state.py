@@ -27,7 +27,7 @@ FIRST_OPEN = (
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A design or stage file with some parameters changed."""
+    """A design or stage file with changed parameters."""
 
     template: StageTemplate
     """The design or stage file."""

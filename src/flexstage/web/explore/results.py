@@ -75,7 +75,7 @@ class Results:
             self._status = ui.label().classes("muted small").props('role="status"')
         if not run.job.is_over:
             show_job(self._page, run.job)
-            self._page.watch(run.job, lambda _: self._over())
+            self._page.watch(run.job, lambda _: self._finish())
         self._body = ui.column().classes("full-width results")
         self._rebuild()
         self._timer = ui.timer(0.4, self._look, active=not run.job.is_over)
@@ -89,7 +89,7 @@ class Results:
             self._follow() if self._histogram is None else self._histogram.show()
             self._shown_count = len(job.partial_results)
 
-    def _over(self) -> None:
+    def _finish(self) -> None:
         if self._run.job.state == "done":
             self._run.selected_row = None  # the result has other rows
         self._rebuild()
@@ -106,7 +106,7 @@ class Results:
                 ui.label(_cancelled(run)).classes("issue")
             self._points()
             if job.state == "done":
-                self._done()
+                self._show_finished()
             show_command(run)
 
     # samples: chart, selected sample, table
@@ -126,7 +126,7 @@ class Results:
     def _follow(self) -> None:
         """Show the present samples."""
         run = self._run
-        before = self._table
+        previous = self._table
         self._table = table = self._present_table()
         if table is None:
             return
@@ -135,7 +135,7 @@ class Results:
             self._show_controls(table)
         self._show_chart(table)
         self._show_table(table)
-        if before is None or run.job.is_over or self._is_history:
+        if previous is None or run.job.is_over or self._is_history:
             self._show_selected(table)
 
     def _present_table(self) -> SamplesTable | None:
@@ -228,8 +228,8 @@ class Results:
             self._plot.update_figure(chart_figure(data, layout))
 
     def _clicked(self, event: Any) -> None:
-        done = self._run.job.state == "done"
-        if self._table is not None and not (done and self._is_history):
+        is_done = self._run.job.state == "done"
+        if self._table is not None and not (is_done and self._is_history):
             self._select(int(event.args))
 
     def _pressed(self, event: Any) -> None:
@@ -307,7 +307,7 @@ class Results:
 
     # results of a finished job
 
-    def _done(self) -> None:
+    def _show_finished(self) -> None:
         run, outcome = self._run, self._run.job.result
         pictures = list(outcome.pictures)
         if self._table is None and pictures:

@@ -217,7 +217,7 @@ class SearchedFront:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._taken = 0
+        self._processed = 0
         self._points = np.zeros((0, len(problem.family.variables)))
         self._values = np.zeros((0, len(problem.figures)))
         self._front = np.zeros(0, dtype=int)
@@ -227,18 +227,18 @@ class SearchedFront:
     ) -> SamplesTable | None:
         """Return the points so far; None if there are none."""
         generations = [
-            each for each in partial_results[self._taken :] if isinstance(each, Generation)
+            each for each in partial_results[self._processed :] if isinstance(each, Generation)
         ]
-        self._taken = len(partial_results)
+        self._processed = len(partial_results)
         if generations:
-            before = len(self._points)
+            count = len(self._points)
             self._points = np.vstack(
                 (self._points, *(each.points[each.kept] for each in generations))
             )
             self._values = np.vstack(
                 (self._values, *(each.values[each.kept] for each in generations))
             )
-            rows = np.concatenate((self._front, np.arange(before, len(self._points))))
+            rows = np.concatenate((self._front, np.arange(count, len(self._points))))
             self._front = rows[non_dominated(self._costs(rows))]
         if not len(self._points):
             return None

@@ -70,16 +70,16 @@ def summarise_stage(variant: Variant) -> StageSummary:
     """
     template = variant.template.with_values(dict(variant.values))
     stage = template.stage()
-    known = known_figures(stage)
-    figures = {f.name: f for f in (Figure(quantity=q, axis=a) for q, a in known)}
+    known_values = known_figures(stage)
+    figures = {f.name: f for f in (Figure(quantity=q, axis=a) for q, a in known_values)}
     batched = set(batched_figures(stage))
     return StageSummary(
         template=template,
         variables={v.name: v for v in every_variable(template, SHARE)},
         flexure=frozenset(v.name for v in usual_variables(template)),
         figures=figures,
-        values={name: known[figure.key] for name, figure in figures.items()},
-        default_figures=tuple(f.name for f in usual_figures(known)),
+        values={name: known_values[figure.key] for name, figure in figures.items()},
+        default_figures=tuple(f.name for f in usual_figures(known_values)),
         tolerance_figures=frozenset(n for n, figure in figures.items() if figure.key in batched),
-        requirements=usual_requirements(stage, known, ()),
+        requirements=usual_requirements(stage, known_values, ()),
     )

@@ -63,7 +63,7 @@ class FilesForm:
         Writes an example file into a folder.
     changed
         Called after every change.
-    like
+    template
         Returns the options of reading for a new file.
     reference
         One file with one column, for a desired motion.
@@ -79,12 +79,12 @@ class FilesForm:
         label: str,
         example: Callable[[Path], Path] | None,
         changed: Callable[[], object],
-        like: Callable[[], FileSelection] = FileSelection,
+        template: Callable[[], FileSelection] = FileSelection,
         reference: bool = False,
     ) -> None:
         self._page, self._source, self._jobs, self._key = page, source, jobs, key
         self._label, self._example, self._changed = label, example, changed
-        self._like, self._reference = like, reference
+        self._template, self._reference = template, reference
         self._fields: dict[str, Any] = {}
         self._invalid: dict[str, str] = {}  # messages of fields with invalid text
         self._reads = 0
@@ -241,7 +241,7 @@ class FilesForm:
     def _replace(self, path: Path) -> None:
         self._invalid.clear()
         self._fallback = FileSelection(files=(str(path),))
-        template = self._like()
+        template = self._template()
         options = replace(template.options, rows=None)
         self._source.open(replace(template, files=self._fallback.files, options=options))
         self.look()

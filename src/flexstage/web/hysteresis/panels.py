@@ -42,7 +42,7 @@ _STARTS = {
 _FILES = {"csv": ".csv", "npz": ".npz", "hdf5": ".h5", "mat": ".mat"}
 _NUMBER = "outlined dense stack-label debounce=700"
 #: Default duration of an earlier motion of the drive [s].
-_MOVED = 30.0
+_DEFAULT_MOVED_FOR = 30.0
 
 
 class CompensationPanel:
@@ -72,7 +72,7 @@ class CompensationPanel:
             with panel() as self._results:
                 self._working = ui.column().classes("full-width")
                 self._error = ui.label().classes("issue error").props('role="alert"')
-                self._shown = ui.column().classes("full-width stretched")
+                self._display = ui.column().classes("full-width stretched")
         self._error.visible = False
         self._task = Task(
             self._page, self._state.jobs, "command", self._working, self._take, self._failed,
@@ -139,11 +139,15 @@ class CompensationPanel:
             state = request.start if isinstance(request.start, str) else "moved"
             start = ui.select(_STARTS, value=state, label="Start")
             start.props("outlined dense options-dense stack-label").classes("whole")
-            moved_for = _MOVED if isinstance(request.start, str) else request.start
-            moved = self._limit("Moved for [s]", moved_for, lambda v: self._ask("start", v or 0.0))
-            moved.bind_visibility_from(start, "value", value="moved")
+            moved_for = _DEFAULT_MOVED_FOR if isinstance(request.start, str) else request.start
+            moved_field = self._limit(
+                "Moved for [s]", moved_for, lambda v: self._ask("start", v or 0.0)
+            )
+            moved_field.bind_visibility_from(start, "value", value="moved")
             start.on_value_change(
-                lambda e: self._ask("start", moved.value or 0.0 if e.value == "moved" else e.value)
+                lambda e: self._ask(
+                    "start", moved_field.value or 0.0 if e.value == "moved" else e.value
+                )
             )
 
     def _file(self) -> None:
@@ -248,7 +252,7 @@ class CompensationPanel:
             "computing the command", compensate_motion, state.model.file, motion, "command"
         )
         self._results.visible = True
-        self._shown.classes(add="stale")
+        self._display.classes(add="stale")
 
     def _take(self, compensation: Compensation) -> None:
         if self._is_outdated:
@@ -269,19 +273,19 @@ class CompensationPanel:
         self._error.visible = bool(message)
         if message:
             self._results.visible = True
-            self._shown.classes(add="stale")
+            self._display.classes(add="stale")
         else:
-            self._shown.classes(remove="stale")
+            self._display.classes(remove="stale")
 
     def _show_command(self) -> None:
-        self._shown.clear()
+        self._display.clear()
         compensation, model = self._state.compensation, self._state.model
         self._results.visible = compensation is not None or self._task.running
         if compensation is None or model is None:
             return
         drive, command = model.file.model, compensation.feedforward
         band = model.file.errors.get("heldout_95")
-        with self._shown:
+        with self._display:
             with div("row-of-figures"):
                 command_range = float(command.command.min()), float(command.command.max())
                 figure("Command", readable(drive.input_unit, *command_range, digits=4))
@@ -354,22 +358,24 @@ class PredictionPanel:
                     label="Independent record of the drive: drop it here",
                     example=validation_example,
                     changed=self._record_changed,
-                    like=lambda: state.source.selection,
+                    template=lambda: state.source.selection,
                 )
                 form.build()
                 with div("entries"):
                     start = ui.select(_PREDICTION_STARTS, value=state.start, label="Start")
                     start.props("outlined dense options-dense stack-label").classes("whole")
                     start.bind_value(state, "start")
-                    moved = ui.number("Moved for [s] (empty: infinite)", value=state.moved_for)
-                    moved.props("outlined dense stack-label")
-                    moved.on_value_change(self._set_moved)
-                    moved.bind_visibility_from(start, "value", value="moved")
+                    moved_field = ui.number(
+                        "Moved for [s] (empty: infinite)", value=state.moved_for
+                    )
+                    moved_field.props("outlined dense stack-label")
+                    moved_field.on_value_change(self._set_moved)
+                    moved_field.bind_visibility_from(start, "value", value="moved")
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Validate", icon="play_arrow", on_click=self._start)
                 self._working = ui.column().classes("full-width")
             with panel() as self._results:
-                self._shown = ui.column().classes("full-width stretched")
+                self._display = ui.column().classes("full-width stretched")
         self._task = Task(
             self._page, state.jobs, "prediction", self._working, self._take, elsewhere=self.show
         )
@@ -379,7 +385,7 @@ class PredictionPanel:
     def show(self) -> None:
         """Show the prediction; before it, the preview of the record."""
         self._show_missing()
-        self._shown.clear()
+        self._display.clear()
         prediction, model, preview = (
             self._state.prediction,
             self._state.model,
@@ -387,12 +393,12 @@ class PredictionPanel:
         )
         self._results.visible = prediction is not None or preview is not None
         if prediction is None or model is None:
-            with self._shown:
+            with self._display:
                 if preview is not None:
                     show_contents(preview)
             return
         first, drive = prediction.predictions[0], model.file.model
-        with self._shown:
+        with self._display:
             with div("row-of-figures"):
                 figure("Prediction error", f"{first.as_predicted_rms_percent:.3f} % rms")
                 figure("With a free offset", f"{first.free_constant_rms_percent:.3f} % rms")

@@ -320,24 +320,24 @@ class AnalyseView:
             self._show_tables(list(results.values()))
             self._part.show(results)
 
-    def _show_tables(self, every: list[ModelResult]) -> None:
+    def _show_tables(self, results: list[ModelResult]) -> None:
         self._tables.clear()
         with self._tables:
-            if not every:
+            if not results:
                 ui.label(NOTHING_YET).classes("muted")
                 return
-            first, others = figures_tables(self._page.preferences, every)
-            if first.rows:
-                show_table(first)
-            for drives in every[0].analysis.modes:
+            main, others = figures_tables(self._page.preferences, results)
+            if main.rows:
+                show_table(main)
+            for drives in results[0].analysis.modes:
                 with self._fold(f"Natural frequencies, drives {drives}", drives == "removed"):
-                    show_table(modes_table(every, drives))
+                    show_table(modes_table(results, drives))
             with self._fold("All other figures"):
                 show_table(others)
-            self._show_details(every)
+            self._show_details(results)
 
-    def _show_details(self, every: list[ModelResult]) -> None:
-        best = every[-1]  # the most complete model
+    def _show_details(self, results: list[ModelResult]) -> None:
+        best = results[-1]  # the most complete model
         if best.analysis.coupling is not None:
             with self._fold(f"All drives together, {title_of(best.model)}"):
                 for rows in coupling_tables(best.analysis.coupling):
@@ -347,7 +347,7 @@ class AnalyseView:
             with self._fold(f"Stress of each hinge, {title_of(best.model)}"):
                 show_table(stress)
         with self._fold("Limits of validity"):
-            for result in every:
+            for result in results:
                 for text in result.analysis.validity:
                     ui.label(f"{title_of(result.model)}: {text}").classes("small")
 
@@ -365,10 +365,10 @@ class AnalyseView:
         )
         self._save.disable()
 
-        def over(job: BackgroundJob) -> None:
+        def finish(job: BackgroundJob) -> None:
             self._save.enable()
             if job.state == "done":
                 ui.download.file(job.result)
 
         with self._working:
-            show_job(self._page, job, over)
+            show_job(self._page, job, finish)

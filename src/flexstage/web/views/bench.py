@@ -28,7 +28,10 @@ from flexstage.web.page import (
     show_job,
 )
 
-_AFTER = {False: "leave the drives as they are", True: "ramp the drives to their safe voltages"}
+_ON_DISCONNECT = {
+    False: "leave the drives as they are",
+    True: "ramp the drives to their safe voltages",
+}
 
 
 class ConnectionBar:
@@ -79,7 +82,7 @@ class ConnectionBar:
         )
         StageChoice(self._page, lambda: None)
         bind_field(ui.input("Your name"), forms, "operator").props("dense outlined")
-        bind_field(choice(_AFTER, None, "When disconnected"), forms, "ramps_to_safe")
+        bind_field(choice(_ON_DISCONNECT, None, "When disconnected"), forms, "ramps_to_safe")
         self._go = ui.button("Connect", on_click=self._connect)
         if self._connecting:
             self._wait()
@@ -200,7 +203,7 @@ class BenchView:
         self._page, self._bench = page, bench_of(page)
         self._forms = page.session.state(BenchForms)
         self._cards: dict[str, AxisCard] = {}
-        self._shown: Any = None
+        self._last_state: Any = None
         self._form: Any = None
         self._job: BackgroundJob | None = None
 
@@ -226,8 +229,8 @@ class BenchView:
             control.holds(session),
             control.free,
         )
-        if state != self._shown:
-            previous, self._shown = self._shown, state
+        if state != self._last_state:
+            previous, self._last_state = self._last_state, state
             self._bar.build()
             if previous is None or previous[0] is not bench.history:
                 self._rebuild()
@@ -304,14 +307,14 @@ class BenchView:
             return
         self._job = job
         if job.is_over:
-            self._ended(job)
+            self._show_end(job)
             return
         self._progress.clear()
         with self._progress:
             show_job(self._page, job)
-            self._page.watch(job, self._ended)
+            self._page.watch(job, self._show_end)
 
-    def _ended(self, job: BackgroundJob) -> None:
+    def _show_end(self, job: BackgroundJob) -> None:
         if job.state == "done":
             self._show(job.result)
             return

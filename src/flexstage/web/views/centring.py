@@ -56,7 +56,7 @@ _PURPOSES = (
     "Remaining eccentricity, and whether another move would help.",
 )
 _INSTRUCTIONS: dict[Source, str] = {
-    "records": "Turn the table once or more with the stage at rest, and give the record of the "
+    "records": "Turn the table once or more with the stage at rest, and upload the record of the "
     "angle and the error of each head (reading − true angle).",
     "gauge": "Turn the table once by hand, and read the gauge at the rim at equal angles.",
     "example": "A simulated table turns an eccentric scale with two heads. It needs no hardware.",
@@ -96,7 +96,7 @@ class CentringView:
                 self._steps = div("stack")
             with panel("sticky").props("tabindex=0"):
                 self._working = div("full-width")
-                self._shown = div("stack")
+                self._results = div("stack")
         self._task = Task(
             self._page, self._state.jobs, "fit", self._working, self._take, self._failed
         )
@@ -132,7 +132,9 @@ class CentringView:
     async def _turn(self) -> None:
         with self._page.show_errors():
             state, path = self._state, self._new_file(".csv")
-            displacement = [at - first for at, first in zip(state.at, state.origin, strict=True)]
+            displacement = [
+                at - first for at, first in zip(state.position, state.origin, strict=True)
+            ]
             await asyncio.to_thread(simulated_record, displacement, len(state.turns), path)
             self._take_record(path)
 
@@ -148,15 +150,17 @@ class CentringView:
     def _set_position(self, axis: int, value: float | None) -> None:
         _, factor = self._page.preferences.length_unit()
         if value is not None:
-            at = list(self._state.at)
+            at = list(self._state.position)
             at[axis] = value / factor
-            self._state.at = (at[0], at[1])
+            self._state.position = (at[0], at[1])
 
     async def _move(self, target: tuple[float, float]) -> None:
         with self._page.show_errors():
             session = self._page.session.id
-            self._state.at = await asyncio.to_thread(move_to, self._bench, session, target)
-            ui.notify(f"the stage is at {position_text(self._state.at, self._page.preferences)}")
+            self._state.position = await asyncio.to_thread(move_to, self._bench, session, target)
+            ui.notify(
+                f"the stage is at {position_text(self._state.position, self._page.preferences)}"
+            )
             self._show()
 
     # evaluation
@@ -168,14 +172,14 @@ class CentringView:
             with self._page.show_errors():
                 for error in self._state.errors.values():
                     raise error
-                key = f"centring{self._shown.id}"
+                key = f"centring{self._results.id}"
                 self._task.start("evaluation", evaluate_files, self._state.evaluation, key)
 
     def _take(self, result: CentringResult) -> None:
         self._state.result = result
         target = self._state.target()
         if target is not None and axes_of(self._bench) is None:
-            self._state.at = target
+            self._state.position = target
         self._show()
 
     def _failed(self, sentence: str) -> None:
@@ -190,22 +194,22 @@ class CentringView:
         with self._steps:
             for number, name in enumerate(_STEPS, start=1):
                 self._step(number, name)
-        self._shown.clear()
-        with self._shown:
+        self._results.clear()
+        with self._results:
             self._result()
 
     def _step(self, number: int, name: str) -> None:
         state = self._state
         is_current = number == state.step or (number == 4 and state.step == 3)
-        done = number < state.step or (number == 4 and state.next_kind == "move" and self._moves)
+        is_done = number < state.step or (number == 4 and state.next_kind == "move" and self._moves)
         with panel("step current" if is_current else "step"):
             with ui.row().classes("items-center heading"):
                 PanelHeading(f"{number} {name}")
-                if done:
+                if is_done:
                     ui.label("done").classes("state")
             if is_current:
                 (self._measure, self._trial, self._towards_centre, self._verify)[number - 1]()
-            elif not done:
+            elif not is_done:
                 remark(_PURPOSES[number - 1])
 
     @property
@@ -223,12 +227,12 @@ class CentringView:
         if (target := self._target_or_reason()) is None:
             return
         unit, factor = self._page.preferences.length_unit()
-        present = state.turns[-1].at["xy".index(axis)]
+        present = state.turns[-1].position["xy".index(axis)]
         step = factor * (target["xy".index(axis)] - present)
         destination = position_text(target, self._page.preferences)
         ui.label(
             f"Move the stage by {step:+.4g} {unit} in {axis} only, to {destination}. Turn the "
-            "table again, and give the record. It calibrates the axis."
+            "table again, and upload the record. It calibrates the axis."
         )
         self._go_button(target)
         self._place_fields()
@@ -278,7 +282,7 @@ class CentringView:
     def _verify(self) -> None:
         state = self._state
         if state.up_to_date and state.target() is not None:
-            ui.label("Turn the table again after the move, and give the record.")
+            ui.label("Turn the table again after the move, and upload the record.")
             self._place_fields()
             self._record_field()
         if self._moves and state.result is not None and state.up_to_date:
@@ -319,7 +323,7 @@ class CentringView:
         unit, factor = self._page.preferences.length_unit()
         with ui.row().classes("items-center place"):
             for axis in (0, 1):
-                value = float(f"{factor * self._state.at[axis]:.6g}")
+                value = float(f"{factor * self._state.position[axis]:.6g}")
                 field = ui.number(f"Stage at {'xy'[axis]} [{unit}]", value=value)
                 field.props("dense outlined")
                 field.on_value_change(lambda e, axis=axis: self._set_position(axis, e.value))

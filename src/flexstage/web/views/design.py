@@ -61,7 +61,7 @@ class DesignView:
         self._state = page.session.state(DesignState)
         self._follows = self._dirty = self._drawing = False
         self._changed_at = 0.0
-        self._drawn: Variant | None = None
+        self._drawn_variant: Variant | None = None
         self._drawn_pinned: Variant | None = None
         self._job: tuple[str, Variant, BackgroundJob] | None = None
 
@@ -224,9 +224,9 @@ class DesignView:
         state.commit()
         if self._drawing:
             return
-        if self._drawn != variant:
+        if self._drawn_variant != variant:
             drawing = await self._draw(variant, f"now{self._picture.id}")
-            self._drawn = variant
+            self._drawn_variant = variant
             if drawing is not None and variant == state.now:
                 self._show_drawing(drawing)
         elif state.pinned is not None and self._drawn_pinned != state.pinned:
@@ -334,9 +334,9 @@ def ask_export(page: Page, variant: Variant) -> None:
                 "export", export_to_folder, folder, variant, formats, owner=owner
             )
             with working:
-                show_job(page, job, over)
+                show_job(page, job, finish)
 
-        def over(job: BackgroundJob) -> None:
+        def finish(job: BackgroundJob) -> None:
             go.enable()
             if job.state == "done":
                 path, remarks = job.result

@@ -206,7 +206,7 @@ _PURPOSES = (
 )
 _ENTRY = "outlined dense stack-label debounce=300"
 #: Known properties of a drive, with an example of each.
-_KNOWN = {
+_KNOWN_FIELDS = {
     "resonance": "808 Hz",
     "damping": "1 %",
     "delay": "5 ms",
@@ -277,7 +277,7 @@ class HysteresisView:
                 self._missing = ui.label().classes("issue")
                 self._go = ui.button("Identify", icon="play_arrow", on_click=self._identify)
                 working = ui.column().classes("full-width")
-            with panel() as self._shown:
+            with panel() as self._preview_panel:
                 self._contents = ui.column().classes("full-width stretched")
         self._task = Task(
             self._page, state.jobs, "model", working, self._take, elsewhere=self._taken_elsewhere
@@ -300,14 +300,14 @@ class HysteresisView:
         with ui.expansion("Known properties of the drive", value=has_options).classes("folded"):
             with div("entries"):
                 self._field("train", "400:5000")
-                for name, example in _KNOWN.items():
+                for name, example in _KNOWN_FIELDS.items():
                     self._field(name, example)
             ui.checkbox("Drift: also fit a linear drift", value=options.drift).on_value_change(
                 lambda event: self._set("drift", bool(event.value))
             )
 
     def _field(self, name: str, example: str) -> None:
-        owner = self._state.options.known if name in _KNOWN else self._state.options
+        owner = self._state.options.known if name in _KNOWN_FIELDS else self._state.options
         field, value = request_fields(type(owner))[name], getattr(owner, name)
         content = "" if value in (None, field.default) else ",".join(field.texts(value))
         entry = ui.input(field.label, value=content, placeholder=example).props(_ENTRY)
@@ -328,7 +328,7 @@ class HysteresisView:
 
     def _set(self, name: str, value: Any) -> None:
         options = self._state.options
-        if name in _KNOWN:
+        if name in _KNOWN_FIELDS:
             name, value = "known", replace(options.known, **{name: value})
         self._state.options = replace(options, **{name: value})
 
@@ -341,7 +341,7 @@ class HysteresisView:
         self._missing.visible = bool(text)
         self._options_area.visible = bool(source.selection.files)
         self._go.set_enabled(not missing and not self._invalid)
-        self._shown.visible = source.preview is not None or not source.selection.files
+        self._preview_panel.visible = source.preview is not None or not source.selection.files
         self._contents.clear()
         with self._contents:
             if source.preview is not None:

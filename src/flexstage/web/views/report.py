@@ -142,9 +142,9 @@ class ReportView:
         if (job := self._state.job) is not None:
             self._go.disable()
             with self._working:
-                show_job(self._page, job, self._over)
+                show_job(self._page, job, self._finish)
 
-    def _over(self, job: BackgroundJob) -> None:
+    def _finish(self, job: BackgroundJob) -> None:
         self._go.enable()
         self._state.job = None
         if job.state == "done":

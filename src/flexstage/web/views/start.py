@@ -43,7 +43,7 @@ def build(page: Page) -> None:
     abandoned = [
         (session, ago)
         for session, ago in page.panel.access.sessions()
-        if ago > reconnect_time and session.opened(DesignState) and not pages_of(session)
+        if ago > reconnect_time and session.existing_state(DesignState) and not pages_of(session)
     ]
     if abandoned:
         with panel():
@@ -56,7 +56,7 @@ def build(page: Page) -> None:
 
 def _session_text(session: Session, ago: float) -> str:
     """Return user, open stage and age of a session."""
-    design, forms = session.opened(DesignState), session.opened(BenchForms)
+    design, forms = session.existing_state(DesignState), session.existing_state(BenchForms)
     user = forms.operator.strip() if forms is not None else ""
     changed = len(design.now.values) if design is not None else 0
     text = design.now.name if design is not None else ""
