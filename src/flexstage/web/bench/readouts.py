@@ -42,7 +42,7 @@ def shown_number(quantity: Quantity, value: float) -> str:
 
 
 class AxisCard:
-    """One axis.
+    """The card of an axis at the bench.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class ExploreResult:
     pictures: tuple[tuple[str, str], ...]
     """Title and SVG of each picture."""
     tables: tuple[Table, ...]
-    """Its tables."""
+    """Tables of the result."""
     notes: tuple[str, ...]
     """Notes on the result and its files."""
 

@@ -222,7 +222,7 @@ _PARTS = {"Shapes": "animation", "Bode": "ssid_chart", "Convergence": "trending_
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     AnalyseView(page).build()
 
 
@@ -243,7 +243,7 @@ class AnalyseView:
         self._results: dict[str, ModelResult] | None = None
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         with panel("toolbar"):
             StageChoice(self._page, self._opened)
             ui.space()

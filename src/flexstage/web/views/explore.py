@@ -21,7 +21,7 @@ from flexstage.web.page import Page, PanelHeading, display_text, div, panel, rem
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     ExploreView(page).build()
 
 
@@ -41,7 +41,7 @@ class ExploreView:
         self._summary: StageSummary | None = None
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         with panel("toolbar"):
             StageChoice(self._page, self._opened)
             self._changed_label = ui.label().classes("muted")
