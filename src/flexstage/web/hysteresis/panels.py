@@ -22,7 +22,7 @@ from flexstage.web.figures import figure, in_page, picture, save, sentence, show
 from flexstage.web.hysteresis.files_form import FilesForm, show_contents
 from flexstage.web.hysteresis.state import HysteresisState
 from flexstage.web.hysteresis.work import (
-    Compensation,
+    CompensationResult,
     PredictionSet,
     compensate_motion,
     default_motion,
@@ -254,7 +254,7 @@ class CompensationPanel:
         self._results.visible = True
         self._display.classes(add="stale")
 
-    def _take(self, compensation: Compensation) -> None:
+    def _take(self, compensation: CompensationResult) -> None:
         if self._is_outdated:
             self.compute()
             return

@@ -6,7 +6,12 @@ from typing import Literal
 from flexstage.hysteresis import ModelFile
 from flexstage.hysteresis.requests import IdentifyRequest
 from flexstage.web.hysteresis.requests import DesiredMotion, FileSelection
-from flexstage.web.hysteresis.work import Compensation, FilePreview, IdentifiedModel, PredictionSet
+from flexstage.web.hysteresis.work import (
+    CompensationResult,
+    FilePreview,
+    IdentifiedModel,
+    PredictionSet,
+)
 from flexstage.web.jobs import BackgroundJob
 
 Step = Literal["record", "model", "compensate", "predict"]
@@ -103,7 +108,7 @@ class HysteresisState:
     """The desired motion."""
     reference: MeasuredFiles = field(default_factory=MeasuredFiles)
     """File of a desired motion."""
-    compensation: Compensation | None = None
+    compensation: CompensationResult | None = None
     """Command for the desired motion."""
     validation: MeasuredFiles = field(default_factory=MeasuredFiles)
     """Independent record for the validation of the model."""

@@ -183,7 +183,7 @@ def open_model_file(path: Path) -> tuple[ModelFile, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Compensation:
+class CompensationResult:
     """A command, and its display."""
 
     motion: DesiredMotion
@@ -200,7 +200,7 @@ class Compensation:
     """The command, its loop and the predicted error, for a page."""
 
 
-def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> Compensation:
+def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> CompensationResult:
     """Compute the command for a motion, and plot it."""
     feedforward, notes = command(file.model, motion)
     is_endless = motion.shape != "file" and motion.periods == 0
@@ -217,7 +217,7 @@ def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> Compe
     band = file.errors.get("heldout_95")
     alt_text = "The command and its predicted error"
     svg = inline(lambda: draw_feedforward(feedforward, file.model, band), key, alt_text)
-    return Compensation(motion, feedforward, float(np.sqrt(np.mean(error**2))), notes, svg)
+    return CompensationResult(motion, feedforward, float(np.sqrt(np.mean(error**2))), notes, svg)
 
 
 def command(drive: DriveModel, motion: DesiredMotion) -> tuple[Feedforward, tuple[str, ...]]:
