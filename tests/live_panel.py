@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.web import server, shell, views
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
+from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel, LiveHistory
 from flexstage.web.options import PanelOptions
 from flexstage.web.page import Page
 
@@ -65,12 +65,14 @@ def add_view(history: LiveHistory, charts: int) -> None:
     def build(page: Page) -> None:
         from nicegui import ui
 
-        from flexstage.web.live.chart import LiveChart
+        from flexstage.web.live_chart import LiveChart
 
         loops = (None, ("x voltage", "x position"))
-        for says, loop in zip(("Voltage and position", "Loop of x")[:charts], loops, strict=False):
+        for alt_text, loop in zip(
+            ("Voltage and position", "Loop of x")[:charts], loops, strict=False
+        ):
             with ui.element("section").classes("panel"):
-                LiveChart(page, history, says=says, loop=loop)
+                LiveChart(page, history, alt_text=alt_text, loop=loop)
 
     name = f"{views.__name__}.live"
     sys.modules[name] = types.ModuleType(name)

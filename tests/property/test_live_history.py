@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from flexstage.base.errors import ModelError
-from flexstage.web.live.chart import packed, spectrum
-from flexstage.web.live.history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
+from flexstage.web.live_chart import encode_window, spectrum
+from flexstage.web.live_history import POSITION, VOLTAGE, HistoryWindow, LiveChannel, LiveHistory
 
 TEN_SECONDS = {"mode": "time", "length": "10"}
 CHANNELS = (LiveChannel("u", VOLTAGE), LiveChannel("x", POSITION))
@@ -117,12 +117,12 @@ def test_what_a_page_lacks_completes_what_it_has(length: float, loop: bool) -> N
     history.append(times[:80_000], values[:80_000])
     asked = {"mode": "loop" if loop else "time", "length": str(length)}
     page = _Page()
-    page.take(packed(history, asked))
+    page.take(encode_window(history, asked))
     for k in range(80_000, 90_000, 1237):
         history.append(times[k : k + 1237], values[k : k + 1237])
-        page.take(packed(history, asked | page.known()))
+        page.take(encode_window(history, asked | page.known()))
     fresh = _Page()
-    fresh.take(packed(history, asked))
+    fresh.take(encode_window(history, asked))
     kept = page.times >= fresh.times[0]
     np.testing.assert_array_equal(page.times[kept], fresh.times)
     np.testing.assert_array_equal(page.low[kept], fresh.low)
@@ -177,9 +177,11 @@ def test_what_is_no_sample_and_no_question_is_refused() -> None:
     assert history.span is None
     with pytest.raises(ModelError, match=r"have shape \(2, 2\), got \(2, 3\)"):
         history.append([0.0, 1.0], np.zeros((2, 3)))
-    with pytest.raises(ModelError, match="times of samples rise: 0 s to 0 s came after -inf s"):
+    with pytest.raises(
+        ModelError, match="times of samples must increase: 0 s to 0 s came after -inf s"
+    ):
         history.append([0.0, 0.0], np.zeros((2, 2)))
-    with pytest.raises(ModelError, match="times of samples rise"):
+    with pytest.raises(ModelError, match="times of samples must increase"):
         history.append([np.nan], np.zeros((1, 2)))
     wrong = (
         {"length": "nan"},
@@ -190,8 +192,8 @@ def test_what_is_no_sample_and_no_question_is_refused() -> None:
     )
     for asked in ({}, {"mode": "time"}, *(TEN_SECONDS | more for more in wrong)):
         with pytest.raises((KeyError, ValueError)):
-            packed(history, asked)
-    assert np.frombuffer(packed(history, TEN_SECONDS), "<f8")[6] == 0
+            encode_window(history, asked)
+    assert np.frombuffer(encode_window(history, TEN_SECONDS), "<f8")[6] == 0
 
 
 @pytest.mark.parametrize("straying", [0.0, 0.1])
@@ -212,10 +214,10 @@ def test_a_spectrum_has_the_power_of_what_was_measured(straying: float) -> None:
     power = np.sum(found.low[near, 1] ** 2) * (lines[1] - lines[0])
     # and loses what the straying of its times takes: 0.6 % at an eighth of the rate
     assert power == pytest.approx(0.5 * 50e-9**2, rel=0.02)
-    with pytest.raises(ModelError, match=r"a spectrum needs 64 samples, there are (49|5\d)"):
+    with pytest.raises(ModelError, match=r"a spectrum needs 64 samples, got (49|5\d)"):
         spectrum(history, 5.0, 5.5)
     history.append([70.0], values[:1])
-    with pytest.raises(ModelError, match=r"for 5\.\d+ s of the last 100 s there was none"):
+    with pytest.raises(ModelError, match=r"the last 100 s have a gap of 5\.\d+ s"):
         spectrum(history, 0.0, 100.0)
 
 

@@ -16,7 +16,7 @@ from flexstage import web
 from flexstage.base.errors import ModelError
 from flexstage.cli import main
 from flexstage.files.request import request_of
-from flexstage.web.gate import LOG, SESSION, Gate
+from flexstage.web.access_control import LOG, SESSION, AccessControl
 from flexstage.web.options import Certificate, PanelOptions
 from flexstage.web.sessions import Access, Session
 
@@ -55,7 +55,7 @@ class Door:
         self.options = PanelOptions(folder=Path("files"), **options)
         self.access = Access(self.options.password, clock=lambda: self.now)
         self.behind, self.opened, self.now = Behind(), 0, 0.0
-        self.gate = Gate(self.behind, self.options, self.access, self._open)
+        self.gate = AccessControl(self.behind, self.options, self.access, self._open)
 
     def _open(self) -> None:
         self.opened += 1
@@ -366,9 +366,9 @@ def test_over_tls_the_cookie_stays_there() -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"address": ("0.0.0.0", 8321)}, "give it a password"),
+        ({"address": ("0.0.0.0", 8321)}, "give a password"),
         ({"address": ("192.168.7.3", 8321), "password": "short"}, "10 letters or more, got 5"),
-        ({"tls": {"certificate": Path("cert.pem")}}, "needs a certificate and its key"),
+        ({"tls": {"certificate": Path("cert.pem")}}, "needs both a certificate and its key"),
         ({"address": ("127.0.0.1", 70000)}, r"\[HOST:\]PORT .* got .*70000"),
     ],
 )
@@ -389,9 +389,9 @@ def test_a_named_host_is_known_and_a_foreign_one_is_not() -> None:
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("--password-file", b"\xff\xfe\x00", "is no text in UTF-8"),
+        ("--password-file", b"\xff\xfe\x00", "is not a text file in UTF-8"),
         ("--password-file", b"", "is empty: its first line is the password"),
-        ("--tls", b"garbage", "are no certificate and its private key"),
+        ("--tls", b"garbage", "are not a certificate and its private key"),
     ],
 )
 def test_files_that_are_none_are_refused_before_an_address_is_said(

@@ -14,10 +14,10 @@ pytestmark = pytest.mark.slow
 
 #: Times of points, and the least and greatest of the first channel, as the page holds them.
 _HELD = """chart => {
-  const { points, got } = chart.live;
+  const { points, latest } = chart.live;
   const places = [...Array(points.count).keys()].map(k => points.first + k);
   const of = all => places.map(k => all[k * points.channels]);
-  return [places.map(k => points.times[k]), of(points.low), of(points.high), got.step];
+  return [places.map(k => points.times[k]), of(points.low), of(points.high), latest.step];
 }"""
 
 #: How many pixels of a canvas have the colour of each channel.
@@ -49,19 +49,21 @@ def look(tmp_path: Path) -> Iterator[Look]:
         page.get_by_role("link", name="Live").click()
         page.wait_for_function(
             """[...document.querySelectorAll('.live-chart')]
-                .filter(chart => chart.live?.got && chart.live.frames > 5).length === 2"""
+                .filter(chart => chart.live?.latest && chart.live.frames > 5).length === 2"""
         )
         yield seen
 
 
 def follows(chart: Any) -> None:
     """Wait until newer samples have come than those that are there."""
-    newest = chart.evaluate("chart => chart.live.got.newest")
-    until(lambda: chart.evaluate("chart => chart.live.got.newest") > newest + 0.3)
+    newest = chart.evaluate("chart => chart.live.latest.newest")
+    until(lambda: chart.evaluate("chart => chart.live.latest.newest") > newest + 0.3)
 
 
 def shows(chart: Any, mode: str, seconds: float) -> None:
-    until(lambda: chart.evaluate("c => [c.live.got.mode, c.live.got.length]") == [mode, seconds])
+    until(
+        lambda: chart.evaluate("c => [c.live.latest.mode, c.live.latest.length]") == [mode, seconds]
+    )
 
 
 def require_true(chart: Any) -> None:
@@ -95,7 +97,7 @@ def test_a_live_chart_follows_and_is_looked_at(look: Look) -> None:
         follows(chart)
         require_true(chart)
         assert chart.evaluate("chart => chart.live.points.count") <= 2000
-        assert chart.evaluate("chart => chart.live.got.goesOn")
+        assert chart.evaluate("chart => chart.live.latest.continues")
     assert min(chart.evaluate(_COLOURED)) > 2000
     # nobody looks: nothing is asked; then what was missed is there
     page.evaluate(_HIDE, True)
@@ -125,7 +127,7 @@ def test_a_live_chart_is_used_by_keyboard_and_kept(look: Look) -> None:
     assert told.inner_text() == "paused"
     page.keyboard.press("+")
     page.keyboard.press("ArrowLeft")
-    until(lambda: chart.evaluate("chart => chart.live.got.length") == 300)
+    until(lambda: chart.evaluate("chart => chart.live.latest.length") == 300)
     require_true(chart)
     # zoomed in so far that every sample is shown
     box = canvas.bounding_box()
@@ -133,7 +135,7 @@ def test_a_live_chart_is_used_by_keyboard_and_kept(look: Look) -> None:
     page.mouse.down()
     page.mouse.move(box["x"] + 530, box["y"] + 120)
     page.mouse.up()
-    until(lambda: chart.evaluate("chart => chart.live.got.step") == 0)
+    until(lambda: chart.evaluate("chart => chart.live.latest.step") == 0)
     require_true(chart)
     page.keyboard.press("Shift+ArrowRight")
     assert told.inner_text().startswith("at ")
@@ -143,7 +145,7 @@ def test_a_live_chart_is_used_by_keyboard_and_kept(look: Look) -> None:
     # a hidden channel, another mode and another unit outlive a reload
     chart.get_by_role("button", name="y position").click()
     loop.get_by_role("button", name="Time", exact=True).click()
-    page.get_by_role("button", name="Units and look").click()
+    page.get_by_role("button", name="Units and theme").click()
     page.get_by_role("combobox", name="Lengths").click()
     page.get_by_role("option", name="nm", exact=True).click()
     page.wait_for_selector("canvas[data-axes*='Position [nm]']")
@@ -156,7 +158,9 @@ def test_a_live_chart_is_used_by_keyboard_and_kept(look: Look) -> None:
     # an axis without a title would be found
     assert look.unlabelled_axes() == 0
     axes = '[{"axis":"x","title":""},{"axis":"y1","title":"Voltage [V]"}]'
-    page.evaluate("document.querySelectorAll('.live-chart').forEach(c => { c.live.gone = true; })")
+    page.evaluate(
+        "document.querySelectorAll('.live-chart').forEach(c => { c.live.isRemoved = true; })"
+    )
     page.wait_for_timeout(300)
     canvas.evaluate("(canvas, axes) => { canvas.dataset.axes = axes; }", axes)
     assert look.unlabelled_axes() == 1

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.web.live.chart import PATH, SharedHistories
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel, LiveHistory
+from flexstage.web.live_chart import PATH, SharedHistories
+from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel, LiveHistory
 from tests.panel import HERE, simulated
 
 ASKED = {"mode": "time", "length": "0.2"}
@@ -29,7 +29,7 @@ def test_a_chart_has_its_units_and_its_data_on_the_page_alone(tmp_path: Path) ->
 def require_units(user: Any, panel: Any) -> None:
     from nicegui.events import GenericEventArguments
 
-    from flexstage.web.live.chart import LiveChart
+    from flexstage.web.live_chart import LiveChart
     from flexstage.web.page import Page
 
     (session,) = panel.access._sessions.values()
@@ -46,7 +46,7 @@ def require_units(user: Any, panel: Any) -> None:
         assert LiveChart(Page(panel, session), history).props["view"] == {"hidden": [1]}
         other = LiveHistory([LiveChannel("z", POSITION)], 100.0)
         assert LiveChart(Page(panel, session), other).props["view"] == {}
-        with pytest.raises(ModelError, match="no channel 'y' to show: there are u, x"):
+        with pytest.raises(ModelError, match="no channel 'y'; the channels are u, x"):
             LiveChart(Page(panel, session), history, loop=("x", "y"))
 
 
@@ -62,7 +62,7 @@ async def require_answers(user: Any, panel: Any) -> None:
     # a sentence of the library is one for the page; what no page asks is refused
     answer = await ask(address, params=ASKED | {"mode": "spectrum"})
     assert answer.headers["content-type"].startswith("text/plain")
-    assert answer.text == "a spectrum needs 64 samples, there are 21"
+    assert answer.text == "a spectrum needs 64 samples, got 21"
     known = {"generation": f"{history.generation}", "tier": "0", "after": "1e999"}
     for wrong in ({"mode": "polar"}, {"length": "long"}, {"length": "0"}, known):
         assert (await ask(address, params=ASKED | wrong)).status_code == 400

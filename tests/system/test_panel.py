@@ -16,12 +16,12 @@ from flexstage.base.errors import ModelError
 from flexstage.stage.designs import StageTemplate
 from flexstage.web.bench.state import BenchForms
 from flexstage.web.design.state import DesignState
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.figures import chart_figure
 from flexstage.web.jobs import Jobs
 from flexstage.web.page import pages_of
 from flexstage.web.preferences import Preferences
 from flexstage.web.sessions import Access, History
-from flexstage.web.stops import Stops
 from flexstage.web.uploads import plain_name, require_ending
 from flexstage.web.views import VIEWS
 from tests.panel import simulated
@@ -63,8 +63,8 @@ def test_stop_is_there_on_every_view_while_a_stage_is_connected(tmp_path: Path) 
         await user.open("/")
         await user.should_not_see("STOP")
         stopped: list[str] = []
-        panel.stops.add("first", lambda: 1 / 0)
-        panel.stops.add("second", lambda: stopped.append("second"))
+        panel.emergency_stop.add("first", lambda: 1 / 0)
+        panel.emergency_stop.add("second", lambda: stopped.append("second"))
         await user.open(VIEWS[-1].path)
         await user.should_see("STOP")
         user.find("STOP").click()
@@ -94,7 +94,7 @@ def test_a_job_tells_how_far_it_is_and_its_process_does_the_next(jobs: Jobs) -> 
     first = jobs.start("count", counted, 3, 0.15, owner="me")
     seen = set()
     while not first.wait(0.02):
-        seen.add((first.what, round(first.share, 2)))
+        seen.add((first.activity, round(first.share, 2)))
     assert first.state == "done"
     assert ("counting", 0.33) in seen
     assert first.result != os.getpid()
@@ -107,7 +107,7 @@ def test_a_job_tells_how_far_it_is_and_its_process_does_the_next(jobs: Jobs) -> 
 def test_a_job_is_cancelled_while_it_works_and_while_it_waits(jobs: Jobs) -> None:
     long = jobs.start("long", counted, 1000, 0.1)
     waiting = jobs.start("waiting", counted, 1000, 0.1)
-    while not long.what:
+    while not long.activity:
         time.sleep(0.02)
     for job in (waiting, long):
         job.cancel()
@@ -122,12 +122,12 @@ def test_a_job_that_fails_says_why_in_a_sentence(jobs: Jobs) -> None:
     lost = jobs.start("lost", ended_from_outside)
     assert lost.wait(20.0)
     assert lost.state == "failed"
-    assert "ended from outside" in lost.error
+    assert "its process was killed" in lost.error
 
 
 def test_work_in_a_thread_is_cancelled_where_it_says_how_far_it_is(jobs: Jobs) -> None:
     job = jobs.start_thread("wait", counted, 1000, 0.02)
-    while not job.what:
+    while not job.activity:
         time.sleep(0.01)
     job.cancel()
     assert job.wait(5.0)
@@ -152,11 +152,11 @@ def test_undo_goes_back_and_redo_forth() -> None:
 
 def test_what_is_shown_is_in_the_unit_that_was_chosen() -> None:
     chosen = Preferences(length="mm", angle="arcsec")
-    assert chosen.shown("output_displacement").text(64.6e-6) == "0.06460"
+    assert chosen.displayed("output_displacement").text(64.6e-6) == "0.06460"
     # 1 arcsec = pi / (180 * 3600) rad
-    assert chosen.shown("parasitic_rotation").text(4.8481368e-6) == "1.000"
-    assert chosen.shown("natural_frequency_hz").heading == "Natural frequency [Hz]"
-    assert Preferences().shown("smallest_neck").shown_unit == "mm"
+    assert chosen.displayed("parasitic_rotation").text(4.8481368e-6) == "1.000"
+    assert chosen.displayed("natural_frequency_hz").heading == "Natural frequency [Hz]"
+    assert Preferences().displayed("smallest_neck").shown_unit == "mm"
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_a_given_file_has_a_plain_name(given: str, name: str) -> None:
 
 def test_a_file_of_another_kind_is_refused() -> None:
     require_ending("Stage.DXF", (".dxf", ".step"))
-    with pytest.raises(ModelError, match=r"'run\.exe' is no file of these: \.dxf, \.step"):
+    with pytest.raises(ModelError, match=r"'run\.exe' is not of an accepted type: \.dxf, \.step"):
         require_ending("run.exe", (".dxf", ".step"))
 
 
@@ -192,7 +192,7 @@ def test_a_chart_whose_axis_says_nothing_is_refused() -> None:
 
 
 def test_a_stage_that_is_gone_is_not_stopped() -> None:
-    stops, stopped = Stops(), []
+    stops, stopped = EmergencyStop(), []
     stops.add("twin", lambda: stopped.append(1))
     stops.remove("twin")
     stops.stop()
@@ -236,17 +236,17 @@ def test_what_a_browser_left_is_opened_again_in_another(tmp_path: Path) -> None:
         user.http_client.cookies.clear()
         await user.http_client.get("/", params={"token": panel.access.new_token()})
         await user.open("/")
-        await user.should_see("Drive one")
+        await user.should_see("Operate a stage")
         # as long as it is open there, nobody else takes it
-        await user.should_not_see("Open it again")
+        await user.should_not_see("Reopen")
         for client in pages_of(left):
             client.tab_id = None
         await user.open("/")
-        await user.should_not_see("Open it again")
-        left.seen -= 60.0
+        await user.should_not_see("Reopen")
+        left.last_seen -= 60.0
         await user.open("/")
         await user.should_see("Ann: cartwheel; last seen 2 min ago")
-        user.find("Open it again").click()
+        user.find("Reopen").click()
         await user.open("/design")
         await user.should_see("cartwheel", retries=20)
         assert {*panel.access._sessions.values()} == {left}

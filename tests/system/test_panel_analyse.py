@@ -20,21 +20,27 @@ from flexstage.stage.designs import StageTemplate
 from flexstage.studies.models import MODELS, fitting_options, run_model
 from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import reading, readings_table
-from flexstage.web.analyse.convergence import errors_table, meshes_table
-from flexstage.web.analyse.shapes import sent_state, sent_surface
+from flexstage.web.analyse.shapes import state_data, surface_data
 from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
-from flexstage.web.analyse.work import Analysed, analysed, saved
+from flexstage.web.analyse.work import (
+    ModelResult,
+    analyse_variant,
+    figures_tables,
+    hinges_table,
+    modes_table,
+    save_archive,
+)
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.preferences import Preferences
+from flexstage.web.views.analyse import errors_table, meshes_table
 from tests.panel import looked_at, simulated
 
 GUIDE = Variant(StageTemplate.of("parallelogram"))
 
 
 @pytest.fixture(scope="module")
-def lumped() -> Analysed:
-    return analysed(GUIDE, "lumped", ModelOptions())
+def lumped() -> ModelResult:
+    return analyse_variant(GUIDE, "lumped", ModelOptions())
 
 
 def unpacked(text: str, kind: str, columns: int) -> np.ndarray:
@@ -42,7 +48,7 @@ def unpacked(text: str, kind: str, columns: int) -> np.ndarray:
 
 
 def test_results_are_those_of_the_command(
-    lumped: Analysed, capsys: pytest.CaptureFixture[str]
+    lumped: ModelResult, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from flexstage.cli import main
 
@@ -64,7 +70,7 @@ def test_results_are_those_of_the_command(
         ]
 
 
-def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
+def test_models_and_errors_stand_side_by_side(lumped: ModelResult) -> None:
     rows = [
         replace(
             row, origin="superelement", value=1.1 * row.value, uncertainty=0.02 * abs(row.value)
@@ -97,7 +103,7 @@ def test_models_and_errors_stand_side_by_side(lumped: Analysed) -> None:
     assert not errors_table(Preferences(), lumped).rows
 
 
-def test_meshes_stand_with_what_they_gave(lumped: Analysed) -> None:
+def test_meshes_stand_with_what_they_gave(lumped: ModelResult) -> None:
     steps = [
         {
             "order": order, "neck_size": 1.2, "unknowns": 5000 * order, "seconds": 0.5,
@@ -125,7 +131,7 @@ def test_a_model_is_asked_for_what_it_takes(model: str) -> None:
                 run_model(GUIDE.stage(), model, ModelOptions(**{name: value}))  # type: ignore[arg-type]
 
 
-def test_the_surface_is_closed_and_moves_as_the_stage_does(lumped: Analysed) -> None:
+def test_the_surface_is_closed_and_moves_as_the_stage_does(lumped: ModelResult) -> None:
     surface = lumped.surface
     _, same = np.unique(np.rint(surface.points / 1e-9), axis=0, return_inverse=True)
     corners = same.reshape(-1)[surface.triangles]
@@ -149,9 +155,9 @@ def test_faces_and_edges_of_a_box() -> None:
 
 
 @pytest.mark.parametrize("colour", ["stress", "displacement"])
-def test_the_page_gets_what_was_found(lumped: Analysed, colour: str) -> None:
+def test_the_page_gets_what_was_found(lumped: ModelResult, colour: str) -> None:
     surface, state = lumped.surface, lumped.surface.statics[0]
-    sent, given = sent_surface(surface), sent_state(surface, state, colour, Preferences())
+    sent, given = surface_data(surface), state_data(surface, state, colour, Preferences())
     assert unpacked(sent["points"], "<f4", 3) == pytest.approx(1e3 * surface.points, abs=1e-4)
     assert (unpacked(sent["triangles"], "<u4", 3) == surface.triangles).all()
     values = unpacked(given["values"], "<i2", 4) / 32767
@@ -169,7 +175,7 @@ def test_the_page_gets_what_was_found(lumped: Analysed, colour: str) -> None:
         assert values[:, 3] == pytest.approx(size / state.largest, abs=1e-4)
 
 
-def test_cursors_read_the_response(lumped: Analysed) -> None:
+def test_cursors_read_the_response(lumped: ModelResult) -> None:
     own = next(r for r in lumped.analysis.responses if r.drives == "in place")
     every = [r for r in lumped.responses if (r.drive, r.probe) == (own.drive, own.probe)]
     (response,) = [r for r in every if r.drives == "in place"]
@@ -186,8 +192,8 @@ def test_cursors_read_the_response(lumped: Analysed) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_results_are_saved_by_model(lumped: Analysed, tmp_path: Path) -> None:
-    path = saved(tmp_path, [lumped])
+def test_results_are_saved_by_model(lumped: ModelResult, tmp_path: Path) -> None:
+    path = save_archive(tmp_path, [lumped])
     with zipfile.ZipFile(path) as archive:
         assert archive.namelist() == ["lumped/analysis.json", "lumped/bode-x.svg"]
         assert json.loads(archive.read("lumped/analysis.json")) == dict(lumped.results)
@@ -219,7 +225,7 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         state = session.state(AnalyseState)
         await user.open("/analyse")
         # the quick model is run at once, of the stage that Design has open
-        await come(lambda: state.found(GUIDE, "lumped"))
+        await come(lambda: state.result(GUIDE, "lumped"))
         await user.should_see("193.7")
         await user.open("/analyse")
         await user.should_see("193.7")
@@ -227,28 +233,31 @@ def test_models_are_run_in_the_page_and_found_again(tmp_path: Path) -> None:
         pressed = [b.text for b in states if b.props["aria-pressed"] == "true"]
         assert len(pressed) == 1 < len(states)
         # what was chosen is shown again
-        state.shown.state = "mode 2"
+        state.display.state = "mode 2"
         await user.open("/analyse")
         await user.should_see("193.7")
-        assert state.shown.state == "mode 2"
+        assert state.display.state == "mode 2"
         # the page of Design is still open, and does its own
         own = [name for name in started if name.startswith("parallelogram, ")]
         assert own == ["parallelogram, rigid bodies"]
         # what fails says why, and the others go on
-        state.chosen, state.asked = ["plane"], ModelOptions(accuracy=0.01, quantity="magic")
+        state.selected_models, state.options = (
+            ["plane"],
+            ModelOptions(accuracy=0.01, quantity="magic"),
+        )
         user.find(kind=ui.button, content="Analyse").click()
-        await come(lambda: state.failed)
+        await come(lambda: state.errors)
         await user.should_see("unknown quantity")
         await user.should_see("193.7")
         # an accuracy that is none is refused, and nothing runs with the one before
-        state.failed.clear()
+        state.errors.clear()
         before = [name for name in started if "of the whole" in name]  # Design has jobs of its own
         (accuracy,) = (e for e in user.find(ui.number).elements if e.label == "Accuracy [%]")
         accuracy.value = 150.0
         await user.should_see("accuracy must be between 0 and 1, got 1.5")
         user.find(kind=ui.button, content="Analyse").click()
         await asyncio.sleep(0.3)
-        assert state.asked.accuracy == 0.01
+        assert state.options.accuracy == 0.01
         assert [name for name in started if "of the whole" in name] == before
 
     simulated(tmp_path, look)

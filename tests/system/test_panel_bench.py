@@ -26,23 +26,22 @@ from flexstage.instruments.recording.writer import RunWriter
 from flexstage.records import Channel, Record, read_record, write_record
 from flexstage.stage.designs import design
 from flexstage.web.bench import link
-from flexstage.web.bench.control import GONE, Control
-from flexstage.web.bench.link import BenchLink
+from flexstage.web.bench.link import CONTROL_TIMEOUT, BenchLink, Control
 from flexstage.web.bench.outcome import run_name
 from flexstage.web.bench.runs import (
-    AboutRun,
-    WaveformOrder,
-    carry_out,
-    left_over,
+    RunDescription,
+    WaveformRequest,
+    build_waveform,
+    interrupted_runs,
     loop_figures,
-    made_waveform,
-    recovered,
+    recover_stream,
     run_command,
+    run_plan_file,
     take_record,
     waveform_from,
 )
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import Jobs
-from flexstage.web.stops import Stops
 from tests.panel import browser, looked_at, open_piezo_stage, served, simulated, until
 from tests.simple_instrument import GAINS, SimpleInstrument
 
@@ -56,7 +55,7 @@ steps:
   - {name: motion, measure: {of: loops, test: motion, along: x}}
   - {name: figures, characterise: {of: [motion]}}
 """
-TWO_HZ = WaveformOrder(axis="x", shape="triangle", low=13.0, high=71.0, rate_hz=2.0, cycles=3)
+TWO_HZ = WaveformRequest(axis="x", shape="triangle", low=13.0, high=71.0, rate_hz=2.0, cycles=3)
 
 
 @dataclass(kw_only=True)
@@ -83,7 +82,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., BenchLink]]
 
     def at(instrument: Any, **options: Any) -> BenchLink:
         monkeypatch.setattr(link, "connect", lambda address, stage: instrument)
-        found = BenchLink(Stops(), Jobs())
+        found = BenchLink(EmergencyStop(), Jobs())
         made.append(found)
         found.connect("a", "Ann", "gcs://bench", STAGE, **options)
         return found
@@ -94,8 +93,8 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., BenchLink]]
             each.close()
 
 
-def about(folder: Path) -> AboutRun:
-    return AboutRun(parent=folder, stage=STAGE, operator="Ann")
+def about(folder: Path) -> RunDescription:
+    return RunDescription(parent=folder, stage=STAGE, operator="Ann")
 
 
 def ended(bench: BenchLink, state: str = "done") -> Any:
@@ -109,26 +108,26 @@ def test_one_browser_drives_and_hands_over() -> None:
     now = [0.0]
     control = Control(lambda: now[0])
     control.take("a", "Ann")
-    with pytest.raises(ModelError, match="Ann drives"):
+    with pytest.raises(ModelError, match="Ann has control"):
         control.take("b", "Bob")
-    with pytest.raises(ModelError, match=r"does not drive it; Ann drives"):
+    with pytest.raises(ModelError, match=r"does not have control of the stage; Ann has control"):
         control.require("b")
     control.ask("b", "Bob")
-    assert (control.asker, control.asks("b")) == ("Bob", True)
+    assert (control.requester, control.asks("b")) == ("Bob", True)
     control.keep("a")
-    assert not control.asker
+    assert not control.requester
     control.ask("b", "Bob")
     control.give("a")
     assert (control.name, control.holds("b"), control.holds("a")) == ("Bob", True, False)
     # who is gone for a while can be followed by anybody
-    now[0] = 0.9 * GONE
-    control.seen("b")
-    now[0] = 1.8 * GONE
+    now[0] = 0.9 * CONTROL_TIMEOUT
+    control.keep_alive("b")
+    now[0] = 1.8 * CONTROL_TIMEOUT
     assert not control.free
-    now[0] = 2.0 * GONE
+    now[0] = 2.0 * CONTROL_TIMEOUT
     assert control.free
     control.take("a", "Ann")
-    with pytest.raises(ModelError, match="Ann drives"):
+    with pytest.raises(ModelError, match="Ann has control"):
         control.release("b")
 
 
@@ -138,7 +137,7 @@ def test_to_connect_and_to_disconnect_moves_nothing(bench: Callable[..., BenchLi
     until(lambda: made.history is not None and made.history.span)
     with pytest.raises(ModelError, match="is connected: disconnect it first"):
         made.connect("b", "Bob", "gcs://other", STAGE)
-    with pytest.raises(ModelError, match="Ann drives"):
+    with pytest.raises(ModelError, match="Ann has control"):
         made.disconnect("b")
     made.disconnect("a")
     assert (instrument.log, instrument.closed, made.connected) == ([], True, False)
@@ -149,7 +148,7 @@ def test_drives_are_led_to_their_safe_voltages_where_that_was_asked(
     bench: Callable[..., BenchLink],
 ) -> None:
     instrument = SimpleInstrument()
-    made = bench(instrument, leads_to_safe=True)
+    made = bench(instrument, ramps_to_safe=True)
     made.go("a", "x", 35.0).result(10.0)
     assert instrument.axes["x"].voltage() == pytest.approx(35.0)
     made.disconnect("a")
@@ -168,7 +167,7 @@ def test_steps_add_up_and_limits_are_refused_in_a_sentence(bench: Callable[..., 
         made.jog("a", "x", 110.0).result(10.0)
     assert x.voltage() == pytest.approx(21.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(21.0))
-    with pytest.raises(ModelError, match="sees the stage and does not drive it; Ann drives"):
+    with pytest.raises(ModelError, match="does not have control of the stage; Ann has control"):
         made.jog("b", "x", 1.0)
     made.set_closed_loop("a", "x", True).result(10.0)
     made.go("a", "x", 17e-6).result(10.0)
@@ -181,7 +180,7 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
 ) -> None:
     made = bench(SimpleInstrument())
     assert made.device is not None
-    command = made_waveform(made.device, STAGE, TWO_HZ)
+    command = build_waveform(made.device, STAGE, TWO_HZ)
     made.run("a", "waveform", run_command, about(tmp_path), command, 1000.0, moves=True)
     found = ended(made)
     record = read_record(found.file)
@@ -197,12 +196,12 @@ def test_a_waveform_is_run_as_it_was_checked_and_kept(
     assert again.duration == pytest.approx(command.duration, rel=1e-3)
     for wrong, told in (
         ({"high": 121.0}, "cannot be sent to 121 V"),
-        ({"low": 80.0}, "from a low end to a high end"),
+        ({"low": 80.0}, "low end of a waveform must be below its high end"),
         ({"rate_hz": 4000.0}, "raise command_rate"),
-        ({"cycles": 2000}, "the instrument holds"),
+        ({"cycles": 2000}, "of the instrument: reduce the number of cycles"),
     ):
         with pytest.raises(FlexstageError, match=told):
-            made_waveform(made.device, STAGE, WaveformOrder(**{**_plain(TWO_HZ), **wrong}))
+            build_waveform(made.device, STAGE, WaveformRequest(**{**_plain(TWO_HZ), **wrong}))
 
 
 def test_a_command_that_was_made_to_follow_says_how_well_it_does(
@@ -236,7 +235,7 @@ def test_a_command_that_was_made_to_follow_says_how_well_it_does(
     assert loop_figures(flat, ("command", "reference")) is None
 
 
-def _plain(order: WaveformOrder) -> dict[str, Any]:
+def _plain(order: WaveformRequest) -> dict[str, Any]:
     return {name: getattr(order, name) for name in order.__slots__}
 
 
@@ -246,9 +245,9 @@ def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
     instrument = RealTime()
     made = bench(instrument)
     job = made.run("a", "record", take_record, about(tmp_path), 60.0, 200.0, moves=True)
-    with pytest.raises(ModelError, match="a run goes on"):
+    with pytest.raises(ModelError, match="a run is in progress"):
         made.jog("a", "x", 1.0)
-    with pytest.raises(ModelError, match="a run goes on: stop it before"):
+    with pytest.raises(ModelError, match="a run is in progress: stop it before"):
         made.disconnect("a")
     until(lambda: job.share > 0.01)
     began = time.monotonic()
@@ -258,7 +257,7 @@ def test_stop_ends_what_goes_on_and_keeps_what_was_recorded(
     assert instrument.stops >= 1
     (file,) = tmp_path.rglob("*.h5")
     assert 2 <= read_record(file).size < 12_000
-    assert not left_over(tmp_path)
+    assert not interrupted_runs(tmp_path)
     # and the bench goes on
     made.go("a", "x", 5.0).result(10.0)
 
@@ -286,7 +285,7 @@ def test_a_stop_that_overtakes_a_command_has_the_last_word(bench: Callable[..., 
         goes_on.wait(10.0)
         device.axes["x"].set_voltage(50.0)
 
-    told = made.told("a", late)
+    told = made.submit("a", late)
     assert begun.wait(10.0)
     made.stop()
     stops = instrument.stops
@@ -301,7 +300,7 @@ def test_a_stop_that_overtakes_a_command_has_the_last_word(bench: Callable[..., 
 def test_a_lost_link_is_told_and_opened_again(
     bench: Callable[..., BenchLink], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(link, "_AGAIN", 0.02)
+    monkeypatch.setattr(link, "_RETRY_INTERVAL", 0.02)
     instrument = SimpleInstrument()
     made = bench(instrument)
     until(lambda: made.readings)
@@ -318,23 +317,23 @@ def test_a_lost_link_is_told_and_opened_again(
     monkeypatch.setattr(link, "connect", connect)
     made.clear("a", True)
     instrument.cut_link_at = 0.0
-    until(lambda: made.trouble == "nobody answers there")
-    assert made.lost
-    with pytest.raises(NotConnectedError, match="the link is lost"):
+    until(lambda: made.fault == "nobody answers there")
+    assert made.is_lost
+    with pytest.raises(NotConnectedError, match="the connection is lost"):
         made.jog("a", "x", 1.0)
     made.stop()  # which never fails
     # another stage at the same address is not taken for the one that was lost
     swapped.set()
     there.set()
-    until(lambda: "is another instrument now" in made.trouble)
-    assert made.lost
+    until(lambda: "is now another instrument" in made.fault)
+    assert made.is_lost
     with pytest.raises(NotConnectedError, match="another instrument"):
         made.jog("a", "x", 1.0)
     assert other.log == []
     swapped.clear()
-    until(lambda: not made.trouble)
-    assert not made.lost
-    assert not made.cleared
+    until(lambda: not made.fault)
+    assert not made.is_lost
+    assert not made.path_clear
     made.jog("a", "x", 3.0).result(10.0)
     until(lambda: made.readings["x"].voltage == pytest.approx(3.0))
 
@@ -348,15 +347,15 @@ def test_a_real_stage_is_locked_and_moves_when_its_way_is_clear(
     made = bench(SimpleInstrument(simulated=False, noise=1e-9))
     with pytest.raises(NotConnectedError, match="'S7' is in use"), stage_lock("S7"):
         pass
-    with pytest.raises(ModelError, match="whether the way of the stage is clear"):
+    with pytest.raises(ModelError, match="that the way of the stage is clear"):
         made.jog("a", "x", 1.0)
     made.clear("a", True)
     made.jog("a", "x", 1.0).result(10.0)
     # a plan is carried out under the lock that is held
     plan = tmp_path / "small.yaml"
     plan.write_text(PLAN)
-    given = (about(tmp_path / "runs"), str(plan), None, None, made.locked)
-    made.run("a", "plan", carry_out, *given, moves=True)
+    given = (about(tmp_path / "runs"), str(plan), None, None, made.lock_name)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     found = ended(made)
     alone = run_plan(
         read_plan(plan),
@@ -382,19 +381,19 @@ def test_an_interrupted_plan_is_gone_on_with(
     made = bench(instrument)
     instrument.nan_from = {"x": instrument.now + 1.8}  # in the second record
     given = (about(tmp_path / "runs"), str(plan), None, None, "")
-    made.run("a", "plan", carry_out, *given, moves=True)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     ended(made, "failed")
     assert made.job is not None
     assert "step 'later'" in made.job.error
-    (left,) = left_over(tmp_path / "runs")
-    assert left.about == "a plan that has not ended"
+    (left,) = interrupted_runs(tmp_path / "runs")
+    assert left.about == "unfinished plan"
     instrument.nan_from = {}
     given = (about(tmp_path / "runs"), str(left.plan), left.path, None, "")
-    made.run("a", "plan", carry_out, *given, moves=True)
+    made.run("a", "plan", run_plan_file, *given, moves=True)
     found = ended(made)
     taken = {step.name: step.repeated for step in found.plan.of("measure")}
     assert taken == {"motion": False, "later": True}
-    assert not left_over(tmp_path / "runs")
+    assert not interrupted_runs(tmp_path / "runs")
 
 
 def test_what_a_killed_server_leaves_is_found_and_recovered(tmp_path: Path) -> None:
@@ -407,10 +406,10 @@ def test_what_a_killed_server_leaves_is_found_and_recovered(tmp_path: Path) -> N
     )  # fmt: skip
     writer.append(0, {"x": np.linspace(0.0, 3e-6, 700)})
     writer._file._file.close()  # as where the process ends
-    (left,) = left_over(tmp_path)
-    assert left.about == "700 samples are safe"
-    assert read_record(recovered(left.path)).size == 700
-    assert not left_over(tmp_path)
+    (left,) = interrupted_runs(tmp_path)
+    assert left.about == "700 samples saved"
+    assert read_record(recover_stream(left.path)).size == 700
+    assert not interrupted_runs(tmp_path)
 
 
 def test_the_page_connects_and_a_reload_finds_the_stage(
@@ -425,7 +424,7 @@ def test_the_page_connects_and_a_reload_finds_the_stage(
         await user.open("/bench")
         await user.should_not_see("STOP")
         user.find(kind=ui.button, content="Connect").click()
-        await user.should_see("You drive the stage", retries=20)
+        await user.should_see("You have control of the stage", retries=20)
         await user.should_see("STOP")
         await user.open("/bench")
         await user.should_see("Axis x")
@@ -435,7 +434,7 @@ def test_the_page_connects_and_a_reload_finds_the_stage(
         (session,) = panel.access._sessions.values()
         bench.control.give(session.id)
         bench.control.take("other", "Bob")
-        await user.should_see("Bob drives: you see everything and drive nothing", retries=20)
+        await user.should_see("Bob has control: you can only watch", retries=20)
         bench.close()
 
     simulated(tmp_path, look)
@@ -463,9 +462,9 @@ def test_what_an_axis_refuses_stands_in_its_card_until_it_accepts_something(
             ]
 
         try:
-            await user.should_see("Go to, V", retries=40)
+            await user.should_see("Target [V]", retries=40)
             target = min(
-                (n for n in user.find(ui.number).elements if n.props["label"] == "Go to, V"),
+                (n for n in user.find(ui.number).elements if n.props["label"] == "Target [V]"),
                 key=lambda n: n.id,
             )
             go = min(user.find(kind=ui.button, content="Go").elements, key=lambda b: b.id)
@@ -522,7 +521,7 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         for key in ("ArrowRight", "ArrowUp", "ArrowLeft"):
             page.keyboard.press(key)
         page.get_by_text("11.00", exact=True).first.wait_for()
-        page.get_by_label("Go to, V").first.fill("130")
+        page.get_by_label("Target [V]").first.fill("130")
         page.get_by_role("button", name="Go", exact=True).first.click()
         page.get_by_text("axis 'x' cannot be sent to 130 V: its limits are 0 to 120 V").wait_for()
         # it stands in the card of the axis, and goes with what that accepts
@@ -532,7 +531,7 @@ def test_the_bench_is_sound_and_does_its_task(tmp_path: Path) -> None:
         refused.wait_for(state="hidden")
         page.get_by_role("button", name="Step axis x down").click()
         page.get_by_text("11.00", exact=True).first.wait_for()
-        page.get_by_label("Frequency, Hz").fill("2")
+        page.get_by_label("Frequency [Hz]").fill("2")
         page.get_by_text("1.501 s, 12.00 to 108.00 V").wait_for()
         page.get_by_role("button", name="Run the waveform").click()
         page.get_by_role("button", name="Download the record").wait_for()
@@ -578,19 +577,19 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 other = running.new_context().new_page()
                 other.goto(json.loads(process.stdout.readline())["address"])
                 other.get_by_role("link", name="Bench", exact=True).click()
-                other.get_by_text("you see everything and drive nothing").wait_for()
+                other.get_by_text("you can only watch").wait_for()
                 up = other.get_by_role("button", name="Step axis x up")
                 assert up.is_disabled()
                 other.get_by_role("button", name="Ask for control").click()
-                page.get_by_role("button", name="Hand over").click()
-                other.get_by_text("You drive the stage").wait_for()
+                page.get_by_role("button", name="Grant control").click()
+                other.get_by_text("You have control of the stage").wait_for()
                 up.click()
                 page.get_by_text("11.00", exact=True).first.wait_for()
                 other.get_by_role("button", name="Release control").click()
                 page.get_by_role("button", name="Take control").click()
                 page.get_by_role("tab", name="Record").click()
-                page.get_by_label("Duration, s").fill("50")
-                page.get_by_label("Record at, Hz").fill("500")
+                page.get_by_label("Duration [s]").fill("50")
+                page.get_by_label("Sample rate [Hz]").fill("500")
                 page.get_by_role("button", name="Record", exact=True).click()
                 page.get_by_text("recording, ").wait_for()
                 page.close()
@@ -609,7 +608,7 @@ def test_a_record_outlives_its_page_and_its_server(tmp_path: Path) -> None:
                 open_piezo_stage(page)
                 connected(page, at)
                 page.get_by_role("tab", name="Runs").click()
-                page.get_by_text("samples are safe").wait_for()
+                page.get_by_text("samples saved").wait_for()
                 page.get_by_role("button", name="Recover").click()
                 page.get_by_text("recovered as").wait_for()
                 # a server that is asked to end stops the run and keeps what was recorded

@@ -51,10 +51,10 @@ def test_the_shell_is_sound_works_by_keyboard_and_shows_words_as_words(tmp_path:
         page.wait_for_selector("main.view h1")
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.textContent") == "To the content"
-        page.get_by_role("button", name="Units and look").click()
+        page.get_by_role("button", name="Units and theme").click()
         page.wait_for_timeout(500)
         assert not look.grave_faults()
-        page.get_by_role("combobox", name="Look").click()
+        page.get_by_role("combobox", name="Theme").click()
         page.get_by_role("option", name="dark").click()
         page.wait_for_selector("body.body--dark")
         page.reload()
@@ -178,7 +178,7 @@ def test_a_stage_is_designed_in_the_page(tmp_path: Path) -> None:
         assert figure(page, "Natural frequency") == thinner
         undo_to(page, "parallelogram")
         assert figure(page, "Natural frequency") == usual
-        page.get_by_role("button", name="Keep to compare").click()
+        page.get_by_role("button", name="Pin for comparison").click()
         redo = page.get_by_role("button", name="Redo")
         while redo.is_enabled():
             # on a busy machine it may be disabled by the click before, and a click then waits
@@ -225,26 +225,26 @@ def test_a_drawing_is_dropped_and_opened(tmp_path: Path) -> None:
         files = page.locator("input[type=file]")
         files.set_input_files(drawing)
         dialog = page.get_by_role("dialog")
-        dialog.get_by_text("The drawing does not say").wait_for()
+        dialog.get_by_text("The drawing does not contain").wait_for()
         assert dialog.locator("tbody tr").count() == 32
-        assert dialog.get_by_role("button", name="Open it").is_disabled()
+        assert dialog.get_by_role("button", name="Open stage").is_disabled()
         page.get_by_label("Thickness of the plate").fill("10 mm")
         page.get_by_role("combobox", name="Material").fill("Al 7075")
         page.get_by_role("option", name="Al 7075-T6", exact=True).click()
-        dialog.get_by_role("button", name="Look again").click()
+        dialog.get_by_role("button", name="Update").click()
         page.wait_for_function(
             """!document.querySelector(".q-dialog").textContent.includes("material") &&
             [...document.querySelectorAll(".q-dialog button")].every(button => !button.disabled)"""
         )
         look.require_sound("design-drawing")
-        dialog.get_by_role("button", name="Open it").click()
+        dialog.get_by_role("button", name="Open stage").click()
         page.get_by_role("heading", name="vgtu-piezo.yaml").wait_for()
         # a file that is no drawing is refused in a sentence, and the page goes on
         files.set_input_files(tmp_path / "hostile.dxf")
         page.get_by_role("alert").filter(has_text="hostile.dxf").wait_for()
         page.get_by_role("dialog").get_by_role("button", name="Cancel").last.click()
         files.set_input_files(tmp_path / "program.exe")
-        page.get_by_role("alert").filter(has_text="a file here ends with").wait_for()
+        page.get_by_role("alert").filter(has_text="Accepted: ").wait_for()
         opened(look, "parallelogram")
         assert not look.complaints
 
@@ -293,7 +293,7 @@ def test_it_fits_a_phone_and_design_is_seen_without_scrolling(tmp_path: Path) ->
         page = running.new_page(viewport={"width": 390, "height": 844})
         page.set_default_timeout(60e3)
         page.goto(address)
-        page.get_by_text("What have you come to do?").wait_for()
+        page.get_by_text("What do you want to do?").wait_for()
         base = address.partition("?")[0]
         for view in VIEWS:
             page.goto(base + view.module)

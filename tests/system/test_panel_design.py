@@ -21,12 +21,12 @@ from flexstage.stage.designs import StageTemplate, find_stage
 from flexstage.studies.models import analyse_model
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState, Variant
 from flexstage.web.design.work import (
-    checked,
-    drawing_found,
-    exported,
-    exported_into,
+    characteristics_of,
+    draw_with_issues,
+    export_to_folder,
+    export_variant,
     figures_table,
-    rows_of,
+    recognise_drawing,
     slopes_of,
     stage_file,
     template_of,
@@ -91,7 +91,7 @@ def test_a_slider_changes_the_figures_and_undo_takes_it_back(tmp_path: Path) -> 
 
 def test_figures_of_both_models_stand_under_their_names() -> None:
     variant = thinner()
-    rows, finer = rows_of(variant, "lumped"), rows_of(variant, "superelement")
+    rows, finer = characteristics_of(variant, "lumped"), characteristics_of(variant, "superelement")
     shown = figures_table(Preferences(length="mm"), rows, finer, None)
     names = ["rigid bodies", "finite elements, condensed"]
     assert [c.heading for c in shown.columns] == ["figure", "axis", *names]
@@ -109,7 +109,7 @@ def test_a_figure_that_fails_its_criterion_is_marked() -> None:
     neck = next(p for p in GUIDE.parameters if p.name == "actuator.travel")
     far = Variant(GUIDE).changed(neck.name, 6.0 * neck.value, neck.value)
     for variant, failing in ((Variant(GUIDE), []), (far, BOTH)):
-        shown = figures_table(Preferences(), rows_of(variant, "lumped"), None, None)
+        shown = figures_table(Preferences(), characteristics_of(variant, "lumped"), None, None)
         marked = [row[0].text for row in shown.rows if any(cell.failing for cell in row)]
         assert marked == failing
         assert ("fails: at least 1 is required" in table_html(shown)) is bool(failing)
@@ -117,7 +117,7 @@ def test_a_figure_that_fails_its_criterion_is_marked() -> None:
 
 def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_path: Path) -> None:
     variant = Variant(StageTemplate.of(FIRST))
-    found = slopes_of(variant, rows_of(variant, "lumped"))
+    found = slopes_of(variant, characteristics_of(variant, "lumped"))
     moving = np.abs(found.elasticities).max(axis=0) > 1e-3
     names = [v.name for v, moves in zip(found.variables, moving, strict=True) if moves]
     # the travel is that of a screw that is bought
@@ -130,7 +130,7 @@ def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_p
         await user.open("/design")
         folded = {e.text: e.value for e in user.find(ui.expansion).elements}
         assert folded == {
-            "what moves the figures": True,
+            "most effective dimensions": True,
             "other dimensions": False,
             "actuator": False,
         }
@@ -140,11 +140,15 @@ def test_a_new_page_opens_on_a_guide_whose_six_dimensions_move_its_figures(tmp_p
 
 def test_slopes_are_those_of_the_variant_that_is_shown() -> None:
     variant = thinner()
-    found = slopes_of(variant, rows_of(variant, "lumped"))
+    found = slopes_of(variant, characteristics_of(variant, "lumped"))
     column = [v.name for v in found.variables].index("leg.notch.neck_thickness")
     row = next(k for k, f in enumerate(found.figures) if f.quantity == "natural_frequency_hz")
     less, more = (
-        next(r.value for r in rows_of(thinner(s), "lumped") if r.quantity == "natural_frequency_hz")
+        next(
+            r.value
+            for r in characteristics_of(thinner(s), "lumped")
+            if r.quantity == "natural_frequency_hz"
+        )
         for s in (0.9 - 1e-4, 0.9 + 1e-4)
     )
     expected = math.log(more / less) / math.log((0.9 + 1e-4) / (0.9 - 1e-4))
@@ -153,11 +157,11 @@ def test_slopes_are_those_of_the_variant_that_is_shown() -> None:
 
 def test_what_is_wrong_is_marked_on_the_drawing() -> None:
     variant = thinner(0.2)
-    found = checked(variant, "now")
+    found = draw_with_issues(variant, "now")
     assert found.issues == check(variant.stage())
     assert {issue.code for issue in found.issues} >= {"thin-neck"}
     assert "now-issue" in found.svg
-    assert "issue" not in checked(Variant(GUIDE), "now").svg
+    assert "issue" not in draw_with_issues(Variant(GUIDE), "now").svg
 
 
 def test_a_saved_file_is_the_stage_that_is_shown(tmp_path: Path) -> None:
@@ -166,23 +170,23 @@ def test_a_saved_file_is_the_stage_that_is_shown(tmp_path: Path) -> None:
     path.write_text(stage_file(variant, "mine"), encoding="utf-8")
     assert find_stage(path) == replace(variant.stage(), name="mine")
     again = Variant(template_of(path))
-    assert [r.value for r in rows_of(again, "lumped")] == [
-        r.value for r in rows_of(variant, "lumped")
+    assert [r.value for r in characteristics_of(again, "lumped")] == [
+        r.value for r in characteristics_of(variant, "lumped")
     ]
 
 
 def test_several_exports_are_one_archive_and_one_file_is_itself() -> None:
-    name, content, _ = exported(thinner(), ["dxf"])
+    name, content, _ = export_variant(thinner(), ["dxf"])
     assert name.endswith(".dxf")
     assert content.startswith(b"  0\n")
-    name, packed, _ = exported(thinner(), ["dxf", "csv"])
+    name, packed, _ = export_variant(thinner(), ["dxf", "csv"])
     assert name == "parallelogram.zip"
     with zipfile.ZipFile(BytesIO(packed)) as archive:
         assert archive.read(next(n for n in archive.namelist() if n.endswith(".dxf"))) == content
 
 
 def test_an_export_is_kept_whoever_waits_for_it(tmp_path: Path) -> None:
-    path, _ = exported_into(tmp_path, thinner(), ["csv", "dxf"])
+    path, _ = export_to_folder(tmp_path, thinner(), ["csv", "dxf"])
     assert path == tmp_path / "parallelogram.zip"
     assert path.read_bytes().startswith(b"PK")
 
@@ -212,13 +216,13 @@ def test_what_an_export_leaves_out_is_said(tmp_path: Path, monkeypatch: pytest.M
 def test_a_drawing_becomes_a_stage(tmp_path: Path) -> None:
     from flexstage.stage.drawing.requests import DrawingOptions
 
-    _, content, _ = exported(Variant(GUIDE), ["dxf"])
+    _, content, _ = export_variant(Variant(GUIDE), ["dxf"])
     path = tmp_path / "guide.dxf"
     path.write_bytes(content)
     options = DrawingOptions(thickness=0.011, material="Al 7075-T6")
-    drawn, svg, text = drawing_found(str(path), options, "found")
+    drawn, svg, text = recognise_drawing(str(path), options, "found")
     assert len(drawn.necks) == len(Variant(GUIDE).stage().hinges)
-    assert 'aria-label="What was found in guide.dxf"' in svg
+    assert 'aria-label="Bodies and necks found in guide.dxf"' in svg
     made = path.with_suffix(".yaml")
     made.write_text(text, encoding="utf-8")
     assert template_of(made).stage().thickness == 0.011
@@ -275,7 +279,7 @@ def test_a_variant_forgets_what_is_put_back() -> None:
     ((name, _),) = variant.values
     usual = next(p.value for p in GUIDE.parameters if p.name == name)
     assert variant.changed(name, usual, usual) == Variant(GUIDE)
-    lumped = {r.quantity: r.value for r in rows_of(variant, "lumped") if r.axis == "x"}
+    lumped = {r.quantity: r.value for r in characteristics_of(variant, "lumped") if r.axis == "x"}
     own = analyse_model(variant.stage(), "lumped").characteristics
     assert lumped["transmission_ratio"] == next(
         r.value for r in own if (r.quantity, r.axis) == ("transmission_ratio", "x")

@@ -23,19 +23,20 @@ from flexstage.hysteresis.requests import (
 from flexstage.records import read_record
 from flexstage.records.read_options import DriveColumns, ReadOptions
 from flexstage.virtual.stack import virtual_stack
-from flexstage.web.hysteresis.example import example_record, other_example
-from flexstage.web.hysteresis.requests import Reading, WantedMotion
+from flexstage.web.hysteresis.requests import DesiredMotion, FileSelection
 from flexstage.web.hysteresis.state import HysteresisState, MeasuredFiles, OpenModel
 from flexstage.web.hysteresis.work import (
-    Identified,
-    Looked,
+    FilePreview,
+    IdentifiedModel,
     command,
-    identified,
-    opened,
-    predicted,
-    usual_motion,
+    default_motion,
+    example_record,
+    identify_drive,
+    open_model_file,
+    predict_files,
+    read_contents,
+    validation_example,
     waveform,
-    whole,
 )
 from tests.panel import looked_at, simulated
 
@@ -56,16 +57,16 @@ def drive_file(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reading, Identified]:
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FileSelection, IdentifiedModel]:
     path = drive_file(tmp_path_factory.mktemp("drive"))
-    reading = Reading(
+    reading = FileSelection(
         files=(str(path),),
         columns=DriveColumns(input=(0,), output=(2,)),
         input_unit="V",
         output_unit="um",
-        how=ReadOptions(sample_rate=200.0),
+        options=ReadOptions(sample_rate=200.0),
     )
-    return path, reading, identified(reading, SEARCH, "loop")
+    return path, reading, identify_drive(reading, SEARCH, "loop")
 
 
 def said_by(capsys: Any, *words: object) -> dict[str, Any]:
@@ -77,7 +78,7 @@ def said_by(capsys: Any, *words: object) -> dict[str, Any]:
 
 
 def test_it_is_what_the_commands_find_and_write(
-    capsys: Any, tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    capsys: Any, tmp_path: Path, drive: tuple[Path, FileSelection, IdentifiedModel]
 ) -> None:
     path, reading, made = drive
     read = ["--sample-rate", "200", "--input", "0 V", "--output", "2 um"]
@@ -86,16 +87,16 @@ def test_it_is_what_the_commands_find_and_write(
         capsys, "identify", path, *read, "--known", "delay=0 s",
         "--model", "dahl,prandtl-ishlinskii", "--out", model,
     )  # fmt: skip
-    found = made.found
+    found = made.identification
     assert told["model"] == found.kind
     assert told["heldout_rms_percent"] == found.heldout_rms_percent
     assert [c["heldout_rms_percent"] for c in told["candidates"]] == [
         c.heldout_rms_percent for c in found.candidates
     ]
     assert told["warnings"] == list(found.warnings)
-    by_command, _ = opened(model)
+    by_command, _ = open_model_file(model)
     (tmp_path / "page.yaml").write_text(made.text, encoding="utf-8")
-    by_page, _ = opened(tmp_path / "page.yaml")
+    by_page, _ = open_model_file(tmp_path / "page.yaml")
     assert by_page.errors == by_command.errors
     assert by_page.provenance["records"] == by_command.provenance["records"]
     mine, theirs = (file.model.hysteresis.parameters() for file in (by_page, by_command))
@@ -109,13 +110,13 @@ def test_it_is_what_the_commands_find_and_write(
         "--amplifier", "slew=300 V/s", "--out", tmp_path / "command.npz",
         "--figure", tmp_path / "c.svg",
     )  # fmt: skip
-    file = Reading(
+    file = FileSelection(
         files=(str(wanted),),
         columns=DriveColumns(output=(0,)),
-        how=ReadOptions(sample_rate=200.0),
+        options=ReadOptions(sample_rate=200.0),
     )
     asked = CompensateRequest(relative=True, amplifier=AmplifierLimits(slew=300.0))
-    motion = WantedMotion(shape="file", file=file, asked=asked)
+    motion = DesiredMotion(shape="file", file=file, request=asked)
     follows, notes = command(made.file.model, motion)
     assert told["predicted_rms_error"] == follows.rms_error
     assert sorted(told["notes"]) == sorted([*made.file.notes, *notes])
@@ -126,24 +127,24 @@ def test_it_is_what_the_commands_find_and_write(
         np.testing.assert_array_equal(own.values, other.values)
 
     told = said_by(capsys, "predict", model, path, "--input", 0, "--output", 2, *read)
-    (again,) = predicted(made.file, reading, None, "p").found
+    (again,) = predict_files(made.file, reading, None, "p").predictions
     assert told["records"][0]["as_predicted_rms_percent"] == again.as_predicted_rms_percent
 
 
 def test_columns_are_found_where_the_file_leaves_no_doubt(tmp_path: Path) -> None:
     path = drive_file(tmp_path)
-    plain, (found,), _ = whole(Reading(files=(str(path),)))
+    plain, (found,), _ = read_contents(FileSelection(files=(str(path),)))
     # the column between them stands still
     assert (plain.text("input"), plain.text("output"), found["over"]) == ("0", "2", "point")
-    assert "Sample rate" in MeasuredFiles(plain, Looked(plain, (found,), "")).missing()
-    rated, (found,), _ = whole(plain.changed("sample_rate", "0.2 kHz"))
+    assert "Sample rate" in MeasuredFiles(plain, FilePreview(plain, (found,), "")).missing()
+    rated, (found,), _ = read_contents(plain.changed("sample_rate", "0.2 kHz"))
     assert found["sample_rate_hz"] == pytest.approx(200.0)
-    assert MeasuredFiles(rated, Looked(rated, (found,), "")).missing() == ""
+    assert MeasuredFiles(rated, FilePreview(rated, (found,), "")).missing() == ""
     swapped = tmp_path / "swapped.csv"
     swapped.write_text("Time,x (um),drive (V)\n0,1,0\n1,2,5\n2,3,8\n", encoding="utf-8")
-    by_unit = whole(Reading(files=(str(swapped),)))[0]
+    by_unit = read_contents(FileSelection(files=(str(swapped),)))[0]
     assert [by_unit.text(name) for name in ("input", "output", "time")] == ["2", "1", "0"]
-    chosen = whole(Reading(files=(str(swapped),)).changed("input", "1"))[0]
+    chosen = read_contents(FileSelection(files=(str(swapped),)).changed("input", "1"))[0]
     assert (chosen.text("input"), chosen.text("output")) == ("1", "")
 
 
@@ -163,29 +164,29 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(RecordError, match=told):
-        whole(Reading(files=(str(path),)))
+        read_contents(FileSelection(files=(str(path),)))
 
 
 def test_what_cannot_be_identified_is_said_in_a_sentence(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, FileSelection, IdentifiedModel]
 ) -> None:
     _, reading, _ = drive
     with pytest.raises(RecordError, match="sample rate"):
-        identified(reading.changed("sample_rate", ""), SEARCH, "a")
+        identify_drive(reading.changed("sample_rate", ""), SEARCH, "a")
     with pytest.raises(RecordError, match="no column '9 um'"):
-        identified(reading.changed("output", "9"), SEARCH, "a")
+        identify_drive(reading.changed("output", "9"), SEARCH, "a")
     gap = tmp_path / "nan.csv"
     gap.write_text("u (V),y (um)\n0,1\n1,nan\n2,3\n", encoding="utf-8")
     with pytest.raises(RecordError, match="NaN"):
-        identified(replace(reading.changed("output", "1"), files=(str(gap),)), SEARCH, "a")
+        identify_drive(replace(reading.changed("output", "1"), files=(str(gap),)), SEARCH, "a")
 
 
 def test_a_motion_is_followed_within_what_the_drive_reaches(
-    drive: tuple[Path, Reading, Identified],
+    drive: tuple[Path, FileSelection, IdentifiedModel],
 ) -> None:
     model = drive[2].file.model
     low, high = model.validity.output_range  # type: ignore[union-attr]
-    motion = usual_motion(WantedMotion(), model, RATE)
+    motion = default_motion(DesiredMotion(), model, RATE)
     assert motion.centre == pytest.approx(0.5 * (low + high))
     assert (motion.sample_rate_hz, motion.rate_hz) == (RATE, 1.25)
     for periods, samples in ((3, 480), (0, 160)):
@@ -201,14 +202,14 @@ def test_a_motion_is_followed_within_what_the_drive_reaches(
     with pytest.raises(ModelError, match="more than 1000000 samples"):
         command(model, replace(motion, rate_hz=1e-5))
     lowest = model.validity.input_range[0]  # type: ignore[union-attr]
-    narrowed = replace(motion, asked=CompensateRequest(voltage=(lowest, 60.0)))
+    narrowed = replace(motion, request=CompensateRequest(voltage=(lowest, 60.0)))
     narrow, notes = command(model, narrowed)
     assert narrow.command.max() <= 60.0
     assert any("limits changed" in note for note in notes)
 
 
 def test_the_example_and_its_other_record_are_of_one_drive(tmp_path: Path) -> None:
-    first, other = (read_record(f(tmp_path)) for f in (example_record, other_example))
+    first, other = (read_record(f(tmp_path)) for f in (example_record, validation_example))
     ranges = [np.ptp(record.channel("position").values[400:]) for record in (first, other)]
     assert ranges[1] == pytest.approx(ranges[0], rel=0.02)
     assert 30e-6 < ranges[0] < 45e-6
@@ -222,7 +223,7 @@ async def come(condition: Callable[[], Any], seconds: float = 30.0) -> None:
 
 
 def test_a_wrong_file_loses_nothing(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, FileSelection, IdentifiedModel]
 ) -> None:
     path, _, _ = drive
 
@@ -236,17 +237,17 @@ def test_a_wrong_file_loses_nothing(
             return [e.text for e in user.find(ui.label).elements if "error" in e.classes]
 
         state.source.open(
-            Reading(files=(str(path),), columns=DriveColumns(input=(0,), output=(2,)))
+            FileSelection(files=(str(path),), columns=DriveColumns(input=(0,), output=(2,)))
         )
         await user.open("/hysteresis")
-        await come(lambda: state.source.looked)
+        await come(lambda: state.source.preview)
         (rate,) = (e for e in user.find(ui.input).elements if e.label == "Sample rate")
         rate.value = "fast"
         await come(alerts)
         assert "'fast'" in alerts()[0]
         (unit,) = (e for e in user.find(ui.input).elements if e.label == "Input unit")
         unit.value = "V"
-        await come(lambda: state.source.reading.input_unit == "V")
+        await come(lambda: state.source.selection.input_unit == "V")
         await asyncio.sleep(0.3)
         assert (rate.value, "'fast'" in alerts()[0]) == ("fast", True)  # it is still to be mended
         assert state.source.missing()
@@ -254,19 +255,19 @@ def test_a_wrong_file_loses_nothing(
         await come(lambda: not alerts() and not state.source.missing())
         wrong = panel.folder("hysteresis/some-one") / "wrong.csv"
         wrong.write_bytes(b"\0" * 400)
-        state.source.open(Reading(files=(str(wrong),)))
+        state.source.open(FileSelection(files=(str(wrong),)))
         await user.open("/hysteresis")
         await come(alerts)
         assert alerts()[0].startswith("'wrong.csv'")
         user.find("Back to drive.dat").click()
         await come(lambda: not alerts())
-        assert state.source.reading.how.rate == 200.0
+        assert state.source.selection.options.rate == 200.0
 
     simulated(tmp_path, look)
 
 
 def test_limits_of_a_command_are_those_of_the_request(
-    tmp_path: Path, drive: tuple[Path, Reading, Identified]
+    tmp_path: Path, drive: tuple[Path, FileSelection, IdentifiedModel]
 ) -> None:
     _, _, made = drive
 
@@ -276,7 +277,7 @@ def test_limits_of_a_command_are_those_of_the_request(
         (session,) = panel.access._sessions.values()
         state = session.state(HysteresisState)
         state.step = "compensate"
-        state.take(OpenModel(name="drive", file=made.file, text=made.text))
+        state.open_model(OpenModel(name="drive", file=made.file, text=made.text))
         await user.open("/hysteresis")
 
         def give(label: str, value: float | None) -> None:
@@ -286,21 +287,21 @@ def test_limits_of_a_command_are_those_of_the_request(
         assert made.file.model.validity is not None
         low, _ = made.file.model.validity.input_range
         give("Highest command [V]", 60.0)
-        await come(lambda: state.motion.asked.voltage == (low, 60.0))
+        await come(lambda: state.motion.request.voltage == (low, 60.0))
         give("Slew [V/s]", 900.0)
-        await come(lambda: state.motion.asked.amplifier.slew == 900.0)
+        await come(lambda: state.motion.request.amplifier.slew == 900.0)
         give("Reference bandwidth [Hz]", 30.0)
-        await come(lambda: state.motion.asked.reference_bandwidth == 30.0)
+        await come(lambda: state.motion.request.reference_bandwidth == 30.0)
         (start,) = (e for e in user.find(ui.select).elements if "conditioned" in e.options)
         start.value = "moved"
-        await come(lambda: state.motion.asked.start == 30.0)
+        await come(lambda: state.motion.request.start == 30.0)
         give("Moved for [s]", 12.0)
-        await come(lambda: state.motion.asked.start == 12.0)
+        await come(lambda: state.motion.request.start == 12.0)
         give("Highest command [V]", low - 1.0)  # which is refused
         await asyncio.sleep(0.3)
-        assert state.motion.asked.voltage == (low, 60.0)
+        assert state.motion.request.voltage == (low, 60.0)
         give("Highest command [V]", None)
-        await come(lambda: state.motion.asked.voltage is None)
+        await come(lambda: state.motion.request.voltage is None)
 
     simulated(tmp_path, look)
 
@@ -312,7 +313,7 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         page.get_by_role("link", name="Hysteresis").click()
         page.get_by_role("button", name="Identify").wait_for()
         look.shot("hysteresis-first")
-        page.get_by_role("button", name="Take the example").first.click()
+        page.get_by_role("button", name="Load example").first.click()
         page.get_by_text("example.csv: 5992 samples").wait_for()
         look.shot("hysteresis-record")
         assert not look.grave_faults()
@@ -329,11 +330,11 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
             page.get_by_role("button", name="Download the model").click()
         model = tmp_path / "model.yaml"
         waiting.value.save_as(model)
-        assert (opened(model)[0].errors["heldout_95"] or 1.0) < 0.3
+        assert (open_model_file(model)[0].errors["heldout_95"] or 1.0) < 0.3
         page.get_by_role("tab", name="3 Compensate").click()
         page.get_by_label("Amplitude ± [µm]").fill("12")
         page.get_by_role("button", name="Triangle").click()
-        page.locator(".told:not(.stale)").get_by_text("99.2 V").first.wait_for()
+        page.locator(".stretched:not(.stale)").get_by_text("99.2 V").first.wait_for()
         look.require_sound("hysteresis-command")
         with page.expect_download() as waiting:
             page.get_by_role("button", name="Download the waveform").click()
@@ -342,9 +343,9 @@ def test_from_a_record_to_the_waveform_in_a_browser(tmp_path: Path) -> None:
         record = read_record(waveform_file)
         assert np.ptp(record.channel("reference").values) == pytest.approx(24e-6, rel=1e-3)
         assert (tmp_path / "files" / "hysteresis" / "example-triangle.csv").exists()
-        page.get_by_role("tab", name="4 Predict").click()
-        page.get_by_role("button", name="Take the example").click()
-        page.get_by_role("button", name="Predict").click()
+        page.get_by_role("tab", name="4 Validate").click()
+        page.get_by_role("button", name="Load example").click()
+        page.get_by_role("button", name="Validate").click()
         page.get_by_text("Band of the model").wait_for()
         look.shot("hysteresis-prediction")
         assert not look.grave_faults()

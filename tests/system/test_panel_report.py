@@ -143,8 +143,8 @@ def test_a_report_is_written_read_printed_and_kept_in_the_page(tmp_path: Path) -
         # the look that was chosen holds for the report as well
         page.emulate_media(color_scheme="light")
         ground = frame.locator("body").evaluate("body => getComputedStyle(body).backgroundColor")
-        page.get_by_role("button", name="Units and look").click()
-        page.get_by_role("combobox", name="Look").click()
+        page.get_by_role("button", name="Units and theme").click()
+        page.get_by_role("combobox", name="Theme").click()
         page.get_by_role("option", name="dark").click()
         page.keyboard.press("Escape")
         page.wait_for_selector("body.body--dark")

@@ -1,4 +1,4 @@
-"""The front panel: pages in the browser that show what the library knows and do what it does."""
+"""The front panel: the functions of the library as pages in a browser."""
 
 from typing import TYPE_CHECKING
 

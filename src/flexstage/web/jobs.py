@@ -1,4 +1,4 @@
-"""Long work outside the page: in a process of its own, or in a thread, with progress and cancel."""
+"""Background jobs in worker processes or threads, with progress and cancellation."""
 
 import contextlib
 import logging
@@ -18,65 +18,65 @@ from flexstage.base.progress import listen
 _LOG = logging.getLogger("flexstage.web")
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
-_KEPT = 200  # finished jobs that are remembered
-_AT_ONCE = 3  # a long job of one person leaves room for the short ones of others
+_MAX_FINISHED = 200  # finished jobs in the list
+_MIN_PROCESSES = 3  # so that a long job of one user does not block short ones of others
 
 
 class Cancelled(BaseException):
-    """The work of a thread was cancelled; raised where it says how far it has come."""
+    """The job of a thread was cancelled; its next progress update raises this."""
 
 
 @dataclass(eq=False)
 class BackgroundJob:
-    """A piece of long work; the page that started it may be gone."""
+    """A background job; it outlives the page that started it."""
 
     name: str
-    """What it is, for people."""
+    """Name for users."""
     owner: str = ""
-    """Session that started it; empty where it belongs to the panel."""
+    """Session that started the job; empty for a job of the panel."""
     id: str = field(default_factory=lambda: secrets.token_urlsafe(9))
-    """What it is found by."""
+    """Identifier."""
     state: State = "waiting"
-    """How it stands."""
-    what: str = ""
-    """What it is doing."""
+    """State of the job."""
+    activity: str = ""
+    """Present activity."""
     share: float = 0.0
-    """Which share is done, 0 to 1."""
-    found: list[Any] = field(default_factory=list)
-    """What it handed over on its way; nothing any more once it is done, as the result has it."""
+    """Completed share, 0 to 1."""
+    partial_results: list[Any] = field(default_factory=list)
+    """Results so far; empty once the job is done, as `result` contains them."""
     result: Any = None
-    """What it gave, once it is done."""
+    """Result of a job that is done."""
     error: str = ""
-    """Why it failed, in a sentence."""
+    """Message of a failed job."""
     began: float = field(default_factory=time.time)
-    """When it was started, by the clock of the computer [s]."""
+    """Start time, by the clock of the computer [s]."""
     seconds: float = 0.0
-    """How long it took [s]."""
+    """Duration [s]."""
     _cancel: threading.Event = field(default_factory=threading.Event)
-    _ended: threading.Event = field(default_factory=threading.Event)
+    _end_event: threading.Event = field(default_factory=threading.Event)
 
     @property
     def is_over(self) -> bool:
-        """Whether it is done, failed or cancelled."""
-        return self._ended.is_set()
+        """The job is done, failed or cancelled."""
+        return self._end_event.is_set()
 
     def cancel(self) -> None:
-        """Ask it to end."""
+        """Request the end of the job."""
         self._cancel.set()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is over; say whether it is."""
-        return self._ended.wait(timeout)
+        """Wait for the end of the job; return whether it is over."""
+        return self._end_event.wait(timeout)
 
-    def _tell(self, what: str, share: float) -> None:
-        self.what, self.share = what, share
+    def _update(self, activity: str, share: float) -> None:
+        self.activity, self.share = activity, share
 
     def _end(self, state: State, result: Any = None, error: str = "") -> None:
         self.result, self.error, self.seconds = result, error, time.time() - self.began
         self.state = state
         if state == "done":
-            self.found = []
-        self._ended.set()
+            self.partial_results = []
+        self._end_event.set()
 
 
 class Jobs:
@@ -85,25 +85,25 @@ class Jobs:
     Parameters
     ----------
     at_once
-        Processes that work at the same time: others wait.
+        Largest number of processes; further jobs wait.
     """
 
     def __init__(self, at_once: int | None = None) -> None:
-        count = at_once or max(_AT_ONCE, os.cpu_count() or 1)
-        self._room = threading.BoundedSemaphore(count)
+        count = at_once or max(_MIN_PROCESSES, os.cpu_count() or 1)
+        self._slots = threading.BoundedSemaphore(count)
         self._jobs: dict[str, BackgroundJob] = {}
         self._idle: list[_Worker] = []
         self._lock = threading.Lock()
-        self._closed = False
+        self._is_closed = False
 
     def start(
         self, name: str, function: Callable[..., Any], *arguments: Any, owner: str = ""
     ) -> BackgroundJob:
-        """Have a function called in a process of its own.
+        """Call a function in a worker process.
 
-        It is found by its module and name, and what it is given and returns is sent: no closures.
-        Its `flexstage.base.progress` is the job's, and so is what it hands over; to cancel it ends
-        the process.
+        The function, its arguments and its result are pickled, so that it cannot be a closure. Its
+        `flexstage.base.progress` and its partial results reach the job. Cancelling kills the
+        process.
         """
         job = self._new(name, owner)
         self._thread(job, lambda: self._in_process(job, function, arguments))
@@ -112,9 +112,9 @@ class Jobs:
     def start_thread(
         self, name: str, function: Callable[..., Any], *arguments: Any, owner: str = ""
     ) -> BackgroundJob:
-        """Have a function called in a thread: for work that waits, as for an instrument.
+        """Call a function in a thread: for jobs that wait, such as for an instrument.
 
-        To cancel raises `Cancelled` in it where it next says how far it has come.
+        Cancelling raises `Cancelled` in its next progress update.
         """
         job = self._new(name, owner)
         self._thread(job, lambda: _in_thread(job, function, arguments))
@@ -128,7 +128,7 @@ class Jobs:
     def close(self) -> None:
         """Cancel all jobs and end the processes."""
         with self._lock:
-            self._closed = True
+            self._is_closed = True
             jobs, idle, self._idle = [*self._jobs.values()], self._idle, []
         for job in jobs:
             job.cancel()
@@ -140,8 +140,8 @@ class Jobs:
     def _new(self, name: str, owner: str) -> BackgroundJob:
         job = BackgroundJob(name, owner)
         with self._lock:
-            over = [each.id for each in self._jobs.values() if each.is_over]
-            for old in over[: max(0, len(over) - _KEPT)]:
+            finished = [each.id for each in self._jobs.values() if each.is_over]
+            for old in finished[: max(0, len(finished) - _MAX_FINISHED)]:
                 del self._jobs[old]
             self._jobs[job.id] = job
         return job
@@ -150,77 +150,81 @@ class Jobs:
         def guarded() -> None:
             try:
                 work()
-            except Exception as error:  # noqa: BLE001 - a job never ends silently
+            except Exception as error:  # noqa: BLE001 - every failure of a job is reported
                 _LOG.exception("the job '%s' failed", job.name)
                 job._end("failed", error=f"{type(error).__name__}: {error}")
 
         threading.Thread(target=guarded, name=f"job {job.name}", daemon=True).start()
 
     def _in_process(self, job: BackgroundJob, function: Callable[..., Any], arguments: Any) -> None:
-        while not self._room.acquire(timeout=0.1):
+        while not self._slots.acquire(timeout=0.1):
             if job._cancel.is_set():
                 job._end("cancelled")
                 return
         try:
-            self._worked(job, function, arguments)
+            self._run_in_worker(job, function, arguments)
         finally:
-            self._room.release()
+            self._slots.release()
 
-    def _worked(self, job: BackgroundJob, function: Callable[..., Any], arguments: Any) -> None:
+    def _run_in_worker(
+        self, job: BackgroundJob, function: Callable[..., Any], arguments: Any
+    ) -> None:
         with self._lock:
             worker = self._idle.pop() if self._idle else None
         worker = worker or _Worker()
         job.state = "running"
-        kept = False
+        reusable = False
         try:
             worker.connection.send((function, arguments))
-            kind, told = "progress", ["", 0.0]
-            while kind in ("progress", "found"):
-                job._tell(*told) if kind == "progress" else job.found.append(told[0])
+            kind, payload = "progress", ["", 0.0]
+            while kind in ("progress", "partial"):
+                job._update(*payload) if kind == "progress" else job.partial_results.append(
+                    payload[0]
+                )
                 while not worker.connection.poll(0.1):
                     if job._cancel.is_set():
                         job._end("cancelled")
                         return
-                kind, *told = worker.connection.recv()
-            kept = True
+                kind, *payload = worker.connection.recv()
+            reusable = True
             if kind == "done":
-                job._tell("", 1.0)
-                job._end("done", result=told[0])
+                job._update("", 1.0)
+                job._end("done", result=payload[0])
             else:
-                job._end("failed", error=told[0])
+                job._end("failed", error=payload[0])
         except (EOFError, OSError) as error:
-            raise WorkerError("its process was ended from outside: start it again") from error
+            raise WorkerError("its process was killed: start it again") from error
         finally:
             with self._lock:
-                # one idle process is kept for the next job
-                kept = kept and not (self._closed or self._idle)
-                if kept:
+                # the next job reuses one idle process
+                reusable = reusable and not (self._is_closed or self._idle)
+                if reusable:
                     self._idle.append(worker)
-            if not kept:
+            if not reusable:
                 worker.end()
 
 
 def _in_thread(job: BackgroundJob, function: Callable[..., Any], arguments: Any) -> None:
-    def tell(what: str, share: float) -> None:
+    def update(activity: str, share: float) -> None:
         if job._cancel.is_set():
             raise Cancelled
-        job._tell(what, share)
+        job._update(activity, share)
 
     job.state = "running"
     try:
-        with listen(tell, job.found.append):
+        with listen(update, job.partial_results.append):
             result = function(*arguments)
     except Cancelled:
         job._end("cancelled")
     except FlexstageError as error:
         job._end("failed", error=str(error))
     else:
-        job._tell("", 1.0)
+        job._update("", 1.0)
         job._end("done", result=result)
 
 
 class _Worker:
-    """A process that does one job after another."""
+    """A worker process for one job after another."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -230,38 +234,38 @@ class _Worker:
         theirs.close()
 
     def end(self) -> None:
-        """End the process at once."""
+        """Kill the process."""
         self._process.kill()
         self._process.join(5.0)
         self.connection.close()
 
 
 def _work(connection: Connection) -> None:
-    """Do what is sent, and say how far it has come, until the other end is closed."""
+    """Call the received functions and report their progress, until the connection is closed."""
     import signal
 
-    # an interrupt at the terminal is for the panel, which ends this process
+    # the panel handles an interrupt at the terminal, and ends this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(5)  # the page, and what drives a stage, come first
+        os.nice(5)  # the page and the bench have priority
 
-    def tell(what: str, share: float) -> None:
-        connection.send(("progress", what, share))
+    def send_progress(activity: str, share: float) -> None:
+        connection.send(("progress", activity, share))
 
-    def take(found: Any) -> None:
-        connection.send(("found", found))
+    def send_partial(partial: Any) -> None:
+        connection.send(("partial", partial))
 
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
             try:
                 function, arguments = connection.recv()
-                with listen(tell, take):
+                with listen(send_progress, send_partial):
                     answer = ("done", function(*arguments))
             except FlexstageError as error:
                 answer = ("failed", str(error))
             except (EOFError, BrokenPipeError):
                 raise
-            except Exception as error:  # told in the page, and the process lives on
+            except Exception as error:  # reported in the page; the process continues
                 logging.getLogger("flexstage.web").exception("a job failed")
                 answer = ("failed", f"{type(error).__name__}: {error}")
             connection.send(answer)

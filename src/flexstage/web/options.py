@@ -1,4 +1,4 @@
-"""How the front panel is served: where, to whom, and where its files lie."""
+"""Options of the server of the front panel: address, access and folder."""
 
 import ipaddress
 import socket
@@ -16,7 +16,7 @@ _LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
 def is_loopback(host: str) -> bool:
-    """Say whether an address to listen on is reached by this computer alone."""
+    """Return whether an address to listen on is reachable from this computer only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -27,7 +27,7 @@ def _first_line(path: Path) -> str:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
-        raise ModelError(f"the password file '{path}' is no text in UTF-8") from None
+        raise ModelError(f"the password file '{path}' is not a text file in UTF-8") from None
     if not lines:
         raise ModelError(f"the password file '{path}' is empty: its first line is the password")
     return lines[0]
@@ -35,7 +35,7 @@ def _first_line(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate(Request):
-    """What encrypts the network (TLS): a certificate with its key, or none."""
+    """Encryption of the network (TLS): a certificate and its key, or none."""
 
     one_value: ClassVar[bool] = True
 
@@ -47,25 +47,25 @@ class Certificate(Request):
     def __post_init__(self) -> None:
         super(Certificate, self).__post_init__()
         if (self.certificate is None) != (self.key is None):
-            raise ModelError("TLS needs a certificate and its key: give both or none")
+            raise ModelError("TLS needs both a certificate and its key")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServeRequest(Request):
-    """Where the front panel is served, and where its files lie."""
+    """Address of the front panel, and folder of its files."""
 
     address: Address = ("127.0.0.1", 8321)
-    """Address and TCP port to listen on, 0 for any free port; any address but 127.0.0.1, which is
-    meant where none is given, lets others on the network in, and needs a password.
+    """Address and TCP port to listen on, 0 for any free port. The default address 127.0.0.1 admits
+    this computer alone; any other address admits the network and needs a password.
     """
     password_file: Path | None = None
     """File whose first line is the password that opens the panel."""
     tls: Certificate = Certificate()
     """Encryption, by "certificate=cert.pem,key=key.pem" (default: none)."""
     host_name: Annotated[tuple[str, ...], Written("NAME")] = ()
-    """Name by which browsers reach it, beside that of this computer."""
+    """Additional host name of the panel in the address of a browser."""
     folder: Annotated[Path, Written("FOLDER")] = Path("front-panel")
-    """Where files that are given to the panel, and those it makes, are kept."""
+    """Folder for uploaded files and for files that the panel writes."""
 
     @property
     def host(self) -> str:
@@ -75,12 +75,12 @@ class ServeRequest(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelOptions(ServeRequest):
-    """Where the front panel is served, who may come in, and where its files lie.
+    """Address, access and folder of the front panel.
 
     Raises
     ------
     ModelError
-        It would be served to others without a password, or with half of a certificate.
+        An address open to the network has no password, or the key of the certificate is missing.
 
     Examples
     --------
@@ -89,13 +89,13 @@ class PanelOptions(ServeRequest):
     >>> PanelOptions(folder=Path("panel"), address=("0.0.0.0", 8321))
     Traceback (most recent call last):
     ...
-    flexstage.base.errors.ModelError: others reach the front panel at 0.0.0.0: give it a ...
+    flexstage.base.errors.ModelError: 0.0.0.0 admits other computers to the front panel: give a ...
     """
 
     password: str | None = None
-    """What opens it, beside the address with a token; that of the file where there is one."""
+    """Password, an alternative to the address with a token; the first line of the password file."""
     upload_limit: int = 256 * 2**20
-    """Most bytes of one request."""
+    """Largest size of a request [byte]."""
 
     def __post_init__(self) -> None:
         super(PanelOptions, self).__post_init__()
@@ -103,8 +103,8 @@ class PanelOptions(ServeRequest):
             object.__setattr__(self, "password", _first_line(self.password_file))
         if self.password is None and not self.is_loopback:
             raise ModelError(
-                f"others reach the front panel at {self.host}: give it a password "
-                "(--password-file), or leave the address out of --address"
+                f"{self.host} admits other computers to the front panel: give a password "
+                "(--password-file), or omit the address in --address"
             )
         if self.password is not None and len(self.password) < _SHORTEST_PASSWORD:
             raise ModelError(
@@ -114,34 +114,34 @@ class PanelOptions(ServeRequest):
 
     @classmethod
     def of(cls, request: ServeRequest) -> "PanelOptions":
-        """Return the options that are asked for; the folder is that of the present directory."""
+        """Return the options of a request; the folder is relative to the present directory."""
         for file in filter(None, (request.tls.certificate, request.tls.key)):
             if not file.is_file():
                 raise ModelError(f"there is no file '{file}': TLS needs its certificate and key")
-        asked: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
-        return cls(**{**asked, "folder": request.folder.absolute()})
+        values: dict[str, Any] = {n: getattr(request, n) for n in request_fields(ServeRequest)}
+        return cls(**{**values, "folder": request.folder.absolute()})
 
     @property
     def is_loopback(self) -> bool:
-        """Whether this computer alone reaches it."""
+        """Access from this computer only."""
         return is_loopback(self.host)
 
     @property
     def scheme(self) -> str:
-        """The scheme of its address."""
+        """Scheme of the address."""
         return "https" if self.tls.certificate else "http"
 
     def url(self, port: int) -> str:
-        """Return the address that a browser on this computer opens."""
+        """Return the address for a browser on this computer."""
         everywhere = {"0.0.0.0": "127.0.0.1", "::": "::1"}
         host = everywhere.get(self.host, self.host)
         return f"{self.scheme}://{f'[{host}]' if ':' in host else host}:{port}/"
 
     def is_own_name(self, name: str) -> bool:
-        """Say whether a browser may call the panel by a name.
+        """Return whether a host name in a request is a name of the panel.
 
-        A foreign name that points to this computer may not: a page elsewhere would read it (DNS
-        rebinding). A plain address belongs to nobody else.
+        A foreign name that resolves to this computer is not: a page of another site could read the
+        panel (DNS rebinding). A numeric address cannot be rebound.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What a view of the front panel is given: the panel, the person, long work, complaints."""
+"""Services for the views of the front panel: session, page elements, jobs and error messages."""
 
 import asyncio
 import os
@@ -14,33 +14,33 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from flexstage.base.errors import FlexstageError
 from flexstage.report.page import typeset
-from flexstage.web.gate import SESSION
+from flexstage.web.access_control import SESSION
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import BackgroundJob, Jobs
 from flexstage.web.options import PanelOptions
 from flexstage.web.preferences import Preferences
 from flexstage.web.sessions import Access, Session, States
-from flexstage.web.stops import Stops
 
-_LOOK_AT_JOBS = 0.25  # s
+_JOB_INTERVAL = 0.25  # between two looks at a job [s]
 _OPTION = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")
 _MICRO = re.compile(r"\bu(?=(m|rad|V|A)\b)|(?<=\d )u(?=s\b)")
 
 
 @dataclass(eq=False)
 class Panel(States):
-    """A front panel: what all of its pages share, such as a connected stage."""
+    """A front panel: the objects that all pages share, such as a connected stage."""
 
     options: PanelOptions
-    """How it is served."""
+    """Options of the server."""
     access: Access
-    """Who may come in."""
+    """Tokens, password and sessions."""
     jobs: Jobs = field(default_factory=Jobs)
-    """Long work."""
-    stops: Stops = field(default_factory=Stops)
-    """What the button STOP stops."""
+    """Background jobs."""
+    emergency_stop: EmergencyStop = field(default_factory=EmergencyStop)
+    """Target of the STOP button."""
 
     def folder(self, name: str) -> Path:
-        """Return a folder for the files of a view, made where it is not there."""
+        """Return the folder for the files of a view; create it if necessary."""
         folder = self.options.folder / name
         folder.mkdir(parents=True, exist_ok=True)
         return folder
@@ -48,69 +48,69 @@ class Panel(States):
 
 @dataclass(eq=False)
 class Page:
-    """A page of the panel in one browser."""
+    """A page of the panel in one browser tab."""
 
     panel: Panel
     """The panel."""
     session: Session
-    """Who looks at it, with what stays open through a reload."""
+    """The session of the browser; its state survives a reload."""
     client: Client = field(default_factory=lambda: ui.context.client)
-    """Its end in the library: whatever is shown ends with it."""
+    """The client of NiceGUI; the elements of the page are deleted with it."""
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.client.on_delete(self.leave)
 
     def begin(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do something beside the view that is open; it ends with it."""
+        """Start a task of the open view; it is cancelled with the view."""
         task = background_tasks.create(work, name=work.__qualname__, context=self.client)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     def leave(self) -> None:
-        """End what is done beside the view that is open: it is left, or the browser is gone."""
+        """Cancel the tasks of the view, because the user left it or closed the browser."""
         for task in self._tasks:
             task.cancel()
 
     @property
     def preferences(self) -> Preferences:
-        """Units and look."""
+        """Units and theme."""
         return self.session.preferences
 
     @contextmanager
-    def sentences(self, card: ui.element | None = None) -> Iterator[None]:
-        """Show an error of the library as its sentence, and go on; else forget the one before."""
+    def show_errors(self, card: ui.element | None = None) -> Iterator[None]:
+        """Show an error of the library as a message, and continue; without one clear the last."""
         card = card or _card()
         try:
             yield
         except (FlexstageError, OSError) as error:
-            complain(self.words(str(error)), card)
+            show_error(self.message(str(error)), card)
         else:
-            _forget(card)
+            _clear_errors(card)
 
-    def words(self, sentence: str) -> str:
-        """Return what the library says as the page says it, without where the panel's files lie."""
+    def message(self, sentence: str) -> str:
+        """Return a message of the library for the page, without the folder of the panel."""
         folder = re.escape(f"{self.panel.options.folder}{os.sep}")
-        return in_page_words(re.sub(rf"{folder}(?:[\w.-]+[/\\])*", "", sentence))
+        return display_text(re.sub(rf"{folder}(?:[\w.-]+[/\\])*", "", sentence))
 
     def watch(
         self,
         job: BackgroundJob,
-        over: Callable[[BackgroundJob], None],
+        on_end: Callable[[BackgroundJob], None],
     ) -> ui.timer:
-        """Call a function in this page once when a job is over; it may be over already."""
+        """Call a function in this page once, when a job is over or if it is over already."""
 
-        def look() -> None:
+        def update() -> None:
             if job.is_over:
                 timer.cancel()
-                over(job)
+                on_end(job)
 
-        timer = ui.timer(_LOOK_AT_JOBS, look)
+        timer = ui.timer(_JOB_INTERVAL, update)
         return timer
 
 
 def pages_of(session: Session) -> list[Client]:
-    """Return the pages that a browser has open now."""
+    """Return the pages that a browser has open."""
     return [
         client
         for client in Client.instances.values()
@@ -118,44 +118,44 @@ def pages_of(session: Session) -> list[Client]:
     ]
 
 
-def in_page_words(sentence: str) -> str:
-    """Return what the library says as the page says it.
+def display_text(sentence: str) -> str:
+    """Return a message of the library for the page.
 
-    An option of a command is the field of that name; units and signs are typeset.
+    An option of a command becomes the name of its field; units and signs are typeset.
 
     Examples
     --------
-    >>> in_page_words("give --sample-rate, such as 200 Hz: 4.5 um +- -0.1")
+    >>> display_text("give --sample-rate, such as 200 Hz: 4.5 um +- -0.1")
     'give “Sample rate”, such as 200 Hz: 4.5 µm ± −0.1'
     """
 
-    def field(option: re.Match[str]) -> str:
-        if option[1] is None:
-            return option[0]  # a command as one types it
-        return f"“{option[1].replace('-', ' ').capitalize()}”"
+    def field(match: re.Match[str]) -> str:
+        if match[1] is None:
+            return match[0]  # a command line
+        return f"“{match[1].replace('-', ' ').capitalize()}”"
 
-    said = _OPTION.sub(field, sentence)
-    return typeset(_MICRO.sub("µ", said.replace("+-", "±")))
+    text = _OPTION.sub(field, sentence)
+    return typeset(_MICRO.sub("µ", text.replace("+-", "±")))
 
 
-def complain(sentence: str, card: ui.element | None = None) -> None:
-    """Show what is wrong inside the card that refused, until it accepts something.
+def show_error(sentence: str, card: ui.element | None = None) -> None:
+    """Show an error message in a card, until the card accepts an input.
 
-    It is that of whoever is answered; where there is none the sentence stands above the page until
-    it is read.
+    The default is the card of the event that is being handled. Without a card the message is a
+    notification that the user closes.
     """
     card = card or _card()
     if card is not None and not card.is_deleted:
-        _forget(card)
+        _clear_errors(card)
         with card:
-            said = ui.label(in_page_words(sentence)).classes("issue error refused")
-        said.props("role=alert")
+            label = ui.label(display_text(sentence)).classes("issue error refused")
+        label.props("role=alert")
         card.client.run_javascript(
-            f"getHtmlElement({said.id})?.scrollIntoView({{block: 'nearest'}})"
+            f"getHtmlElement({label.id})?.scrollIntoView({{block: 'nearest'}})"
         )
         return
     ui.notify(
-        in_page_words(sentence),
+        display_text(sentence),
         type="negative",
         multi_line=True,
         close_button="OK",
@@ -165,16 +165,16 @@ def complain(sentence: str, card: ui.element | None = None) -> None:
 
 
 def _card() -> ui.element | None:
-    """Return the card or dialog in which something is being answered."""
-    with suppress(RuntimeError):  # where it has gone meanwhile
+    """Return the card or dialog of the event that is being handled."""
+    with suppress(RuntimeError):  # if it was deleted meanwhile
         inner = ui.context.slot.parent
         around = (inner, *inner.ancestors())
         return next((e for e in around if {"panel", "dialog"} & {*e.classes}), None)
     return None
 
 
-def _forget(card: ui.element | None) -> None:
-    """Take away what a card has refused."""
+def _clear_errors(card: ui.element | None) -> None:
+    """Remove the error messages of a card."""
     for each in [] if card is None or card.is_deleted else [*card]:
         if "refused" in each.classes:
             each.delete()
@@ -186,7 +186,7 @@ class PanelHeading(TextElement):
     Parameters
     ----------
     text
-        What it says; shown as text, whoever wrote it.
+        The text; HTML in it is escaped.
     level
         1 to 6.
     """
@@ -196,17 +196,17 @@ class PanelHeading(TextElement):
 
 
 def div(classes: str) -> ui.element:
-    """Return a part of a page, by its classes in `static/panel.css`."""
+    """Return a container with classes of `static/panel.css`."""
     return ui.element("div").classes(classes)
 
 
 def panel(classes: str = "") -> ui.element:
-    """Return a part of a page with a ground of its own."""
+    """Return a section with a frame and background."""
     return ui.element("section").classes(f"panel {classes}")
 
 
 def remark(text: str) -> ui.label:
-    """Return a text that is set back: small and pale."""
+    """Return a small text in a muted colour."""
     return ui.label(text).classes("muted small")
 
 
@@ -214,79 +214,80 @@ def choice(
     options: Any,
     value: Any,
     label: str,
-    changed: Callable[..., object] | None = None,
-    **more: Any,
+    on_change: Callable[..., object] | None = None,
+    **properties: Any,
 ) -> ui.select:
-    """Return a field whose value is one of some, or several of them."""
-    field = ui.select(options, value=value, label=label, on_change=changed, **more)
+    """Return a field with one or several of a list of options."""
+    field = ui.select(options, value=value, label=label, on_change=on_change, **properties)
     return field.props("dense options-dense outlined")
 
 
 def named_dialog(name: str) -> ui.dialog:
-    """Return a dialog whose name is read aloud when it opens."""
+    """Return a dialog with an accessible name."""
     dialog = ui.dialog()
     dialog.props["aria-label"] = name
     return dialog
 
 
-def quiet_button(text: str = "", **given: Any) -> ui.button:
-    """Return a button without a ground of its own, readable on light and dark."""
-    return ui.button(text, color="link", **given).props("flat")
+def quiet_button(text: str = "", **properties: Any) -> ui.button:
+    """Return a flat button that is readable on light and dark pages."""
+    return ui.button(text, color="link", **properties).props("flat")
 
 
 def show_job(
-    page: Page, job: BackgroundJob, over: Callable[[BackgroundJob], None] | None = None
+    page: Page, job: BackgroundJob, on_end: Callable[[BackgroundJob], None] | None = None
 ) -> None:
-    """Show how far a job has come, with a button that cancels it; tell when it is over.
+    """Show the progress of a job and a button to cancel it; call `on_end` at its end.
 
-    Who waits for it is told why it failed.
+    With `on_end`, the page shows the message of a failed job.
     """
-    _forget(_card())
+    _clear_errors(_card())
     with ui.row().classes("job items-center no-wrap") as row:
         ui.label(job.name)
         bar = ui.linear_progress(0.0, show_value=False)
         bar.props["aria-label"] = f"Progress: {job.name}"
-        doing = ui.label().classes("muted")
+        status = ui.label().classes("muted")
         quiet_button("Cancel", on_click=job.cancel).props("dense")
 
-    def look() -> None:
+    def update() -> None:
         if row.is_deleted:
-            return  # between two looks at the same moment
+            return  # deleted between two calls of the timer
         bar.value = job.share
-        doing.text = f"{job.what or job.state}, {100.0 * job.share:.0f} %"
+        status.text = f"{job.activity or job.state}, {100.0 * job.share:.0f} %"
 
-    timer = ui.timer(_LOOK_AT_JOBS, look)
+    timer = ui.timer(_JOB_INTERVAL, update)
 
-    def ended(job: BackgroundJob) -> None:
+    def finish(job: BackgroundJob) -> None:
         timer.cancel()
         row.delete()
-        if over is not None:
+        if on_end is not None:
             if job.state == "failed":
-                complain(page.words(f"{job.name}: {job.error}"))
-            over(job)
+                show_error(page.message(f"{job.name}: {job.error}"))
+            on_end(job)
 
-    page.watch(job, ended)
+    page.watch(job, finish)
 
 
 class Task:
-    """Long work of one kind.
+    """A background job for one purpose, whose result a page takes.
 
     Parameters
     ----------
     page
         The page.
     jobs
-        Jobs of the session whose result nobody has taken, by what they are for.
+        Jobs of the session whose result no page has taken, by purpose.
     key
-        What it is for.
+        The purpose.
     place
-        Where its progress is shown.
-    done
+        Element for the progress.
+    on_result
         Called with the result.
-    failed
-        Called with the sentence that says why there is none; it is shown where not given.
+    on_failure
+        Called with the message of a failure; by default the page shows it.
     elsewhere
-        Called where another page of this browser has taken the result: that before a reload.
+        Called if another page of this browser has taken the result, such as the one before a
+        reload.
     """
 
     def __init__(
@@ -295,55 +296,59 @@ class Task:
         jobs: dict[str, BackgroundJob],
         key: str,
         place: ui.element,
-        done: Callable[[Any], object],
-        failed: Callable[[str], object] | None = None,
+        on_result: Callable[[Any], object],
+        on_failure: Callable[[str], object] | None = None,
         elsewhere: Callable[[], object] | None = None,
     ) -> None:
         self._page, self._jobs, self._key, self._place = page, jobs, key, place
-        self._done, self._failed, self._elsewhere = done, failed or _complain, elsewhere
+        self._on_result, self._on_failure, self._elsewhere = (
+            on_result,
+            on_failure or _show_failure,
+            elsewhere,
+        )
         self.attach()
 
     @property
     def running(self) -> bool:
-        """Whether it is being done."""
+        """The job is not over."""
         job = self._jobs.get(self._key)
         return job is not None and not job.is_over
 
     def stop(self) -> None:
-        """Let nobody wait for it any more."""
-        if (before := self._jobs.pop(self._key, None)) is not None:
-            before.cancel()
+        """Cancel the job, and discard its result."""
+        if (previous := self._jobs.pop(self._key, None)) is not None:
+            previous.cancel()
 
     def start(self, name: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Start it, in place of what is being done."""
+        """Start the job in place of a running one."""
         self.stop()
         owner = self._page.session.id
         self._jobs[self._key] = self._page.panel.jobs.start(name, function, *arguments, owner=owner)
         self.attach()
 
     def attach(self) -> None:
-        """Show how far it is, and take its result."""
+        """Show the progress of the job, and take its result."""
         job = self._jobs.get(self._key)
         if job is not None:
             with self._place:
                 show_job(self._page, job)
-                self._page.watch(job, self._over)
+                self._page.watch(job, self._take_result)
 
-    def _over(self, job: BackgroundJob) -> None:
+    def _take_result(self, job: BackgroundJob) -> None:
         if self._jobs.get(self._key) is not job:
             if self._elsewhere is not None and job.state == "done":
                 self._elsewhere()
             return
         del self._jobs[self._key]
         if job.state == "done":
-            self._done(job.result)
+            self._on_result(job.result)
         elif job.state == "failed":
-            self._failed(self._page.words(job.error))
+            self._on_failure(self._page.message(job.error))
         else:
-            self._failed("")
+            self._on_failure("")
 
 
-def _complain(sentence: str) -> None:
-    """Show why there is no result; who has cancelled it knows."""
+def _show_failure(sentence: str) -> None:
+    """Show the message of a failed job; a cancelled one has none."""
     if sentence:
-        complain(sentence)
+        show_error(sentence)

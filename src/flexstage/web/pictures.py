@@ -1,4 +1,4 @@
-"""Pictures for a page, made without it: also in a process that knows of no page."""
+"""Pictures for a page, drawn without NiceGUI, so that worker processes can draw them."""
 
 import threading
 from collections.abc import Callable
@@ -11,30 +11,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _AXES = ("xaxis", "yaxis")
-_ONE_DRAWS = threading.RLock()
+_DRAWING_LOCK = threading.RLock()
 
 
-def inline(draw: "Callable[[], Figure]", key: str, says: str) -> str:
+def inline(draw: "Callable[[], Figure]", key: str, alt_text: str) -> str:
     """Return a figure of the report as SVG for a page; its ids begin with `key`.
 
-    To be called in threads: what draws has settings that all threads share, so one draws at a time.
+    Any thread may call it. Matplotlib has global settings, so one figure is drawn at a time.
     """
-    with _ONE_DRAWS:
-        return inline_svg(draw(), key, says)
+    with _DRAWING_LOCK:
+        return inline_svg(draw(), key, alt_text)
 
 
 def chart_figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> dict[str, Any]:
-    """Return a chart as Plotly takes it, for `ui.plotly.update_figure`."""
+    """Return a chart in the format of Plotly, for `ui.plotly.update_figure`."""
     axes = {name for name in layout if name.startswith(_AXES)} | set(_AXES)
     for name in sorted(axes):
         title = layout.get(name, {}).get("title")
-        # Plotly passes over a title that is a mere text
+        # Plotly ignores a title that is a plain string
         if not (isinstance(title, dict) and title.get("text")):
             raise ModelError(
-                f"the {name} of a chart has no title: every axis says what it shows, as "
+                f"the {name} of a chart has no title: every axis needs one, as "
                 '{"title": {"text": ...}}'
             )
-    usual = {
+    defaults = {
         "margin": {"l": 64, "r": 16, "t": 24, "b": 48},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
@@ -46,4 +46,4 @@ def chart_figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> dict[str
         "uirevision": "kept",
     }
     config = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["toImage"]}
-    return {"data": data, "layout": usual | layout, "config": config}
+    return {"data": data, "layout": defaults | layout, "config": config}

@@ -1,4 +1,4 @@
-"""In which units a person reads the front panel, and on which ground."""
+"""Units and theme that a user of the front panel has selected."""
 
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -7,43 +7,44 @@ from typing import Literal
 from flexstage.quantities.quantity import Quantity, display
 
 AUTOMATIC = "auto"
-#: Units of lengths and angles that can be chosen, and what an SI value is multiplied by.
+#: Selectable units of lengths and angles, with the factor from SI.
 LENGTHS = MappingProxyType({"nm": 1e9, "µm": 1e6, "mm": 1e3})
 ANGLES = MappingProxyType({"µrad": 1e6, "mrad": 1e3, "arcsec": 206264.80624709636})
-#: A page that follows the setting of the computer, or does not.
-LOOKS = ("auto", "light", "dark")
+#: Themes; `auto` follows the setting of the computer.
+THEMES = ("auto", "light", "dark")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preferences:
-    """Units and look that one person chose."""
+    """Units and theme of one user."""
 
     length: str = AUTOMATIC
-    """One of `LENGTHS`, or `AUTOMATIC`: as each quantity is usually quoted."""
+    """One of `LENGTHS`, or `AUTOMATIC`: the customary unit of each quantity."""
     angle: str = AUTOMATIC
     """One of `ANGLES`, or `AUTOMATIC`."""
-    look: Literal["auto", "light", "dark"] = "auto"
-    """Ground of the page."""
+    theme: Literal["auto", "light", "dark"] = "auto"
+    """Theme of the page."""
 
     @property
     def dark(self) -> bool | None:
-        """Whether the page is dark; None where the computer decides."""
-        return {"auto": None, "light": False, "dark": True}[self.look]
+        """Dark page or not; None if the computer decides."""
+        return {"auto": None, "light": False, "dark": True}[self.theme]
 
-    def shown(self, quantity: Quantity | str) -> Quantity:
-        """Return a quantity in the unit that was chosen for its kind.
+    def displayed(self, quantity: Quantity | str) -> Quantity:
+        """Return a quantity with the unit that is selected for its dimension.
 
         Examples
         --------
         >>> arcsec = Preferences(angle="arcsec")
-        >>> arcsec.shown("parasitic_rotation").text(4.85e-6), arcsec.shown("pitch").shown_unit
+        >>> rotation, pitch = map(arcsec.displayed, ("parasitic_rotation", "pitch"))
+        >>> rotation.text(4.85e-6), pitch.shown_unit
         ('1.000', 'arcsec')
         """
-        known = display(quantity) if isinstance(quantity, str) else quantity
-        for unit, chosen, units in (("m", self.length, LENGTHS), ("rad", self.angle, ANGLES)):
-            if known.unit == unit and chosen != AUTOMATIC:
-                return replace(known, shown_unit=chosen, factor=units[chosen])
-        return known
+        customary = display(quantity) if isinstance(quantity, str) else quantity
+        for unit, selected, units in (("m", self.length, LENGTHS), ("rad", self.angle, ANGLES)):
+            if customary.unit == unit and selected != AUTOMATIC:
+                return replace(customary, shown_unit=selected, factor=units[selected])
+        return customary
 
     def length_unit(self) -> tuple[str, float]:
         """Return the unit of lengths and its factor, for axes."""

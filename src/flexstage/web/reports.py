@@ -1,4 +1,4 @@
-"""Reports: how they are written, where they lie, and the address of each file in the panel."""
+"""Reports of the front panel: writing, listing and serving them."""
 
 import base64
 import hashlib
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flexstage.studies.requests import StudyRequest
     from flexstage.web.design.state import Variant
 
-#: What a report may consist of, and what each file is called in the page.
+#: Files of a report, with their names in the page.
 FILES: Mapping[str, str] = MappingProxyType(
     {
         "report.html": "Report",
@@ -27,13 +27,13 @@ FILES: Mapping[str, str] = MappingProxyType(
         "results.json": "Results (JSON)",
     }
 )
-_FIRST = next(iter(FILES))
+_MAIN_FILE = next(iter(FILES))
 _ADDRESS = "/reports"
 
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """A report in a folder of its own."""
+    """A report, with its own folder."""
 
     folder: Path
     """The folder."""
@@ -45,35 +45,35 @@ class WrittenReport:
 
     @property
     def title(self) -> str:
-        """Of which stage it is, and when it was written."""
+        """Name of the stage and time of writing."""
         stage = self.name.rpartition("_")[0] or self.name
-        return f"{stage}, {datetime.fromtimestamp(self._written):%d %b %Y %H:%M:%S}"
+        return f"{stage}, {datetime.fromtimestamp(self._written_at):%d %b %Y %H:%M:%S}"
 
     @property
     def files(self) -> list[str]:
-        """The files that it has."""
+        """The files of the report that exist."""
         return [name for name in FILES if (self.folder / name).is_file()]
 
-    def address(self, file: str = _FIRST) -> str:
-        """Return where the panel serves a file of it."""
+    def address(self, file: str = _MAIN_FILE) -> str:
+        """Return the address of a file of the report in the panel."""
         return f"{_ADDRESS}/{self.name}/{file}"
 
     @property
-    def _written(self) -> float:
-        return (self.folder / _FIRST).stat().st_mtime
+    def _written_at(self) -> float:
+        return (self.folder / _MAIN_FILE).stat().st_mtime
 
 
 def written_reports(folder: Path) -> list[WrittenReport]:
     """Return the reports in a folder, the newest first."""
-    found = [WrittenReport(path.parent) for path in folder.glob(f"*/{_FIRST}")]
-    return sorted(found, key=lambda report: (report._written, report.name), reverse=True)
+    reports = [WrittenReport(path.parent) for path in folder.glob(f"*/{_MAIN_FILE}")]
+    return sorted(reports, key=lambda report: (report._written_at, report.name), reverse=True)
 
 
 def new_folder(folder: Path, stage: str) -> Path:
     """Return a folder for a new report of a stage."""
     stem = f"{stage}_{datetime.now():%Y%m%d-%H%M%S}"
-    taken = {path.name for path in folder.glob(f"{stem}*")}
-    count = next(k for k in range(len(taken) + 1) if _numbered(stem, k) not in taken)
+    existing = {path.name for path in folder.glob(f"{stem}*")}
+    count = next(k for k in range(len(existing) + 1) if _numbered(stem, k) not in existing)
     return folder / _numbered(stem, count)
 
 
@@ -82,7 +82,7 @@ def _numbered(stem: str, count: int) -> str:
 
 
 def serve_reports(application: Any, folder: Path) -> None:
-    """Let an application (FastAPI) serve the files of reports, and nothing else of the folder."""
+    """Add a route to an application (FastAPI) that serves report files alone."""
     from fastapi import HTTPException
     from fastapi.responses import FileResponse
 
@@ -97,16 +97,16 @@ def serve_reports(application: Any, folder: Path) -> None:
 
 @cache
 def _policy() -> str:
-    """Return what a report may do: run the script of its template, and no other that is in it.
+    """Return the content security policy of a report: it allows the script of its template alone.
 
-    It holds beside the policy of the panel. Names and texts of a report are those of stage files
-    and plans, which others may have written.
+    It applies in addition to the policy of the panel. A report contains names and texts of stage
+    files and plans, which may come from others.
     """
     page = (files("flexstage.report") / "templates" / "page.html").read_text("utf-8")
     script = page.split("<script>")[1].split("</script>")[0]
-    known = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    script_hash = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (
-        f"default-src 'none'; script-src 'sha256-{known}'; style-src 'unsafe-inline'; "
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'unsafe-inline'; "
         "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'"
     )
 
@@ -116,7 +116,7 @@ def write_report(
 ) -> WrittenReport:
     """Write the report of a variant into a new folder within `folder`, as `flexstage study` does.
 
-    For a process of its own.
+    It runs in a worker process.
     """
     from flexstage.files.cache import Memory, open_cache
     from flexstage.report.study import study_files

@@ -1,4 +1,4 @@
-"""Fields of a page that hold those of a request: their names, units, ranges and help are its."""
+"""Form fields for the fields of a request, with its names, units, ranges and help."""
 
 import math
 from collections.abc import Callable
@@ -11,82 +11,82 @@ from flexstage.files.ranges import Range
 from flexstage.files.request import Request, RequestField, request_fields
 from flexstage.files.schema import field_texts
 from flexstage.quantities.units import parse
-from flexstage.web.page import Page, in_page_words
+from flexstage.web.page import Page, display_text
 
 
 class RequestForm:
-    """What makes the fields of a request.
+    """Builder of the form fields of a request.
 
     Parameters
     ----------
     page
-        The page, which says what is wrong with a value.
+        The page, which shows errors of a value.
     request
-        Returns the request as it is.
-    take
-        Takes another value of a field, by its name.
-    wrong
-        Holds why fields do not have the value that stands in the form.
+        Returns the present request.
+    assign
+        Assigns a new value to a field, by its name.
+    errors
+        Errors of the fields whose text in the form is invalid.
     """
 
     def __init__(
         self,
         page: Page,
         request: Callable[[], Request],
-        take: Callable[[str, Any], object],
-        wrong: dict[str, FlexstageError] | None = None,
+        assign: Callable[[str, Any], object],
+        errors: dict[str, FlexstageError] | None = None,
     ) -> None:
-        self._page, self._request, self._take = page, request, take
-        self.wrong = {} if wrong is None else wrong
+        self._page, self._request, self._assign_value = page, request, assign
+        self.errors = {} if errors is None else errors
 
     def choice(self, name: str, options: Any = None) -> ui.select:
-        """Show a field that is one of some words, or several of them."""
-        asked, value = self._asked(name)
-        options = list(asked.words) if options is None else options
-        many = asked.holds_tuple
+        """Show a field with one or several of a list of options."""
+        spec, value = self._field(name)
+        options = list(spec.words) if options is None else options
+        is_multiple = spec.holds_tuple
         field = ui.select(
             options,
-            # a word of its own may stand for nothing
-            value=list(value) if many else "" if value is None and "" in options else value,
-            label=asked.label,
-            multiple=many,
+            # an empty option may represent no value
+            value=list(value) if is_multiple else "" if value is None and "" in options else value,
+            label=spec.label,
+            multiple=is_multiple,
         )
         field.on_value_change(
-            lambda e: self._taken(name, lambda: tuple(e.value) if many else e.value or None)
+            lambda e: self._assign(name, lambda: tuple(e.value) if is_multiple else e.value or None)
         )
-        return field.props("outlined dense options-dense").tooltip(self._told(name))
+        return field.props("outlined dense options-dense").tooltip(self._help(name))
 
     def tick(self, name: str, words: str = "") -> ui.checkbox:
-        """Show a field that is so or is not."""
-        asked, value = self._asked(name)
-        label = f"{asked.label}: {words}" if words else asked.label
+        """Show a field that is true or false."""
+        spec, value = self._field(name)
+        label = f"{spec.label}: {words}" if words else spec.label
         box = ui.checkbox(label, value=value).props("dense")
-        box.on_value_change(lambda e: self._taken(name, lambda: bool(e.value)))
-        return box.tooltip(self._told(name))
+        box.on_value_change(lambda e: self._assign(name, lambda: bool(e.value)))
+        return box.tooltip(self._help(name))
 
     def text(self, name: str, placeholder: str = "") -> ui.input:
-        """Show a field as it is written on a command line."""
-        asked, value = self._asked(name)
-        shown = "" if value == asked.default else ",".join(asked.texts(value))
-        field = ui.input(asked.label, value=shown, placeholder=placeholder)
+        """Show a field as text in the syntax of the command line."""
+        spec, value = self._field(name)
+        content = "" if value == spec.default else ",".join(spec.texts(value))
+        field = ui.input(spec.label, value=content, placeholder=placeholder)
 
-        def read(text: str) -> Any:
-            return asked.read(text) if text.strip() else asked.default
+        def read(raw: str) -> Any:
+            return spec.read(raw) if raw.strip() else spec.default
 
-        field.on_value_change(lambda e: self._taken(name, lambda: read(e.value or "")))
-        return field.props("outlined dense debounce=800").tooltip(self._told(name))
+        field.on_value_change(lambda e: self._assign(name, lambda: read(e.value or "")))
+        return field.props("outlined dense debounce=800").tooltip(self._help(name))
 
     def number(self, name: str, placeholder: str = "") -> ui.number:
-        """Show a field that is a number; one that is emptied is as usual."""
-        asked, value = self._asked(name)
-        unit, factor = self._unit(asked)
-        whole, bounds = asked.value is int, asked.range or Range()
+        """Show a field that is a number; an empty field has the default."""
+        spec, value = self._field(name)
+        unit, factor = self._unit(spec)
+        is_integer, bounds = spec.value is int, spec.range or Range()
         low, high = (
             end * factor if math.isfinite(end) else None for end in (bounds.low, bounds.high)
         )
         field = ui.number(
-            f"{asked.label} [{unit}]" if unit else asked.label,
-            value=value if value is None or whole else float(f"{value * factor:.9g}"),
+            f"{spec.label} [{unit}]" if unit else spec.label,
+            value=value if value is None or is_integer else float(f"{value * factor:.9g}"),
             placeholder=placeholder,
             min=low,
             max=high,
@@ -94,31 +94,31 @@ class RequestForm:
 
         def read(number: float | None) -> Any:
             if number is None:
-                return asked.default
-            return int(number) if whole else number / factor
+                return spec.default
+            return int(number) if is_integer else number / factor
 
-        field.on_value_change(lambda e: self._taken(name, lambda: read(e.value)))
-        return field.tooltip(self._told(name))
+        field.on_value_change(lambda e: self._assign(name, lambda: read(e.value)))
+        return field.tooltip(self._help(name))
 
-    def _asked(self, name: str) -> tuple[RequestField, Any]:
+    def _field(self, name: str) -> tuple[RequestField, Any]:
         request = self._request()
         return request_fields(type(request))[name], getattr(request, name)
 
-    def _told(self, name: str) -> str:
-        """Return what a field is, as the help of its command says it."""
-        return in_page_words(field_texts(type(self._request()))[name])
+    def _help(self, name: str) -> str:
+        """Return the help of a field, as its command prints it."""
+        return display_text(field_texts(type(self._request()))[name])
 
-    def _taken(self, name: str, value: Callable[[], Any]) -> None:
-        self.wrong.pop(name, None)
-        with self._page.sentences():
+    def _assign(self, name: str, value: Callable[[], Any]) -> None:
+        self.errors.pop(name, None)
+        with self._page.show_errors():
             try:
-                self._take(name, value())
+                self._assign_value(name, value())
             except FlexstageError as error:
-                self.wrong[name] = error
+                self.errors[name] = error
                 raise
 
     def _unit(self, field: RequestField) -> tuple[str, float]:
-        """Return the unit that numbers are shown in, and how many of it are one in SI units."""
+        """Return the displayed unit of a field, and its factor from SI."""
         if field.is_share:
             return "%", 100.0
         if field.dimension is None:

@@ -12,7 +12,7 @@ from flexstage.base.lazy import require_extra
 from flexstage.instruments.requests import write_address
 from flexstage.web.options import PanelOptions
 
-_LONGEST_MESSAGE = 8 * 2**20  # of a browser to the server in one piece [byte]
+_MAX_MESSAGE = 8 * 2**20  # largest WebSocket message from a browser [byte]
 
 
 def serve(options: PanelOptions, announce: Callable[[str], object]) -> None:
@@ -21,16 +21,16 @@ def serve(options: PanelOptions, announce: Callable[[str], object]) -> None:
     Parameters
     ----------
     options : PanelOptions
-        Where, to whom, and where its files lie.
+        Address, access and folder of the panel.
     announce : callable
-        Given the address that opens it once, and a new one whenever that was used.
+        Called with an address that opens the panel once, and with a new one after each use.
 
     Raises
     ------
     ModelError
-        What it needs is not installed, or certificate and key are none.
+        The extra `web` is not installed, or the certificate or key is invalid.
     NotConnectedError
-        The port is taken, or the address is none of this computer.
+        The port is in use, or the address does not belong to this computer.
     """
     require_extra("web", "nicegui", "the front panel", ModelError)
     _require_certificate(options)
@@ -42,17 +42,17 @@ def serve(options: PanelOptions, announce: Callable[[str], object]) -> None:
 
 
 def application(options: PanelOptions, announce: Callable[[], object] = lambda: None) -> Any:
-    """Return the front panel as an ASGI application behind its gate, and the panel itself.
+    """Return the front panel as an ASGI application with access control, and the panel itself.
 
-    `announce` is called when a token was used.
+    `announce` is called after the use of a token.
     """
-    # what the library keeps by itself is nothing of ours
+    # the storage of NiceGUI belongs in the folder of the panel
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(options.folder / "nicegui"))
     from fastapi import FastAPI
     from nicegui import ui
 
-    from flexstage.web.gate import Gate
-    from flexstage.web.live.chart import add_live_data
+    from flexstage.web.access_control import AccessControl
+    from flexstage.web.live_chart import add_live_data
     from flexstage.web.page import Panel
     from flexstage.web.reports import serve_reports
     from flexstage.web.sessions import Access
@@ -72,7 +72,7 @@ def application(options: PanelOptions, announce: Callable[[], object] = lambda: 
         reconnect_timeout=30.0,
         show_welcome_message=False,
     )
-    return Gate(outer, options, panel.access, announce), panel
+    return AccessControl(outer, options, panel.access, announce), panel
 
 
 def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str], object]) -> None:
@@ -80,54 +80,54 @@ def _run(options: PanelOptions, listener: socket.socket, announce: Callable[[str
 
     address = options.url(listener.getsockname()[1])
 
-    def say() -> None:
+    def announce_address() -> None:
         announce(f"{address}?token={panel.access.new_token()}")
 
-    gate, panel = application(options, say)
+    asgi, panel = application(options, announce_address)
     config = uvicorn.Config(
-        gate,
+        asgi,
         log_level="warning",
         access_log=False,
         ws="wsproto",
-        ws_max_size=_LONGEST_MESSAGE,
+        ws_max_size=_MAX_MESSAGE,
         server_header=False,
-        # nobody stands before it, so nobody's word about who asks is taken
+        # there is no proxy in front, so headers about the client are not trusted
         proxy_headers=False,
         ssl_certfile=options.tls.certificate,
         ssl_keyfile=options.tls.key,
         timeout_graceful_shutdown=3,
     )
-    say()
+    announce_address()
     try:
         uvicorn.Server(config).run(sockets=[listener])
     finally:
-        panel.stops.stop()
+        panel.emergency_stop.stop()
         panel.jobs.close()
 
 
 def _require_certificate(options: PanelOptions) -> None:
-    """Refuse what is no certificate with its key, before an address is said."""
+    """Require a valid certificate and key before an address is announced."""
     if options.tls.certificate is None:
         return
     try:
-        # an empty password, as the library would ask for one at the terminal
+        # an empty password; else the library prompts for one in the terminal
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(
             options.tls.certificate, options.tls.key, password=""
         )
     except (ssl.SSLError, ValueError) as error:
         raise ModelError(
-            f"'{options.tls.certificate}' and '{options.tls.key}' are no certificate and its "
-            f"private key in PEM, the key without a password ({error})"
+            f"'{options.tls.certificate}' and '{options.tls.key}' are not a certificate and its "
+            f"private key in PEM format; the key must have no password ({error})"
         ) from None
 
 
 def _listener(options: PanelOptions) -> socket.socket:
     family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
-    where = write_address(options.address)
+    address_text = write_address(options.address)
     try:
         return socket.create_server(options.address, family=family, backlog=128)
     except OSError as error:
         raise NotConnectedError(
-            f"the front panel cannot listen at {where}: {error.strerror or error}; another "
-            "port of --address may be free (0 takes any)"
+            f"the front panel cannot listen at {address_text}: {error.strerror or error}; choose "
+            "another port with --address (0 selects a free port)"
         ) from error

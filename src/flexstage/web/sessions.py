@@ -1,4 +1,4 @@
-"""Who is in the front panel, and what each has open: on the server, so a reload loses nothing."""
+"""Sessions of the front panel and their state, on the server, so that a reload loses nothing."""
 
 import hashlib
 import hmac
@@ -14,13 +14,13 @@ from flexstage.web.preferences import Preferences
 
 S = TypeVar("S")
 
-_KEPT = 200  # states that can be undone
-_TRIES, _WHILE = 5, 60.0  # wrong passwords of one address, in so many seconds
-_LONGEST = 86400.0  # a session that nobody has used for so long ends [s]
+_MAX_UNDO = 200  # states that can be undone
+_MAX_FAILURES, _FAILURE_WINDOW = 5, 60.0  # wrong passwords of one address, in this time [s]
+_MAX_IDLE = 86400.0  # unused time after which a session ends [s]
 
 
 class History(Generic[S]):
-    """States of something that is edited, with undo and redo.
+    """States of an edited object, with undo and redo.
 
     Examples
     --------
@@ -31,70 +31,70 @@ class History(Generic[S]):
 
     def __init__(self, now: S) -> None:
         self.now = now
-        self._before: deque[S] = deque(maxlen=_KEPT)
-        self._after: list[S] = []
+        self._undo_stack: deque[S] = deque(maxlen=_MAX_UNDO)
+        self._redo_stack: list[S] = []
 
     def put(self, state: S) -> None:
-        """Take a new state; what had been undone is gone."""
+        """Add a new state; undone states are lost."""
         if state != self.now:
-            self._before.append(self.now)
-            self._after.clear()
+            self._undo_stack.append(self.now)
+            self._redo_stack.clear()
             self.now = state
 
     def undo(self) -> None:
-        """Go back to the state before, if there is one."""
-        if self._before:
-            self._after.append(self.now)
-            self.now = self._before.pop()
+        """Return to the previous state, if there is one."""
+        if self._undo_stack:
+            self._redo_stack.append(self.now)
+            self.now = self._undo_stack.pop()
 
     def redo(self) -> None:
-        """Take back the last undo, if there is one."""
-        if self._after:
-            self._before.append(self.now)
-            self.now = self._after.pop()
+        """Revert the last undo, if there is one."""
+        if self._redo_stack:
+            self._undo_stack.append(self.now)
+            self.now = self._redo_stack.pop()
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a state before."""
-        return bool(self._before)
+        """A previous state exists."""
+        return bool(self._undo_stack)
 
     @property
     def can_redo(self) -> bool:
-        """Whether something was undone."""
-        return bool(self._after)
+        """An undone state exists."""
+        return bool(self._redo_stack)
 
 
 @dataclass(eq=False, kw_only=True)
 class States:
-    """What views keep, each by its class."""
+    """States of views, by their class."""
 
     _states: dict[type, Any] = field(default_factory=dict)
 
     def state(self, kind: type[S], make: Callable[[], S] | None = None) -> S:
-        """Return what a view keeps; made when it is first asked for."""
+        """Return the state of a view; the first call creates it."""
         if kind not in self._states:
             self._states[kind] = (make or kind)()
         return self._states[kind]
 
-    def opened(self, kind: type[S]) -> S | None:
-        """Return what a view keeps, where it was ever opened."""
+    def existing_state(self, kind: type[S]) -> S | None:
+        """Return the state of a view, or None if the view was never opened."""
         return self._states.get(kind)
 
 
 @dataclass(eq=False)
 class Session(States):
-    """A browser that came in, and what its views keep for it."""
+    """A browser with access, and the states of its views."""
 
     id: str = field(default_factory=lambda: secrets.token_hex(6))
-    """Its name in the log and in the list of jobs: no secret."""
+    """Name in the log and in the list of jobs; it is not secret."""
     preferences: Preferences = field(default_factory=Preferences)
-    """Units and look."""
-    seen: float = 0.0
-    """When its browser was last seen, by the clock of the access [s]."""
+    """Units and theme."""
+    last_seen: float = 0.0
+    """Time of the last sign of the browser, by the clock of `Access` [s]."""
 
 
 class Access:
-    """Tokens that open the panel once, sessions that they open, and the password."""
+    """Single-use tokens, sessions and the password of the panel."""
 
     def __init__(
         self, password: str | None = None, clock: Callable[[], float] = time.monotonic
@@ -109,81 +109,83 @@ class Access:
 
     @property
     def has_password(self) -> bool:
-        """Whether there is a password."""
+        """A password is set."""
         return self._password is not None
 
     def new_token(self) -> str:
-        """Return a token that opens the panel once."""
+        """Return a token for one login."""
         token = secrets.token_urlsafe(32)
         with self._lock:
             self._tokens = {_hashed(token)}
         return token
 
-    def spend(self, token: str) -> bool:
-        """Take a token; say whether it opens the panel. It does so once."""
+    def redeem(self, token: str) -> bool:
+        """Use a token and return whether it is valid; a token is valid once."""
         with self._lock:
             if _hashed(token) not in self._tokens:
                 return False
             self._tokens.clear()
             return True
 
-    def is_password(self, given: str, client: str) -> bool | None:
-        """Say whether a password is right; None where an address tried too often to be heard."""
+    def is_password(self, password: str, client: str) -> bool | None:
+        """Return whether a password is right; None after too many failures of one address."""
         now = self._clock()
         with self._lock:
-            tries = [at for at in self._wrong.get(client, []) if now - at < _WHILE]
-            if len(tries) >= _TRIES:
+            failures = [at for at in self._wrong.get(client, []) if now - at < _FAILURE_WINDOW]
+            if len(failures) >= _MAX_FAILURES:
                 return None
-            if self._password and hmac.compare_digest(self._digest(given), self._password):
+            if self._password and hmac.compare_digest(self._digest(password), self._password):
                 self._wrong.pop(client, None)
                 return True
             if len(self._wrong) > 1000:
                 self._wrong.clear()
-            self._wrong[client] = [*tries, now]
+            self._wrong[client] = [*failures, now]
             return False
 
     def open_session(self) -> str:
-        """Start a session, and return the secret that its cookie holds."""
+        """Start a session, and return the secret for its cookie."""
         secret = secrets.token_urlsafe(32)
         with self._lock:
-            self._sessions[_hashed(secret)] = Session(seen=self._clock())
+            self._sessions[_hashed(secret)] = Session(last_seen=self._clock())
         return secret
 
     def session(self, secret: str) -> Session | None:
-        """Return the session of a secret, which lasts a day from when it was last used."""
+        """Return the session of a secret; it ends after a day without use."""
         now = self._clock()
         with self._lock:
-            lasting = self._sessions.items()
-            self._sessions = {k: s for k, s in lasting if now - s.seen < _LONGEST}
-            if (found := self._sessions.get(_hashed(secret))) is not None:
-                found.seen = now
-            return found
+            sessions = self._sessions.items()
+            self._sessions = {k: s for k, s in sessions if now - s.last_seen < _MAX_IDLE}
+            if (session := self._sessions.get(_hashed(secret))) is not None:
+                session.last_seen = now
+            return session
 
-    def saw(self, session: Session) -> None:
-        """Take note that the browser of a session is still there."""
-        session.seen = self._clock()
+    def keep_alive(self, session: Session) -> None:
+        """Record a sign of the browser of a session."""
+        session.last_seen = self._clock()
 
     def end(self, session: Session) -> None:
-        """End a session: its cookie opens nothing any more."""
+        """End a session: its cookie becomes invalid."""
         with self._lock:
             self._sessions = {k: s for k, s in self._sessions.items() if s is not session}
 
     def sessions(self) -> list[tuple[Session, float]]:
-        """Return the sessions and how long ago each was seen [s], the latest first."""
+        """Return the sessions and the time since the last sign of each [s], the latest first."""
         now = self._clock()
         with self._lock:
-            return sorted(((s, now - s.seen) for s in self._sessions.values()), key=lambda p: p[1])
+            return sorted(
+                ((s, now - s.last_seen) for s in self._sessions.values()), key=lambda p: p[1]
+            )
 
-    def go_on(self, mine: Session, left: Session) -> None:
-        """Let the browser of one session have another instead, which its own browser has left."""
+    def take_over(self, mine: Session, abandoned: Session) -> None:
+        """Give the browser of one session an abandoned session instead."""
         with self._lock:
-            others = ((k, s) for k, s in self._sessions.items() if s is not left)
-            self._sessions = {k: left if s is mine else s for k, s in others}
+            others = ((k, s) for k, s in self._sessions.items() if s is not abandoned)
+            self._sessions = {k: abandoned if s is mine else s for k, s in others}
 
     def _digest(self, password: str) -> bytes:
         return hashlib.scrypt(password.encode(), salt=self._salt, n=2**12, r=8, p=1)
 
 
 def _hashed(secret: str) -> str:
-    # found by its hash, so that how long it takes tells nothing of the secret
+    # a look-up by hash: its duration reveals nothing about the secret
     return hashlib.sha256(secret.encode("utf-8", "replace")).hexdigest()

@@ -1,4 +1,4 @@
-"""What surrounds every view: name, navigation, units, look, and STOP while a stage is connected."""
+"""The frame of every view: navigation, units, theme, and STOP while a stage is connected."""
 
 import asyncio
 import time
@@ -10,15 +10,15 @@ from typing import Any
 from nicegui import Client, app, background_tasks, ui
 
 from flexstage.report.figures.style import css_variables
-from flexstage.web.gate import SESSION
+from flexstage.web.access_control import SESSION
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, Panel, PanelHeading, choice, pages_of, quiet_button, show_job
-from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, LOOKS
+from flexstage.web.preferences import ANGLES, AUTOMATIC, LENGTHS, THEMES
 from flexstage.web.views import START, VIEWS, PanelView
 
 
 def build_page(panel: Panel) -> None:
-    """Make the page that a browser opens: the shell, and in it the view of its address."""
+    """Build the page of a browser: the frame, and the view of its address."""
     page = Page(panel, ui.context.client.request.scope[SESSION])
     ui.colors(
         primary="#0b5c94", link="#0b5c94", negative="#b3261e", positive="#00704f", warning="#8a5a00"
@@ -61,9 +61,11 @@ def _navigation() -> None:
             links[view.path] = link
 
     def mark(path: str) -> None:
-        at = path.partition("?")[0]
-        for own, link in links.items():
-            link.props(add="aria-current=page") if at == own else link.props(remove="aria-current")
+        current = path.partition("?")[0]
+        for target, link in links.items():
+            link.props(add="aria-current=page") if current == target else link.props(
+                remove="aria-current"
+            )
 
     router = ui.context.client.sub_pages_router
     router.on_path_changed(mark)
@@ -71,51 +73,51 @@ def _navigation() -> None:
 
 
 def _stop(page: Page) -> None:
-    """Put the button that stops every connected stage, and the key Escape, which does too."""
-    stops = page.panel.stops
+    """Add the STOP button and the Escape key; both stop every connected stage."""
+    emergency_stop = page.panel.emergency_stop
 
     def stop() -> None:
-        if stops.active:
-            stops.stop()
+        if emergency_stop.active:
+            emergency_stop.stop()
             ui.notify("Stopped", type="warning", position="top")
 
     button = ui.button("STOP", icon="dangerous", on_click=stop).classes("stop")
     button.props('color=negative unelevated aria-keyshortcuts="Escape"')
-    button.bind_visibility_from(stops, "active")
+    button.bind_visibility_from(emergency_stop, "active")
     with button:
         ui.tooltip("Stop every connected stage (Esc)")
 
-    def pressed(event: Any) -> None:
+    def on_key(event: Any) -> None:
         if event.action.keydown and event.key == "Escape":
             stop()
 
-    ui.keyboard(on_key=pressed, ignore=[])
+    ui.keyboard(on_key=on_key, ignore=[])
 
 
 def _jobs(page: Page) -> None:
-    """Put the long work of this browser into the bar: how far it is, also after a reload."""
-    shown_after = 2.0  # [s]
+    """Add the jobs of this browser to the bar, with progress, also after a reload."""
+    delay = 2.0  # [s]
 
     def running() -> list[BackgroundJob]:
         now = time.time()
-        mine = page.panel.jobs.of(page.session.id)
-        return [job for job in mine if not job.is_over and now - job.began > shown_after]
+        jobs = page.panel.jobs.of(page.session.id)
+        return [job for job in jobs if not job.is_over and now - job.began > delay]
 
     with quiet_button(icon="hourglass_top").props("text-color=white") as button:
         badge = ui.badge().props("floating color=warning")
         with ui.menu().props('role=dialog aria-label="Work in progress"') as menu:
-            listed = ui.column().classes("settings jobs")
+            column = ui.column().classes("settings jobs")
     button.props["aria-label"] = "Work in progress"
 
     def show() -> None:
-        listed.clear()
-        with listed:
+        column.clear()
+        with column:
             for job in running():
                 show_job(page, job)
 
-    def look() -> None:
+    def update() -> None:
         if page.client.has_socket_connection:
-            page.panel.access.saw(page.session)
+            page.panel.access.keep_alive(page.session)
         count = len(running())
         badge.text = str(count)
         button.visible = count > 0
@@ -123,7 +125,7 @@ def _jobs(page: Page) -> None:
             menu.close()
 
     menu.on("before-show", show)
-    ui.timer(0.5, look)
+    ui.timer(0.5, update)
 
 
 def _settings(page: Page, views: Any) -> None:
@@ -133,26 +135,26 @@ def _settings(page: Page, views: Any) -> None:
     def choose(name: str, event: Any) -> None:
         page.session.preferences = replace(page.session.preferences, **{name: event.value})
         dark.value = page.preferences.dark
-        if name != "look":
+        if name != "theme":
             views.refresh()
 
-    choices = (
+    fields = (
         ("length", "Lengths", (AUTOMATIC, *LENGTHS)),
         ("angle", "Angles", (AUTOMATIC, *ANGLES)),
-        ("look", "Look", LOOKS),
+        ("theme", "Theme", THEMES),
     )
     with (
-        ui.button(icon="tune").props('flat color=white aria-label="Units and look"'),
-        ui.menu().props('role=dialog aria-label="Units and look"'),
+        ui.button(icon="tune").props('flat color=white aria-label="Units and theme"'),
+        ui.menu().props('role=dialog aria-label="Units and theme"'),
         ui.column().classes("settings"),
     ):
-        for name, label, values in choices:
+        for name, label, values in fields:
             choice(list(values), getattr(preferences, name), label, partial(choose, name))
         quiet_button("Log out", icon="logout", on_click=partial(_log_out, page))
 
 
 def _log_out(page: Page) -> None:
-    """End the session, with all of its pages: they are told where to go, and then are gone."""
+    """End the session: its pages are redirected to the login page and then deleted."""
     page.panel.access.end(page.session)
 
     async def end(clients: list[Client]) -> None:
@@ -166,7 +168,7 @@ def _log_out(page: Page) -> None:
     background_tasks.create(end(pages_of(page.session)))
 
 
-# a chart that has just left the page is fitted to it once more, which its library refuses
+# Plotly resizes a chart once more after it was removed, and rejects the promise
 _LEFT_CHARTS = """<script>
 addEventListener("unhandledrejection", (event) => {
   if (/displayed plot div/.test(String(event.reason))) event.preventDefault();
@@ -175,8 +177,8 @@ addEventListener("unhandledrejection", (event) => {
 
 
 def add_style() -> None:
-    """Let every page load the style of the panel."""
-    # the bar that Quasar shows while anything loads has no name for those who do not see it
+    """Add the style of the panel to every page."""
+    # the loading bar of Quasar has no accessible name
     app.config.quasar_config["loadingBar"]["skipHijack"] = True
     app.add_static_files("/static", Path(__file__).with_name("static"))
     ui.add_head_html(f'<link rel="stylesheet" href="/static/panel.css">{_LEFT_CHARTS}', shared=True)

@@ -1,4 +1,4 @@
-"""Files that are given to the front panel: of known kinds, of limited size, under a plain name."""
+"""Uploads to the front panel: accepted types, a size limit, and safe file names."""
 
 import re
 import weakref
@@ -12,10 +12,10 @@ from starlette.routing import Route
 
 from flexstage.base.errors import ModelError
 from flexstage.files.write import write_whole
-from flexstage.web.page import Page, complain
+from flexstage.web.page import Page, show_error
 
 _MB = 2**20
-# the library's own header is a link without a name around an input without one
+# the header of NiceGUI is a link and an input, both without an accessible name
 _HEADER = """
 <q-btn flat no-caps no-wrap class="full-width" icon="upload_file" label="{label}"
     @click="props.pickFiles" />
@@ -23,97 +23,97 @@ _HEADER = """
 """
 
 
-def plain_name(given: str) -> str:
-    r"""Return a name for a given file that is a name alone, in letters that every system has.
+def plain_name(raw_name: str) -> str:
+    r"""Return a safe file name without a folder, in ASCII.
 
     Examples
     --------
     >>> plain_name("../../etc/My stage (2).yaml"), plain_name("C:\\x\\.dxf")
     ('My_stage_2_.yaml', 'dxf')
     """
-    last = PurePosixPath(given.replace("\\", "/")).name
+    last = PurePosixPath(raw_name.replace("\\", "/")).name
     name = re.sub(r"[^\w.-]+", "_", last, flags=re.ASCII).strip("._-")
     return name[-100:] or "file"
 
 
 def require_ending(name: str, endings: Iterable[str]) -> None:
-    """Refuse a file of another kind.
+    """Require that a file name has one of the accepted endings.
 
     Raises
     ------
     ModelError
-        Its name ends otherwise.
+        The name has another ending.
     """
-    known = tuple(endings)
-    if not name.casefold().endswith(known):
-        raise ModelError(f"'{name[:80]}' is no file of these: {', '.join(known)}")
+    accepted = tuple(endings)
+    if not name.casefold().endswith(accepted):
+        raise ModelError(f"'{name[:80]}' is not of an accepted type: {', '.join(accepted)}")
 
 
 def upload(
     page: Page,
     label: str,
     endings: Iterable[str],
-    taken: Callable[[Path], Awaitable[None] | None],
+    on_file: Callable[[Path], Awaitable[None] | None],
     *,
     view: str,
-    most: int = 32 * _MB,
+    max_size: int = 32 * _MB,
 ) -> Any:
-    """Show a place to drop a file on, or to choose one; call `taken` with its path once it is kept.
+    """Show an upload field; call `on_file` with the path of each saved file.
 
     Parameters
     ----------
     page
         The page.
     label
-        What is asked for.
+        Label of the field.
     endings
-        What its name may end with, as ``.yaml``.
-    taken
-        Called with the path; an error of the library is shown as its sentence.
+        Accepted endings of the name, such as ``.yaml``.
+    on_file
+        Called with the path; an error of the library is shown as a message.
     view
-        The view that it belongs to: its files lie in a folder of that name, by browser.
-    most
+        View whose folder receives the files, in a subfolder for each browser.
+    max_size
         Largest size [byte].
     """
-    known = tuple(endings)
+    accepted = tuple(endings)
 
     async def handle(event: events.UploadEventArguments) -> None:
-        place.reset()
-        with page.sentences():
+        field.reset()
+        with page.show_errors():
             name = plain_name(event.file.name)
-            require_ending(name, known)
+            require_ending(name, accepted)
             content = await event.file.read()
-            if len(content) > most:
-                raise ModelError(f"'{name}' is larger than {most / _MB:g} MB")
+            if len(content) > max_size:
+                raise ModelError(f"'{name}' is larger than {max_size / _MB:g} MB")
             path = page.panel.folder(f"{view}/{page.session.id}") / name
             write_whole(path, content)
-            done = taken(path)
-            if done is not None:
-                await done
+            pending = on_file(path)
+            if pending is not None:
+                await pending
 
     def rejected() -> None:
-        complain(f"a file here ends with {', '.join(known)} and has {most / _MB:g} MB at most")
+        show_error(f"Accepted: {', '.join(accepted)}; up to {max_size / _MB:g} MB")
 
-    place = (
-        ui.upload(label=label, auto_upload=True, max_file_size=most, max_files=1)
-        .props(f'accept="{",".join(known)}" flat bordered hide-upload-btn')
+    field = (
+        ui.upload(label=label, auto_upload=True, max_file_size=max_size, max_files=1)
+        .props(f'accept="{",".join(accepted)}" flat bordered hide-upload-btn')
         .classes("upload")
         .on_upload(handle)
     )
-    _let_go(place)
-    place.add_slot("header", _HEADER.format(label=escape(label, quote=True)))
-    place.on("rejected", rejected)
-    return place
+    _weaken_route(field)
+    field.add_slot("header", _HEADER.format(label=escape(label, quote=True)))
+    field.on("rejected", rejected)
+    return field
 
 
-def _let_go(place: ui.upload) -> None:
-    """Let the route of an element hold it weakly.
+def _weaken_route(field: ui.upload) -> None:
+    """Replace the reference that the route of an upload field has to it by a weak one.
 
-    FastAPI remembers the function of every route that there was (4096 of them), and this one holds
-    the element: without this all that its page ever showed would stay for good.
+    FastAPI caches the functions of up to 4096 routes. The function of this route references the
+    field, so that without a weak reference all elements of the page would stay in memory.
     """
-    address = place.props["url"]
+    address = field.props["url"]
     (route,) = (r for r in app.routes if isinstance(r, Route) and r.path == address)
     for cell in route.endpoint.__closure__ or ():
-        if cell.cell_contents is place:
-            cell.cell_contents = weakref.proxy(place)
+        if cell.cell_contents is field:
+            cell.cell_contents = weakref.proxy(field)

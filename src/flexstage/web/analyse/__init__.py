@@ -1,1 +1,1 @@
-"""What the view Analyse shows and does: its state, what is computed for it, its parts."""
+"""The view Analyse: state, computations and parts."""

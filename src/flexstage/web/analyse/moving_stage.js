@@ -1,6 +1,6 @@
-// A stage that moves: its surface in the colours of a field, seen from above or in space.
-// Corners are moved in the graphics processor, so that a picture costs one number; a browser without WebGL 2 paints.
-const PERIOD = 1800; // of the motion that is shown [ms]
+// Animation of a stage: its surface in the colours of a field, in top or 3D view.
+// The graphics processor moves the corners, so that a frame needs one number; without WebGL 2 the canvas is painted.
+const PERIOD = 1800; // of the displayed motion [ms]
 const SHADER = {
   vertex: `#version 300 es
     in vec3 point; in vec4 state;
@@ -19,8 +19,8 @@ const SHADER = {
     void main() {
       if (!filled) { colour = vec4(plain.rgb * plain.a, plain.a); return; }
       vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-      vec4 own = texture(colours, vec2(clamp(value, 0.0, 1.0), 0.5));
-      vec3 seen = value < -0.001 ? plain.rgb : mix(plain.rgb, own.rgb, own.a);
+      vec4 field = texture(colours, vec2(clamp(value, 0.0, 1.0), 0.5));
+      vec3 seen = value < -0.001 ? plain.rgb : mix(plain.rgb, field.rgb, field.a);
       colour = vec4(seen * (0.68 + 0.32 * abs(normal.z)), 1.0);
     }`,
 };
@@ -37,14 +37,14 @@ export default {
         <label class="small">Amplitude <input type="range" min="0" max="3" step="0.05" v-model.number="amplitude" aria-label="Amplitude" @input="draw"></label>
         <span class="small muted">{{ magnified }}</span>
         <span class="moving-views">
-          <q-btn dense flat no-caps color="link" label="From above" :aria-pressed="String(above)" @click="look(true)" />
-          <q-btn dense flat no-caps color="link" label="In space" :aria-pressed="String(!above)" @click="look(false)" v-if="!geometry.flat" />
+          <q-btn dense flat no-caps color="link" label="Top view" :aria-pressed="String(above)" @click="look(true)" />
+          <q-btn dense flat no-caps color="link" label="3D view" :aria-pressed="String(!above)" @click="look(false)" v-if="!geometry.flat" />
           <q-btn dense flat color="link" icon="zoom_in" aria-label="Zoom in" @click="zoom(1.4)" />
           <q-btn dense flat color="link" icon="zoom_out" aria-label="Zoom out" @click="zoom(1 / 1.4)" />
         </span>
       </div>
       <div class="moving-picture">
-        <canvas ref="canvas" tabindex="0" role="img" :aria-label="says" @keydown="pressed" @pointerdown="grasp"
+        <canvas ref="canvas" tabindex="0" role="img" :aria-label="caption" @keydown="pressed" @pointerdown="grasp"
           @pointermove="drag" @pointerup="grasped = null" @pointercancel="grasped = null" @wheel="wheel" @dblclick="look(above)"></canvas>
         <div class="moving-bar" v-if="bar">
           <span class="moving-title">{{ bar.title }}</span>
@@ -55,7 +55,7 @@ export default {
     </div>`,
   props: { geometry: Object, state: Object },
   data() {
-    return { playing: false, amplitude: 1, above: true, bar: null, says: "", factor: 0, grasped: null };
+    return { playing: false, amplitude: 1, above: true, bar: null, caption: "", factor: 0, grasped: null };
   },
   computed: {
     gradient() { return { backgroundImage: `linear-gradient(to top, ${this.bar.colours.join(",")})` }; },
@@ -76,7 +76,7 @@ export default {
     this.look(this.above);
     this.sized = new ResizeObserver(() => this.draw());
     this.sized.observe(this.$refs.canvas);
-    // colours follow the look of the page
+    // colours follow the theme of the page
     this.dressed = new MutationObserver(() => requestAnimationFrame(() => this.draw()));
     this.dressed.observe(document.body, { attributes: true, attributeFilter: ["class"] });
     if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) this.toggle();
@@ -101,18 +101,18 @@ export default {
       this.centre = this.low.map((v, i) => 0.5 * (v + this.high[i]));
     },
     upload() {
-      const gl = this.gl, made = gl.createProgram();
+      const gl = this.gl, program = gl.createProgram();
       for (const [kind, text] of [[gl.VERTEX_SHADER, SHADER.vertex], [gl.FRAGMENT_SHADER, SHADER.fragment]]) {
         const shader = gl.createShader(kind);
         gl.shaderSource(shader, text);
         gl.compileShader(shader);
-        gl.attachShader(made, shader);
+        gl.attachShader(program, shader);
       }
-      gl.bindAttribLocation(made, 0, "point");
-      gl.bindAttribLocation(made, 1, "state");
-      gl.linkProgram(made);
-      gl.useProgram(made);
-      this.at = (name) => gl.getUniformLocation(made, name);
+      gl.bindAttribLocation(program, 0, "point");
+      gl.bindAttribLocation(program, 1, "state");
+      gl.linkProgram(program);
+      gl.useProgram(program);
+      this.at = (name) => gl.getUniformLocation(program, name);
       this.fill(gl.ARRAY_BUFFER, this.points);
       gl.enableVertexAttribArray(0);
       gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
@@ -134,7 +134,7 @@ export default {
     },
     show(state) {
       this.bar = state.bar;
-      this.says = state.says;
+      this.caption = state.caption;
       this.factor = state.factor;
       this.now = state;
       this.values = new Int16Array(bytes(state.values));
@@ -170,11 +170,11 @@ export default {
     turn() {
       const { yaw, pitch } = this.view;
       const c = Math.cos(yaw), s = Math.sin(yaw), d = Math.cos(pitch), e = Math.sin(pitch);
-      // about z, then about the level line: columns
+      // rotation about z, then about the horizontal; in columns
       return [c, s * d, s * e, -s, c * d, c * e, 0, -e, d];
     },
     fitted(turn, width, height) {
-      // how much of each direction of the picture the stage at rest takes
+      // extent of the stage at rest in both directions of the picture
       const half = this.low.map((v, i) => 0.5 * (this.high[i] - v));
       const reach = [0, 1].map((i) => [0, 1, 2].reduce((sum, k) => sum + Math.abs(turn[3 * k + i]) * half[k], 0));
       const pixels = Math.min(width / reach[0], height / reach[1]) * 0.43 * this.view.zoom;
@@ -201,7 +201,7 @@ export default {
       gl.uniform3fv(this.at("centre"), this.centre);
       gl.uniform3fv(this.at("scale"), scale);
       gl.uniform2f(this.at("shift"), this.view.x, this.view.y);
-      // at rest, behind all that moves
+      // the stage at rest, behind the moving one
       gl.disable(gl.DEPTH_TEST);
       this.mesh(look, "--muted", 0.5, this.lines, gl.LINES, this.edges, 0, 0);
       gl.enable(gl.DEPTH_TEST);
@@ -231,7 +231,7 @@ export default {
       const at = place(moved), corners = this.triangles, colours = this.now.bar.colours, last = colours.length - 1;
       const sum = (t, of) => of(corners[3 * t]) + of(corners[3 * t + 1]) + of(corners[3 * t + 2]);
       const far = Float32Array.from({ length: corners.length / 3 }, (_, t) => sum(t, (c) => at[3 * c + 2]));
-      // what is nearer is painted over what is behind it
+      // painted from back to front
       for (const t of Uint32Array.from(far.keys()).sort((a, b) => far[a] - far[b])) {
         const value = sum(t, (c) => this.values[4 * c + 3]) / 98301;
         brush.beginPath();
@@ -273,7 +273,7 @@ export default {
       this.view.pitch = Math.min(Math.max(this.view.pitch + pitch, -Math.PI), Math.PI);
     },
     wheel(event) {
-      // the page is scrolled where the picture was not chosen
+      // without focus the wheel scrolls the page
       if (document.activeElement !== this.$refs.canvas) return;
       event.preventDefault();
       this.zoom(Math.exp(-event.deltaY / 500));

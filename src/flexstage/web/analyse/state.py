@@ -1,11 +1,11 @@
-"""What is open in the view Analyse: models, what is asked of them and found, what is shown."""
+"""State of the view Analyse in one browser: models, options, results and display."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
 from flexstage.studies.requests import ModelOptions
 from flexstage.system.mechanical import DriveCondition
-from flexstage.web.analyse.work import Analysed
+from flexstage.web.analyse.work import ModelResult
 from flexstage.web.design.state import Variant
 from flexstage.web.jobs import BackgroundJob
 
@@ -13,21 +13,21 @@ Key = tuple[Variant, str]
 
 
 @dataclass
-class Shown:
-    """What of the results is shown."""
+class Display:
+    """Displayed part of the results."""
 
     part: str = "Shapes"
-    """The part of the results that is open."""
+    """Open tab."""
     folds: dict[str, bool] = field(default_factory=dict)
-    """Which folded parts are open, by title."""
+    """Open folded sections, by title."""
     model: str = ""
-    """The model whose shapes are shown."""
+    """Model of the displayed shapes."""
     state: str = ""
-    """The state that is shown: a static one by its axis, a mode by its number."""
+    """Displayed state: a static one by its axis, a mode by its number."""
     drives: DriveCondition = "removed"
     """Condition of the drives of the modes."""
     colour: str = "stress"
-    """What colours a static state: ``stress`` or ``displacement``."""
+    """Quantity of the colours of a static state: ``stress`` or ``displacement``."""
     pair: tuple[str, str] | None = None
     """Drive and probe of the Bode diagram."""
     bode_drives: DriveCondition = "in place"
@@ -38,40 +38,40 @@ class Shown:
 
 @dataclass
 class AnalyseState:
-    """What one person has open in the view Analyse."""
+    """State of the view Analyse in one browser."""
 
-    chosen: list[str] = field(default_factory=lambda: ["lumped", "superelement"])
-    """Models that are chosen."""
-    asked: ModelOptions = ModelOptions()
-    """What is asked of them, each of which takes what it can."""
+    selected_models: list[str] = field(default_factory=lambda: ["lumped", "superelement"])
+    """Selected models."""
+    options: ModelOptions = ModelOptions()
+    """Options of the models; each model uses those that it supports."""
     fields: bool = False
-    """Whether fields for ParaView are written."""
-    shown: Shown = field(default_factory=Shown)
-    """What of the results is shown."""
+    """Write fields for ParaView."""
+    display: Display = field(default_factory=Display)
+    """Displayed part of the results."""
     jobs: dict[Key, BackgroundJob] = field(default_factory=dict)
-    """What is being computed."""
-    failed: dict[Key, str] = field(default_factory=dict)
-    """Why a model gave nothing, in a sentence."""
+    """Running jobs."""
+    errors: dict[Key, str] = field(default_factory=dict)
+    """Messages of failed models."""
     revision: int = 0
-    """Counts what has come, so that each page of a browser sees that something did."""
-    _found: OrderedDict[Key, Analysed] = field(default_factory=OrderedDict)
+    """Number of finished jobs, by which each page of a browser notices a change."""
+    _results: OrderedDict[Key, ModelResult] = field(default_factory=OrderedDict)
 
-    def found(self, variant: Variant, model: str) -> Analysed | None:
-        """Return what a model found of a variant, if anything."""
-        return self._found.get((variant, model))
+    def result(self, variant: Variant, model: str) -> ModelResult | None:
+        """Return the result of a model for a variant, or None."""
+        return self._results.get((variant, model))
 
-    def take(self) -> None:
-        """Take what has come of jobs that are over."""
-        over = [key for key, job in self.jobs.items() if job.is_over]
-        for key in over:
+    def collect(self) -> None:
+        """Collect the results of finished jobs."""
+        finished = [key for key, job in self.jobs.items() if job.is_over]
+        for key in finished:
             job = self.jobs.pop(key)
-            self.failed.pop(key, None)
+            self.errors.pop(key, None)
             if job.state == "done":
-                # what is kept here need not be kept there
-                self._found[key], job.result = job.result, None
-                self._found.move_to_end(key)
+                # the job need not keep the result
+                self._results[key], job.result = job.result, None
+                self._results.move_to_end(key)
             elif job.state == "failed":
-                self.failed[key] = job.error
-        while len(self._found) > 20:  # with their pictures some MB each
-            self._found.popitem(last=False)
-        self.revision += len(over)
+                self.errors[key] = job.error
+        while len(self._results) > 20:  # a few MB each, with their pictures
+            self._results.popitem(last=False)
+        self.revision += len(finished)

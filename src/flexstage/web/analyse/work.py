@@ -1,4 +1,4 @@
-"""What the view Analyse has computed: by the library, each model in a process of its own."""
+"""Computations and tables of the view Analyse; each model runs in a worker process."""
 
 import time
 import zipfile
@@ -10,63 +10,69 @@ from typing import Any
 from flexstage.base import progress
 from flexstage.files.names import file_name
 from flexstage.files.write import write_files
+from flexstage.quantities.characteristic import WHOLE_STAGE, Characteristic
+from flexstage.quantities.comparison import compare, title_of
+from flexstage.quantities.quantity import Quantity, number
+from flexstage.quantities.table import Cell, Table, table
 from flexstage.report.figures.fields import draw_convergence
 from flexstage.report.figures.surface import StageSurface, stage_surface
 from flexstage.report.result_files import analysis_files
+from flexstage.report.tables import cause_words, percent
 from flexstage.studies.models import run_models
 from flexstage.studies.requests import AnalyseRequest, ModelOptions
-from flexstage.system import Analysis, FrequencyResponse
+from flexstage.system import Analysis, DriveCondition, FrequencyResponse
 from flexstage.system.modes import modes
 from flexstage.system.response import default_frequencies_hz, response_of_modes
 from flexstage.web.design.state import Variant
 from flexstage.web.pictures import inline
+from flexstage.web.preferences import Preferences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Analysed:
-    """What one model found of a stage; the mesh behind it stays where it was made."""
+class ModelResult:
+    """Result of one model for a stage, without its mesh."""
 
     variant: Variant
     """The stage."""
     options: ModelOptions
-    """What was asked for."""
+    """Options of the model."""
     analysis: Analysis
-    """What it says of the stage."""
+    """Analysis of the stage."""
     results: Mapping[str, Any]
-    """All of it as plain data, as `flexstage analyse --json` prints it."""
+    """The results as plain data, as `flexstage analyse --json` prints them."""
     surface: StageSurface
-    """The stage with its states, for pictures."""
+    """Surface of the stage with its states, for pictures."""
     responses: tuple[FrequencyResponse, ...]
     """Response of each probe to each drive, drives removed and in place."""
     convergence: str
-    """How its mesh was refined, as a picture for a page; empty where it was not."""
+    """Picture of the mesh refinement for a page; empty without one."""
     fields: Path | None
-    """Folder with its fields for ParaView; None where they were not asked for."""
+    """Folder of the fields for ParaView; None without them."""
     seconds: float
-    """How long it took [s]."""
+    """Duration [s]."""
 
     @property
     def model(self) -> str:
-        """The model."""
+        """Name of the model."""
         return self.analysis.system.model
 
 
-def analysed(
+def analyse_variant(
     variant: Variant, model: str, options: ModelOptions, fields: Path | None = None
-) -> Analysed:
-    """Analyse a variant by one model; write fields of its mesh into a folder, if one is given."""
+) -> ModelResult:
+    """Analyse a variant by one model; write fields of its mesh into a folder, if any."""
     began = time.monotonic()
     with progress.subtask(0.0, 0.85):
         request = AnalyseRequest(model=(model,), options=options)  # type: ignore[arg-type]
-        found = run_models(variant.stage(), request)
-    (run,) = found.runs.values()
+        results = run_models(variant.stage(), request)
+    (run,) = results.runs.values()
     analysis, refinement = run.analysis, run.refinement
     with progress.subtask(0.85, 0.95):
         surface = stage_surface(analysis, run.mesh)
-    drawn = ""
+    convergence = ""
     if refinement is not None:
-        said = f"Convergence of the {model} model"
-        drawn = inline(lambda: draw_convergence(refinement), f"convergence-{model}", said)
+        title = f"Convergence of the {model} model"
+        convergence = inline(lambda: draw_convergence(refinement), f"convergence-{model}", title)
     progress.update("responses", 0.95)
     responses = tuple(every_response(analysis))
     if fields is not None and run.mesh is not None:
@@ -74,14 +80,14 @@ def analysed(
 
         progress.update("fields", 0.97)
         write_files(fields, field_files(analysis.stage, analysis, mesh=run.mesh))
-    return Analysed(
+    return ModelResult(
         variant=variant,
         options=options,
         analysis=analysis,
-        results=found.to_dict(),
+        results=results.to_dict(),
         surface=surface,
         responses=responses,
-        convergence=drawn,
+        convergence=convergence,
         fields=None if run.mesh is None else fields,
         seconds=time.monotonic() - began,
     )
@@ -90,27 +96,148 @@ def analysed(
 def every_response(analysis: Analysis) -> Iterator[FrequencyResponse]:
     """Return the response of each probe to each drive, at the frequencies of the analysis."""
     system = analysis.system
-    for condition, shown in analysis.modes.items():
+    for condition, lowest_modes in analysis.modes.items():
         if condition == "locked" or not system.drives:
             continue
-        every, f = modes(system, drives=condition, count=None), default_frequencies_hz(shown)
+        all_modes, f = (
+            modes(system, drives=condition, count=None),
+            default_frequencies_hz(lowest_modes),
+        )
         for drive in system.drives:
             for probe in system.probes:
-                yield response_of_modes(system, every, f, drive.name, probe.name)
+                yield response_of_modes(system, all_modes, f, drive.name, probe.name)
 
 
-def saved(folder: Path, found: Sequence[Analysed]) -> Path:
-    """Write the files of some analyses of one stage as one archive (ZIP), a folder for each model.
+def save_archive(folder: Path, results: Sequence[ModelResult]) -> Path:
+    """Write the files of analyses of a stage into an archive (ZIP), with a folder for each model.
 
-    Returns its path.
+    Returns the path of the archive.
     """
-    path = folder / f"{file_name(found[0].analysis.stage.name)}-analysis.zip"
+    path = folder / f"{file_name(results[0].analysis.stage.name)}-analysis.zip"
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for done, one in enumerate(found):
-            progress.update(one.model, done / len(found))
-            for name, content in analysis_files(one.analysis, one.results).items():
-                archive.writestr(zipfile.ZipInfo(f"{one.model}/{name}"), content)
-            for file in sorted(one.fields.iterdir()) if one.fields else ():
-                archive.write(file, f"{one.model}/vtu/{file.name}")
+        for count, result in enumerate(results):
+            progress.update(result.model, count / len(results))
+            for name, content in analysis_files(result.analysis, result.results).items():
+                archive.writestr(zipfile.ZipInfo(f"{result.model}/{name}"), content)
+            for file in sorted(result.fields.iterdir()) if result.fields else ():
+                archive.write(file, f"{result.model}/vtu/{file.name}")
     return path
+
+
+#: Figures of the main table.
+_MAIN = frozenset(
+    (
+        "transmission_ratio", "output_displacement", "rotation_stroke", "input_stiffness",
+        "output_stiffness", "max_stress", "safety_factor", "natural_frequency_hz",
+        "natural_frequency_with_stack_hz", "cross_coupling", "buckling_factor",
+    )
+)  # fmt: skip
+# Smallest displayed uncertainty relative to the value [1]: half a unit of the fourth digit.
+_VISIBLE = 5e-5
+
+
+def figures_tables(preferences: Preferences, results: Sequence[ModelResult]) -> tuple[Table, Table]:
+    """Return the figures of models side by side: the main ones, and all others.
+
+    For two models there is a column of the difference of the second from the first.
+    """
+    rows = compare(row for result in results for row in result.analysis.characteristics).rows
+    models = [result.model for result in results]
+    heads = ["figure", "<axis", *(title_of(model) for model in models)]
+    heads += ["difference"] if len(models) == 2 else []
+    main, others = [], []
+    for row in rows:
+        quantity = preferences.displayed(row.quantity)
+        axis = "" if row.axis == WHOLE_STAGE else row.axis
+        cells = [Cell(quantity.heading, small=row.remark), axis]
+        cells += [_cell(row.cells.get(model), quantity) for model in models]
+        if len(models) == 2:
+            cells.append(percent(row.difference_percent(models[1], models[0])) or "–")
+        fails = any(cell.failing for cell in row.cells.values())
+        (main if fails or row.quantity in _MAIN else others).append(cells)
+    return table("", heads, main), table("", heads, others)
+
+
+def _cell(row: Characteristic | None, quantity: Quantity) -> Cell:
+    if row is None:
+        return Cell("–")
+    text, note = row.text(quantity), row.note
+    uncertainty = row.uncertainty
+    if uncertainty is not None:
+        uncertainty_text = f"± {number(uncertainty * quantity.factor, 2)}"
+        note = f"{uncertainty_text}; {note}" if note else uncertainty_text
+        # an uncertainty below the last digit is not displayed
+        if uncertainty > _VISIBLE * abs(row.value):
+            text = f"{text} ± {number(uncertainty * quantity.factor, 1)}"
+    return Cell(text, row.value, note, failing=row.failing)
+
+
+def modes_table(results: Sequence[ModelResult], drives: DriveCondition) -> Table:
+    """Return the lowest natural frequencies of models side by side, in one drive condition."""
+    columns = [
+        result.analysis.modes[drives] for result in results if drives in result.analysis.modes
+    ]
+    count = min(6, max((c.frequency_hz.size for c in columns), default=0))
+    rows = []
+    for k in range(count):
+        cells: list[str | Cell] = [str(k + 1)]
+        for computed in columns:
+            if k >= computed.frequency_hz.size:
+                cells.append(Cell("–"))
+                continue
+            value = float(computed.frequency_hz[k])
+            uncertainty = computed.uncertainty_hz
+            uncertainty_text = (
+                "" if uncertainty is None else f" ± {number(float(uncertainty[k]), 1)}"
+            )
+            cells.append(Cell(number(value) + uncertainty_text, value))
+        rows.append(cells)
+    heads = ["mode", *(f"{title_of(result.model)} [Hz]" for result in results)]
+    return table("", heads, rows)
+
+
+def hinges_table(result: ModelResult) -> Table:
+    """Return the largest equivalent stress of each hinge at full stroke of each axis."""
+    stress = result.analysis.hinge_stress
+    label = cause_words(result.analysis)
+    rows = [
+        [hinge.name, *(f"{stress[axis][hinge.name] * 1e-6:.1f}" for axis in stress)]
+        for hinge in result.analysis.stage.hinges
+        if any(stress.values())
+    ]
+    return table("", ["hinge", *(f"{label} {axis} [MPa]" for axis in stress)], rows)
+
+
+def meshes_table(preferences: Preferences, result: ModelResult) -> Table:
+    """Return the meshes of a refinement, with the values of its quantity."""
+    refinement = result.results["refinement"]
+    quantity = preferences.displayed(refinement["quantity"])
+    steps = refinement["steps"]
+    axes = [v["axis"] for v in steps[-1]["values"] if v["quantity"] == quantity.name]
+    rows = []
+    for step in steps:
+        values = {v["axis"]: v["value"] for v in step["values"] if v["quantity"] == quantity.name}
+        rows.append(
+            [
+                str(step["order"]), number(step["neck_size"], 2), str(step["unknowns"]),
+                number(step["seconds"], 2), *(quantity.text(values.get(axis)) for axis in axes),
+            ]
+        )  # fmt: skip
+    heads = ["order", "element / neck [1]", "unknowns", "time [s]"]
+    heads += [f"{quantity.heading}{'' if axis == WHOLE_STAGE else f', {axis}'}" for axis in axes]
+    return table("", heads, rows)
+
+
+def errors_table(preferences: Preferences, result: ModelResult) -> Table:
+    """Return the estimated error of each figure of a model."""
+    rows = []
+    for row in result.analysis.characteristics:
+        if not row.uncertainty:
+            continue  # unknown or zero
+        quantity = preferences.displayed(row.quantity)
+        share = f"{number(100.0 * row.uncertainty / abs(row.value), 2)} %" if row.value else "–"
+        uncertainty = number(row.uncertainty * quantity.factor, 2)
+        axis = "" if row.axis == WHOLE_STAGE else row.axis
+        rows.append([quantity.heading, axis, quantity.text(row.value), uncertainty, share])
+    return table("", ["figure", "<axis", "value", "± estimate", "share"], rows)

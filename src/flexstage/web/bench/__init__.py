@@ -1,1 +1,1 @@
-"""The view Bench: the link to a stage, who drives it, what is done with it."""
+"""The view Bench: connection to a stage, control, commands and runs."""

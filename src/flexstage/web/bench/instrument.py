@@ -1,4 +1,4 @@
-"""An instrument as the bench has it: read axis by axis, with pauses that a stop ends."""
+"""Readings of an instrument at the bench, and pauses that a stop interrupts."""
 
 import math
 import threading
@@ -9,53 +9,53 @@ from urllib.parse import parse_qs, urlsplit
 
 from flexstage.instruments.protocol import Capability, Instrument, MotionAxis
 from flexstage.web.jobs import Cancelled
-from flexstage.web.live.history import POSITION, VOLTAGE, LiveChannel
+from flexstage.web.live_history import POSITION, VOLTAGE, LiveChannel
 
-_PIECE = 0.1  # longest pause in which a stop is not seen [s]
+_MAX_PAUSE = 0.1  # longest pause without a check for a stop [s]
 
 
 @dataclass(frozen=True, slots=True)
 class AxisReading:
-    """What an axis was last read as."""
+    """The last reading of an axis."""
 
     position: float = math.nan
     """Position [m]."""
     voltage: float = math.nan
-    """Voltage [V]; not a number where there is none."""
+    """Voltage [V]; NaN for an axis without voltage."""
     moving: bool = False
-    """Whether it moves."""
+    """The axis moves."""
     closed_loop: bool = False
-    """Whether its position control is on."""
+    """Position control is on."""
 
 
-class WatchedInstrument:
-    """An instrument whose pauses a stop ends: whatever waits for it goes no further."""
+class InterruptibleInstrument:
+    """An instrument whose pauses a stop interrupts, so that the waiting run is cancelled."""
 
-    def __init__(self, device: Instrument, stopped: threading.Event) -> None:
-        self._device, self._stopped = device, stopped
+    def __init__(self, device: Instrument, stop_event: threading.Event) -> None:
+        self._device, self._stop_event = device, stop_event
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._device, name)
 
     def pause(self, seconds: float) -> None:
-        """Let time pass."""
+        """Wait for a time [s]."""
         while True:
-            if self._stopped.is_set():
-                # once: what cleans up after it waits too
-                self._stopped.clear()
+            if self._stop_event.is_set():
+                # once, so that the clean-up after it can wait
+                self._stop_event.clear()
                 raise Cancelled
             if seconds <= 0.0:
                 return
-            self._device.pause(min(seconds, _PIECE))
-            seconds -= _PIECE
+            self._device.pause(min(seconds, _MAX_PAUSE))
+            seconds -= _MAX_PAUSE
 
 
-def in_step(address: str) -> str:
-    """Return an address at which a simulated clock is in step with that of the room.
+def real_time_address(address: str) -> str:
+    """Return an address with which a simulated instrument runs in real time.
 
     Examples
     --------
-    >>> in_step("twin://?seed=3"), in_step("gcs://127.0.0.1:50000")
+    >>> real_time_address("twin://?seed=3"), real_time_address("gcs://127.0.0.1:50000")
     ('twin://?seed=3&fast=0', 'gcs://127.0.0.1:50000')
     """
     address = address.strip()
@@ -65,12 +65,12 @@ def in_step(address: str) -> str:
 
 
 def has_voltage(device: Instrument, axis: str) -> bool:
-    """Say whether an axis of an instrument has a voltage."""
+    """Return whether an axis of an instrument has a voltage."""
     return Capability.OPEN_LOOP in device.axes[axis].capabilities
 
 
 def live_channels(device: Instrument) -> list[LiveChannel]:
-    """Return what the history of an instrument holds."""
+    """Return the channels of the history of an instrument."""
     return [
         LiveChannel(f"{axis} {quantity.label.lower()}", quantity)
         for axis in device.axes
@@ -80,21 +80,21 @@ def live_channels(device: Instrument) -> list[LiveChannel]:
 
 
 def live_values(device: Instrument, readings: Mapping[str, AxisReading]) -> list[float]:
-    """Return what the channels of `live_channels` are read as."""
-    found: list[float] = []
+    """Return the values of the channels of `live_channels`."""
+    values: list[float] = []
     for axis, reading in readings.items():
-        found.append(reading.position)
+        values.append(reading.position)
         if has_voltage(device, axis):
-            found.append(reading.voltage)
-    return found
+            values.append(reading.voltage)
+    return values
 
 
-def read_axis(axis: MotionAxis, before: AxisReading | None, *, slow: bool) -> AxisReading:
-    """Read an axis; what changes seldom only where it is `slow`, else it is as it was before."""
+def read_axis(axis: MotionAxis, previous: AxisReading | None, *, slow: bool) -> AxisReading:
+    """Read an axis; read the states that change seldom only with `slow`, else keep the previous."""
     with_voltage = Capability.OPEN_LOOP in axis.capabilities
-    if slow or before is None:
+    if slow or previous is None:
         moving, closed_loop = axis.moving(), axis.closed_loop
     else:
-        moving, closed_loop = before.moving, before.closed_loop
+        moving, closed_loop = previous.moving, previous.closed_loop
     voltage = axis.voltage() if with_voltage else math.nan
     return AxisReading(axis.position(), voltage, moving, closed_loop)

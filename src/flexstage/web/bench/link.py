@@ -1,4 +1,4 @@
-"""The link to the stage at the bench: one for all browsers, read by a thread of its own."""
+"""The connection to the stage at the bench, shared by all browsers, and its control."""
 
 import logging
 import threading
@@ -14,311 +14,417 @@ from flexstage.instruments.lock import instrument_lock
 from flexstage.instruments.protocol import Instrument
 from flexstage.instruments.ramp import lead_to, to_safe
 from flexstage.stage import Stage
-from flexstage.web.bench.control import Control
 from flexstage.web.bench.instrument import (
     AxisReading,
-    WatchedInstrument,
-    in_step,
+    InterruptibleInstrument,
     live_channels,
     live_values,
     read_axis,
+    real_time_address,
 )
+from flexstage.web.emergency_stop import EmergencyStop
 from flexstage.web.jobs import BackgroundJob, Cancelled, Jobs
-from flexstage.web.live.history import LiveHistory
-from flexstage.web.stops import Stops
+from flexstage.web.live_history import LiveHistory
 
-_LOG = logging.getLogger("flexstage.web")
-
-#: Readings of positions and voltages in a second [Hz].
-RATE_HZ = 50.0
-_AGAIN = 2.0  # time between attempts to open a lost link again [s]
-_UNDER_STOP = "bench"
+#: Time after which another browser can take control from one that is gone [s].
+CONTROL_TIMEOUT = 30.0
 
 
-class BenchLink:
-    """What is connected, what it reads, who drives it, and what is done with it.
-
-    One thread reads, another does what it is told, in that order; `stop` waits for neither.
+class Control:
+    """Control of the stage: one browser has it, all others watch.
 
     Parameters
     ----------
-    stops
-        What the button STOP stops.
-    jobs
-        Where runs are carried out.
+    clock
+        Clock [s].
+
+    Examples
+    --------
+    >>> control = Control()
+    >>> control.take("a", "Ann"); control.ask("b", "Bob"); control.name, control.requester
+    ('Ann', 'Bob')
+    >>> control.give("a"); control.name
+    'Bob'
     """
 
-    def __init__(self, stops: Stops, jobs: Jobs) -> None:
-        self._stops, self._jobs = stops, jobs
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.RLock()
+        self._holder = self._requesting = ""
+        self._last_sign = 0.0
+        #: Name of the user in control; empty without one.
+        self.name = ""
+        #: Name of the user who requests control.
+        self.requester = ""
+
+    def holds(self, session: str) -> bool:
+        """Return whether a browser has control."""
+        return bool(self._holder) and session == self._holder
+
+    def asks(self, session: str) -> bool:
+        """Return whether a browser has requested control."""
+        return bool(self._requesting) and session == self._requesting
+
+    @property
+    def free(self) -> bool:
+        """No browser has control, or the one in control is gone."""
+        return not self._holder or self._clock() - self._last_sign > CONTROL_TIMEOUT
+
+    def keep_alive(self, session: str) -> None:
+        """Record a sign of a browser."""
+        with self._lock:
+            if self.holds(session):
+                self._last_sign = self._clock()
+
+    def take(self, session: str, name: str) -> None:
+        """Take control, if no other browser has it.
+
+        Raises
+        ------
+        ModelError
+            Another browser has control.
+        """
+        with self._lock:
+            if not self.holds(session) and not self.free:
+                raise ModelError(f"{self.name} has control of the stage: ask for control")
+            self._hand_over(session, name)
+
+    def ask(self, session: str, name: str) -> None:
+        """Request control from the browser that has it."""
+        with self._lock:
+            if not self.holds(session):
+                self._requesting, self.requester = session, name
+
+    def give(self, session: str) -> None:
+        """Grant control to the browser that requested it; without one, release control."""
+        with self._lock:
+            self.require(session)
+            self._hand_over(self._requesting, self.requester)
+
+    def release(self, session: str) -> None:
+        """Release control, and discard a request for it."""
+        with self._lock:
+            self.require(session)
+            self._hand_over("", "")
+
+    def keep(self, session: str) -> None:
+        """Keep control, and discard a request for it."""
+        with self._lock:
+            self.require(session)
+            self._requesting = self.requester = ""
+
+    def require(self, session: str) -> None:
+        """Require that a browser has control.
+
+        Raises
+        ------
+        ModelError
+            It does not have control.
+        """
+        with self._lock:
+            if not self.holds(session):
+                holder = f"{self.name} has control" if self._holder else "no browser has control"
+                raise ModelError(
+                    f"this browser does not have control of the stage; {holder}: take control "
+                    "or ask for it"
+                )
+            self._last_sign = self._clock()
+
+    def _hand_over(self, session: str, name: str) -> None:
+        self._holder, self.name, self._last_sign = session, name, self._clock()
+        self._requesting = self.requester = ""
+
+
+_LOG = logging.getLogger("flexstage.web")
+
+#: Rate of the readings of positions and voltages [Hz].
+RATE_HZ = 50.0
+_RETRY_INTERVAL = 2.0  # between two attempts to reconnect [s]
+_STOP_NAME = "bench"
+
+
+class BenchLink:
+    """The connected instrument, its readings, its control, and its commands and runs.
+
+    One thread reads; another one executes the commands in their order. `stop` waits for neither.
+
+    Parameters
+    ----------
+    emergency_stop
+        The STOP button of the panel.
+    jobs
+        Jobs of the panel, for runs.
+    """
+
+    def __init__(self, emergency_stop: EmergencyStop, jobs: Jobs) -> None:
+        self._emergency_stop, self._jobs = emergency_stop, jobs
         self.control = Control()
         self.device: Instrument | None = None
-        #: The same with pauses that a stop ends.
-        self.watched: Instrument | None = None
+        #: The same with pauses that a stop interrupts.
+        self.interruptible: Instrument | None = None
         self.stage: Stage | None = None
         self.address = ""
-        #: Name under which the stage is locked.
-        self.locked = ""
-        #: Whether the drives are led to their safe voltages when the link is ended.
-        self.leads_to_safe = False
-        #: Whether a real stage may move, as somebody has looked that its way is clear.
-        self.cleared = False
-        #: What each axis was last read as.
+        #: Name of the lock of the stage.
+        self.lock_name = ""
+        #: Ramp the drives to their safe voltages on disconnecting.
+        self.ramps_to_safe = False
+        #: The user has confirmed that the way of a real stage is clear, so that it may move.
+        self.path_clear = False
+        #: Last reading of each axis.
         self.readings: dict[str, AxisReading] = {}
         self.history: LiveHistory | None = None
-        #: Why the link is lost, or a reading failed; empty while all is well.
-        self.trouble = ""
-        #: The run that goes on, or went on last.
+        #: Message of a lost connection or a failed reading; empty otherwise.
+        self.fault = ""
+        #: The present or the last run.
         self.job: BackgroundJob | None = None
-        self._moves = False  # whether the run that goes on moves the stage
-        #: Whether the link is lost at the moment.
-        self.lost = False
+        self._moves = False  # the present run moves the stage
+        #: The connection is lost at present.
+        self.is_lost = False
         self._epoch = time.time() - time.monotonic()
         self._targets: dict[str, float] = {}
-        self._opening = threading.Lock()
-        self._reading = threading.Lock()
-        self._stopped, self._ended = threading.Event(), threading.Event()
-        self._stops_given = 0
+        self._connect_lock = threading.Lock()
+        self._reading_lock = threading.Lock()
+        self._stop_event, self._ended = threading.Event(), threading.Event()
+        self._stop_count = 0
         self._pending: list[Future[Any]] = []
         self._work: ThreadPoolExecutor | None = None
         self._poller: threading.Thread | None = None
         self._open = ExitStack()
 
-    # the link
+    # connection
 
     @property
     def connected(self) -> bool:
-        """Whether there is a stage, though its link may be lost at the moment."""
+        """A stage is connected, though the connection may be lost at present."""
         return self.device is not None
 
     @property
     def busy(self) -> bool:
-        """Whether a run goes on."""
+        """A run is in progress."""
         return self.job is not None and not self.job.is_over
 
     def connect(
-        self, session: str, name: str, address: str, stage: Stage, *, leads_to_safe: bool = False
+        self, session: str, name: str, address: str, stage: Stage, *, ramps_to_safe: bool = False
     ) -> None:
-        """Connect to an instrument: nothing moves. Who does so drives.
+        """Connect to an instrument without moving it; the connecting browser gets control.
 
         Raises
         ------
         FlexstageError
-            There is a link already, the address leads nowhere, or another program drives the stage.
+            A stage is connected already, the address has no instrument, or another program uses it.
         """
-        if not self._opening.acquire(blocking=False):
-            raise ModelError("somebody is connecting already: wait until it is done")
+        if not self._connect_lock.acquire(blocking=False):
+            raise ModelError("another browser is connecting: wait until it has finished")
         try:
             if self.device is not None:
                 raise ModelError(f"'{self.address}' is connected: disconnect it first")
-            with ExitStack() as opened:
-                device = connect(in_step(address), stage)
-                opened.callback(device.close)
-                locked = device.identity.serial_number or stage.name
-                opened.enter_context(instrument_lock(device, locked))
+            with ExitStack() as resources:
+                device = connect(real_time_address(address), stage)
+                resources.callback(device.close)
+                lock_name = device.identity.serial_number or stage.name
+                resources.enter_context(instrument_lock(device, lock_name))
                 self.control.take(session, name)
-                self._open = opened.pop_all()
-            self.address, self.stage, self.locked = address, stage, locked
-            self.leads_to_safe, self.cleared = leads_to_safe, False
+                self._open = resources.pop_all()
+            self.address, self.stage, self.lock_name = address, stage, lock_name
+            self.ramps_to_safe, self.path_clear = ramps_to_safe, False
             self._begin(device)
         finally:
-            self._opening.release()
+            self._connect_lock.release()
 
     def disconnect(self, session: str) -> None:
-        """End the link: nothing moves, but where it was said that drives are led to safety."""
+        """Disconnect. Nothing moves, unless the ramp to the safe voltages was chosen."""
         self.control.require(session)
         if self.busy:
-            raise ModelError("a run goes on: stop it before you disconnect")
-        if self.leads_to_safe and not self.lost:
-            self.told(session, to_safe).result()
+            raise ModelError("a run is in progress: stop it before you disconnect")
+        if self.ramps_to_safe and not self.is_lost:
+            self.submit(session, to_safe).result()
         self.control.release(session)
         self.close()
 
     def close(self) -> None:
-        """End the link and what goes on, as where the panel is ended."""
+        """Disconnect and end the threads, as at the end of the panel."""
         self._ended.set()
-        self._stops.remove(_UNDER_STOP)
+        self._emergency_stop.remove(_STOP_NAME)
         if self._work is not None:
             self._work.shutdown(cancel_futures=True)
         if self._poller is not None and self._poller is not threading.current_thread():
             self._poller.join()
-        self.device = self.watched = self.history = None
-        self.readings, self.trouble = {}, ""
+        self.device = self.interruptible = self.history = None
+        self.readings, self.fault = {}, ""
         self._open.close()
 
     def _begin(self, device: Instrument) -> None:
-        # whoever finds a device finds who works for it
+        # a device always has a thread for its commands
         self._work = ThreadPoolExecutor(1, "bench")
         self._use(device)
-        self.lost, self.trouble = False, ""
+        self.is_lost, self.fault = False, ""
         self._ended, self._targets = threading.Event(), {}
-        self._stopped.clear()
+        self._stop_event.clear()
         self.history = LiveHistory(live_channels(device), RATE_HZ)
-        self._stops.add(_UNDER_STOP, self.stop)
-        self._poller = threading.Thread(target=self._read_on, name="bench reader", daemon=True)
+        self._emergency_stop.add(_STOP_NAME, self.stop)
+        self._poller = threading.Thread(target=self._read_loop, name="bench reader", daemon=True)
         self._poller.start()
 
     def _use(self, device: Instrument) -> None:
         self.device = device
-        self.watched = cast(Instrument, WatchedInstrument(device, self._stopped))
+        self.interruptible = cast(Instrument, InterruptibleInstrument(device, self._stop_event))
 
-    # what is read
+    # readings
 
-    def _read_on(self) -> None:
+    def _read_loop(self) -> None:
         count, due = 0, time.monotonic()
         while not self._ended.is_set():
             try:
                 self._read(slow=count % 5 == 0)
             except NotConnectedError as error:
-                self.lost, self.trouble = True, str(error)
-                self._open_again()
+                self.is_lost, self.fault = True, str(error)
+                self._reconnect()
             except FlexstageError as error:
-                self.trouble = str(error)
+                self.fault = str(error)
             except Exception as error:  # noqa: BLE001 - a thread that reads never ends silently
-                said = f"{type(error).__name__}: {error}"
-                if said != self.trouble:
+                message = f"{type(error).__name__}: {error}"
+                if message != self.fault:
                     _LOG.exception("reading the stage failed")
-                self.trouble = said
+                self.fault = message
             count += 1
             due = max(due + 1.0 / RATE_HZ, time.monotonic())
             self._ended.wait(due - time.monotonic())
 
     def _read(self, *, slow: bool) -> None:
         device = self.device
-        if device is None or not self._reading.acquire(blocking=device.concurrent):
+        if device is None or not self._reading_lock.acquire(blocking=device.concurrent):
             return
-        # by a clock that is never set back
+        # a clock that is never set back
         now = self._epoch + time.monotonic()
         try:
-            found = {
+            readings = {
                 name: read_axis(axis, self.readings.get(name), slow=slow)
                 for name, axis in device.axes.items()
             }
         finally:
-            self._reading.release()
-        self.readings, self.trouble = found, ""
+            self._reading_lock.release()
+        self.readings, self.fault = readings, ""
         if self.history is not None:
-            self.history.append([now], [live_values(device, found)])
+            self.history.append([now], [live_values(device, readings)])
 
-    def _open_again(self) -> None:
-        """Try to open a lost link anew until it is there, or the bench is left."""
+    def _reconnect(self) -> None:
+        """Try to reconnect until it succeeds, or the bench is closed."""
         old, stage = self.device, self.stage
-        while old is not None and stage is not None and not self._ended.wait(_AGAIN):
+        while old is not None and stage is not None and not self._ended.wait(_RETRY_INTERVAL):
             if self.busy or self._pending:
-                continue  # what went on ends first, by the same loss
+                continue  # the present run or command fails first, for the same reason
             with suppress(FlexstageError, OSError):
                 old.close()
             try:
-                new = connect(in_step(self.address), stage)
+                new = connect(real_time_address(self.address), stage)
             except FlexstageError as error:
-                self.trouble = str(error)
+                self.fault = str(error)
                 continue
             if new.identity != old.identity:
                 new.close()
-                self.trouble = (
-                    f"at '{self.address}' is another instrument now, {new.identity.model} "
+                self.fault = (
+                    f"'{self.address}' is now another instrument, {new.identity.model} "
                     f"{new.identity.serial_number}: disconnect"
                 )
                 continue
             self._open.callback(new.close)
             self._targets.clear()
             self._use(new)
-            # nobody has looked at the stage since
-            self.cleared = False
-            self.lost, self.trouble = False, ""
+            # the way of the stage must be confirmed again
+            self.path_clear = False
+            self.is_lost, self.fault = False, ""
             return
 
-    # what is done
+    # commands and runs
 
     def stop(self) -> None:
-        """Stop the stage, what goes on and what waits: at once, from any thread."""
-        self._stops_given += 1
-        self._stopped.set()
-        for waiting in tuple(self._pending):
-            waiting.cancel()
+        """Stop motion, the present run and the queue immediately; any thread may call it."""
+        self._stop_count += 1
+        self._stop_event.set()
+        for future in tuple(self._pending):
+            future.cancel()
         job, device = self.job, self.device
         if job is not None:
             job.cancel()
         self._targets.clear()
         if device is not None:
-            # a lost link is looked for elsewhere, which must not keep a page waiting
-            stopping = threading.Thread(target=device.stop, name="bench stop", daemon=True)
-            stopping.start()
-            stopping.join(timeout=1.0)
+            # a lost connection must not block the page
+            thread = threading.Thread(target=device.stop, name="bench stop", daemon=True)
+            thread.start()
+            thread.join(timeout=1.0)
 
     def clear(self, session: str, on: bool) -> None:
-        """Say that the way of a real stage is clear, or is not."""
+        """Confirm that the way of a real stage is clear, or withdraw the confirmation."""
         self.control.require(session)
-        self.cleared = on
+        self.path_clear = on
 
     def linked(self) -> Instrument:
-        """Return the instrument that is connected, with pauses that a stop ends.
+        """Return the connected instrument, with pauses that a stop interrupts.
 
         Raises
         ------
         NotConnectedError
-            There is none.
+            No instrument is connected.
         """
-        if self.watched is None:
-            raise NotConnectedError("nothing is connected: connect first")
-        return self.watched
+        if self.interruptible is None:
+            raise NotConnectedError("no instrument is connected: connect first")
+        return self.interruptible
 
     def _require_clear(self) -> None:
-        if self.device is not None and not (self.device.identity.simulated or self.cleared):
-            raise ModelError("look whether the way of the stage is clear, and say so above")
+        if self.device is not None and not (self.device.identity.simulated or self.path_clear):
+            raise ModelError("check that the way of the stage is clear, and confirm it above")
 
-    def told(self, session: str, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
-        """Have a function called with the instrument, after what was told before.
+    def submit(self, session: str, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        """Queue a function that is called with the instrument.
 
         Raises
         ------
         FlexstageError
-            This browser does not drive, nothing is connected, or a run goes on.
+            This browser has no control, no instrument is connected, or a run is in progress.
         """
         self.control.require(session)
         device = self.linked()
-        if self.lost:
-            raise NotConnectedError(f"the link is lost: {self.trouble}")
+        if self.is_lost:
+            raise NotConnectedError(f"the connection is lost: {self.fault}")
         if self.busy and (self._moves or not device.concurrent):
-            raise ModelError("a run goes on: wait for its end, or stop it")
+            raise ModelError("a run is in progress: wait for its end, or stop it")
         self._require_clear()
         if not self._pending:
-            self._stopped.clear()
+            self._stop_event.clear()
         assert self._work is not None
-        made = self._work.submit(self._do, function, arguments, self._stops_given)
-        self._pending.append(made)
-        made.add_done_callback(self._pending.remove)
-        return made
+        future = self._work.submit(self._do, function, arguments, self._stop_count)
+        self._pending.append(future)
+        future.add_done_callback(self._pending.remove)
+        return future
 
-    def _do(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...], stops_given: int
-    ) -> Any:
+    def _do(self, function: Callable[..., Any], arguments: tuple[Any, ...], stop_count: int) -> Any:
         device = self.linked()
-        found: Any = None
-        with nullcontext() if device.concurrent else self._reading:
-            if stops_given == self._stops_given:
+        result: Any = None
+        with nullcontext() if device.concurrent else self._reading_lock:
+            if stop_count == self._stop_count:
                 with suppress(Cancelled):
-                    found = function(device, *arguments)
-            if stops_given != self._stops_given:
-                # a command may have been on its way when the stop overtook it
+                    result = function(device, *arguments)
+            if stop_count != self._stop_count:
+                # a command may have started just before the stop
                 device.stop()
                 raise ControllerError("the stage was stopped")
-        return found
+        return result
 
     def go(self, session: str, axis: str, value: float) -> "Future[Any]":
-        """Lead an axis gently to a position [m] under control, else to a voltage [V]."""
-        return self.told(session, self._go, axis, value)
+        """Ramp an axis to a position [m] in closed loop, else to a voltage [V]."""
+        return self.submit(session, self._go, axis, value)
 
     def jog(self, session: str, axis: str, step: float) -> "Future[Any]":
-        """Step an axis by a length [m] under control, else by a voltage [V].
+        """Step an axis by a length [m] in closed loop, else by a voltage [V].
 
-        Steps add up from where the last one led to, and not from what is read.
+        A step is relative to the last target, not to the reading.
         """
-        return self.told(session, self._jog, axis, step)
+        return self.submit(session, self._jog, axis, step)
 
     def set_closed_loop(self, session: str, axis: str, on: bool) -> "Future[Any]":
-        """Switch the position control of an axis."""
+        """Switch the position control of an axis on or off."""
         self._targets.pop(axis, None)
-        return self.told(session, lambda device: device.axes[axis].set_closed_loop(on))
+        return self.submit(session, lambda device: device.axes[axis].set_closed_loop(on))
 
     def _go(self, device: Instrument, name: str, value: float) -> None:
         axis = device.axes[name]
@@ -330,35 +436,35 @@ class BenchLink:
         self._targets[name] = value
 
     def _jog(self, device: Instrument, name: str, step: float) -> None:
-        axis, before = device.axes[name], self._targets.get(name)
-        closed = axis.closed_loop
-        if before is None:
-            before = axis.position() if closed else axis.voltage()
-        if closed:
-            axis.move_to(before + step, wait=False)
+        axis, target = device.axes[name], self._targets.get(name)
+        closed_loop = axis.closed_loop
+        if target is None:
+            target = axis.position() if closed_loop else axis.voltage()
+        if closed_loop:
+            axis.move_to(target + step, wait=False)
         else:
-            axis.set_voltage(before + step)
-        self._targets[name] = before + step
+            axis.set_voltage(target + step)
+        self._targets[name] = target + step
 
     def run(
         self, session: str, name: str, function: Callable[..., Any], *arguments: Any, moves: bool
     ) -> BackgroundJob:
-        """Carry out a run in a thread, with the bench and what else it is given.
+        """Start a run in a thread; its function gets the instrument and the arguments.
 
         Raises
         ------
         FlexstageError
-            This browser does not drive, nothing is connected, or something else goes on.
+            This browser has no control, no instrument is connected, or it is busy.
         """
         self.control.require(session)
         self.linked()
-        if self.lost:
-            raise NotConnectedError(f"the link is lost: {self.trouble}")
+        if self.is_lost:
+            raise NotConnectedError(f"the connection is lost: {self.fault}")
         if self.busy or self._pending:
-            raise ModelError("something else goes on: wait for its end, or stop it")
+            raise ModelError("another command or run is in progress: wait for its end, or stop it")
         if moves:
             self._require_clear()
-        self._stopped.clear()
+        self._stop_event.clear()
         self._targets.clear()
         self._moves = moves
         self.job = self._jobs.start_thread(name, self._run, function, arguments, owner=session)
@@ -366,5 +472,5 @@ class BenchLink:
 
     def _run(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         device = self.linked()
-        with nullcontext() if device.concurrent else self._reading:
+        with nullcontext() if device.concurrent else self._reading_lock:
             return function(device, *arguments)

@@ -1,4 +1,4 @@
-"""The axes at the bench: what each reads, how far it may go, and the buttons that move it."""
+"""Axes at the bench: readings, limits, and controls for motion."""
 
 import asyncio
 import math
@@ -15,18 +15,18 @@ from flexstage.stage.limits import Range
 from flexstage.web.bench.instrument import AxisReading
 from flexstage.web.bench.link import BenchLink
 from flexstage.web.bench.state import BenchForms
-from flexstage.web.live.history import POSITION, VOLTAGE
+from flexstage.web.live_history import POSITION, VOLTAGE
 from flexstage.web.page import Page, PanelHeading, div, panel, remark
 
-#: Steps that are offered, in the usual unit of the quantity.
+#: Selectable steps, in V and µm.
 _STEPS = {"V": (0.1, 1.0, 5.0, 20.0), "m": (0.01, 0.1, 1.0, 10.0)}
-_USUAL = {"V": 5.0, "m": 1.0}
-#: Last digit that is shown [V, m].
+_DEFAULT_STEP = {"V": 5.0, "m": 1.0}
+#: Last displayed digit [V, m].
 _DIGIT = {"V": 0.01, "m": 1e-9}
 
 
 def shown_number(quantity: Quantity, value: float) -> str:
-    """Return a reading with as many decimals as its last digit has, whatever its size.
+    """Return a reading with a fixed number of decimals.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def shown_number(quantity: Quantity, value: float) -> str:
 
 
 class AxisCard:
-    """One axis.
+    """The card of an axis at the bench.
 
     Parameters
     ----------
@@ -60,67 +60,67 @@ class AxisCard:
         device = bench.device
         assert device is not None
         self._axis = device.axes[name]
-        self._closed: bool | None = None
+        self._closed_loop: bool | None = None
         self._stale = False
         self._build()
 
     def _build(self) -> None:
-        can = self._axis.capabilities
+        capabilities = self._axis.capabilities
         with panel("axis").props("tabindex=0") as card:
             self._card = card
             card.props["aria-label"] = (
-                f"Axis {self._name}: the arrow keys step it while this has the focus"
+                f"Axis {self._name}: the arrow keys step it while this card has the focus"
             )
             with ui.row().classes("items-center heading"):
                 PanelHeading(f"Axis {self._name}")
                 self._moving = ui.label().classes("state")
                 self._loop = ui.label().classes("state")
                 ui.space()
-                self._servo = ui.switch("Position control", on_change=self._switched)
-                # where there is a choice, its switch says which one is made
-                self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= can
+                self._servo = ui.switch("Position control", on_change=self._switch)
+                # with both modes, the switch shows the present one
+                self._servo.visible = {Capability.CLOSED_LOOP, Capability.OPEN_LOOP} <= capabilities
                 self._loop.visible = not self._servo.visible
             limits = self._axis.limits
-            self._shown = div("readouts")
-            with self._shown:
-                shown = self._page.preferences.shown
-                self._position = _Readout(shown(POSITION), limits.position, "position control")
+            self._readouts = div("readouts")
+            with self._readouts:
+                display = self._page.preferences.displayed
+                self._position = _Readout(display(POSITION), limits.position, "position control")
                 self._voltage = None
-                if Capability.OPEN_LOOP in can:
-                    self._voltage = _Readout(shown(VOLTAGE), limits.voltage, "voltage")
+                if Capability.OPEN_LOOP in capabilities:
+                    self._voltage = _Readout(display(VOLTAGE), limits.voltage, "voltage")
             self._controls = div("drive")
         for key, sign in (("left", -1), ("right", 1), ("down", -1), ("up", 1)):
             card.on(f"keydown.{key}.self.prevent", self._stepper(sign))
 
     @property
     def _quantity(self) -> Quantity:
-        """What it is moved in: positions under control, else voltages."""
-        return self._page.preferences.shown(POSITION if self._closed else VOLTAGE)
+        """Quantity of commands: position in closed loop, else voltage."""
+        return self._page.preferences.displayed(POSITION if self._closed_loop else VOLTAGE)
 
-    def show(self, reading: AxisReading | None, *, drives: bool, stale: bool = False) -> None:
-        """Show a reading, pale where it is `stale`; the buttons are alive for who drives."""
+    def show(self, reading: AxisReading | None, *, has_control: bool, stale: bool = False) -> None:
+        """Show a reading, pale if `stale`; the controls need `has_control`."""
         if reading is None:
             return
         if self._stale != stale:
             self._stale = stale
-            self._shown.classes(**{"add" if stale else "remove": "stale"})
+            self._readouts.classes(**{"add" if stale else "remove": "stale"})
         self._position.show(reading.position)
         if self._voltage is not None:
             self._voltage.show(reading.voltage)
-        self._moving.text = "moves" if reading.moving else "at rest"
-        on = reading.closed_loop
-        self._loop.text = "closed loop" if on else "open loop"
-        if self._closed != on:
-            self._closed = on
-            self._servo.set_value(on)
+        self._moving.text = "moving" if reading.moving else "at rest"
+        is_on = reading.closed_loop
+        self._loop.text = "closed loop" if is_on else "open loop"
+        if self._closed_loop != is_on:
+            self._closed_loop = is_on
+            self._servo.set_value(is_on)
             self._build_controls()
-        for element in self._driven:
-            element.set_enabled(drives)
+        for element in self._inputs:
+            element.set_enabled(has_control)
 
     def _build_controls(self) -> None:
         self._controls.clear()
-        #: What is alive for who drives.
-        self._driven: list[DisableableElement] = [self._servo]
+        #: Controls that need control of the stage.
+        self._inputs: list[DisableableElement] = [self._servo]
         with self._controls:
             with div("together"):
                 self._build_step(self._quantity)
@@ -132,57 +132,57 @@ class AxisCard:
         relative = quantity.factor / {"V": 1.0, "m": 1e6}[unit]
         steps = {s * relative / quantity.factor: f"{s * relative:g}" for s in _STEPS[unit]}
         key = f"{self._name} {unit}"
-        usual = _USUAL[unit] * relative / quantity.factor
-        before = self._forms.steps.get(key, usual)
-        remark(f"Step, {quantity.shown_unit}")
-        choice = ui.toggle(steps, value=before if before in steps else usual)
+        default = _DEFAULT_STEP[unit] * relative / quantity.factor
+        previous = self._forms.steps.get(key, default)
+        remark(f"Step [{quantity.shown_unit}]")
+        choice = ui.toggle(steps, value=previous if previous in steps else default)
         choice.props("dense no-caps").props["aria-label"] = f"Step of axis {self._name}"
         choice.on_value_change(lambda e: self._forms.steps.update({key: e.value}))
         self._step = choice
-        for icon, sign, word in (("remove", -1, "down"), ("add", 1, "up")):
+        for icon, sign, direction in (("remove", -1, "down"), ("add", 1, "up")):
             button = ui.button(icon=icon, on_click=self._stepper(sign)).props("dense")
-            button.props["aria-label"] = f"Step axis {self._name} {word}"
-            self._driven.append(button)
+            button.props["aria-label"] = f"Step axis {self._name} {direction}"
+            self._inputs.append(button)
 
     def _build_target(self, quantity: Quantity) -> None:
-        target = ui.number(f"Go to, {quantity.shown_unit}").props("dense outlined")
+        target = ui.number(f"Target [{quantity.shown_unit}]").props("dense outlined")
 
         async def go() -> None:
             if target.value is not None:
                 value = float(target.value) / quantity.factor
-                await self._told(lambda me: self._bench.go(me, self._name, value))
+                await self._send(lambda me: self._bench.go(me, self._name, value))
 
         target.on("keydown.enter", go)
-        self._driven.append(ui.button("Go", on_click=go))
+        self._inputs.append(ui.button("Go", on_click=go))
 
     def _stepper(self, sign: int) -> Callable[[], Any]:
         async def step() -> None:
             size = sign * float(self._step.value)
-            await self._told(lambda me: self._bench.jog(me, self._name, size))
+            await self._send(lambda me: self._bench.jog(me, self._name, size))
 
         return step
 
-    async def _switched(self, event: Any) -> None:
-        on = bool(event.value)
-        if on != self._closed:
-            await self._told(lambda me: self._bench.set_closed_loop(me, self._name, on))
+    async def _switch(self, event: Any) -> None:
+        is_on = bool(event.value)
+        if is_on != self._closed_loop:
+            await self._send(lambda me: self._bench.set_closed_loop(me, self._name, is_on))
             reading = self._bench.readings.get(self._name)
             if reading is not None:
-                # what was refused is not shown as done; what was done is read a little later
-                self._closed = None
+                # the next reading shows the real state of the switch
+                self._closed_loop = None
 
-    async def _told(self, command: Callable[[str], "Future[Any]"]) -> None:
-        with self._page.sentences(self._card):
+    async def _send(self, command: Callable[[str], "Future[Any]"]) -> None:
+        with self._page.show_errors(self._card):
             try:
                 await asyncio.wrap_future(command(self._page.session.id))
             except (CancelledError, asyncio.CancelledError):
-                ui.notify("stopped before it began", type="warning")
+                ui.notify("stopped before it started", type="warning")
 
 
 class _Readout:
-    """A large number with its unit, and where it is between its limits, those `of` something."""
+    """A large number with its unit, and its place between the limits of a mode."""
 
-    def __init__(self, quantity: Quantity, limits: Range | None, of: str) -> None:
+    def __init__(self, quantity: Quantity, limits: Range | None, mode: str) -> None:
         self._quantity, self._limits = quantity, limits
         with div("readout"):
             remark(quantity.label)
@@ -190,7 +190,7 @@ class _Readout:
                 self._number = ui.label("–").classes("big")
                 ui.label(quantity.shown_unit).classes("unit")
             if limits is None:
-                remark("no limits are known")
+                remark("limits unknown")
                 self._mark = None
                 return
             with div("range").props("aria-hidden=true"):
@@ -198,7 +198,7 @@ class _Readout:
             with div("ends muted small"):
                 low, high = (shown_number(quantity, end) for end in limits)
                 ui.label(low)
-                ui.label(f"limits, {of}")
+                ui.label(f"limits, {mode}")
                 ui.label(high)
 
     def show(self, value: float) -> None:

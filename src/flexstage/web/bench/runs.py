@@ -1,4 +1,4 @@
-"""What is carried out at the bench: records, waveforms and plans, as the commands do it."""
+"""Runs at the bench: records, waveforms and plans, as the commands do them."""
 
 import math
 from collections.abc import Sequence
@@ -37,60 +37,60 @@ if TYPE_CHECKING:
     from flexstage.experiments import PlanResult
     from flexstage.instruments.catalogue.entries import RunEntry
 
-#: Columns of a command that was made to follow a reference.
+#: Columns of a command that follows a reference.
 COMMAND, REFERENCE = "command", "reference"
 
 
 def loop_of(record: Record, axis: str) -> tuple[str, str] | None:
-    """Return which columns are a loop: over what was wanted, else over what was commanded."""
-    known = [channel.name for channel in record.channels]
-    over = next((n for n in (REFERENCE, f"voltage {axis}", COMMAND) if n in known), None)
-    return (over, axis) if over is not None and axis in known else None
+    """Return the columns of a loop: over the reference, else over the command."""
+    names = [channel.name for channel in record.channels]
+    x_column = next((n for n in (REFERENCE, f"voltage {axis}", COMMAND) if n in names), None)
+    return (x_column, axis) if x_column is not None and axis in names else None
 
 
 def loop_figures(record: Record, loop: tuple[str, str]) -> tuple[Tracking, int] | None:
-    """Return the width of a loop [m], the error of a reference [m], and the number of cycles.
+    """Return the width of a loop [m], the tracking error [m], and the number of cycles.
 
-    The errors are NaN where nothing was wanted; None where there is no whole cycle.
+    The errors are NaN without a reference; None without a complete cycle.
     """
-    over, along = (record.channel(name) for name in loop)
-    bounds = cycles(over.values, 1.0 / record.sample_rate_hz).bounds
+    command, along = (record.channel(name) for name in loop)
+    bounds = cycles(command.values, 1.0 / record.sample_rate_hz).bounds
     if bounds.size < 2:
         return None
     count = bounds.size - 1
-    if over.name == REFERENCE:
-        return tracking(over.values, along.values, bounds), count
-    width = loop_width(over.values, along.values, bounds)
+    if command.name == REFERENCE:
+        return tracking(command.values, along.values, bounds), count
+    width = loop_width(command.values, along.values, bounds)
     return Tracking(loop_width=width, rms=np.nan, largest=np.nan), count
 
 
-#: Samples in a cycle of a waveform that is made here; straight lines between them.
-_IN_CYCLE = 500
-#: A plan that was begun and not ended is known by this file.
+#: Samples per cycle of a built waveform, with linear interpolation.
+_SAMPLES_PER_CYCLE = 500
+#: File of the state of a plan; an interrupted plan has it, and no results.
 _STATE = "run.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AboutRun:
-    """Where a run is written, and what is said of it."""
+class RunDescription:
+    """Folder and metadata of a run."""
 
     parent: Path
-    """Folder in which it gets a folder of its own."""
+    """Parent of the folder of the run."""
     stage: Stage
     """The stage."""
     name: str = ""
-    """What they call it; the stage where they give it no name."""
+    """Name of the run; by default that of the stage."""
     operator: str = ""
-    """Who works."""
+    """Operator."""
     note: str = ""
-    """What they say about it."""
+    """Note of the operator."""
 
     def folder(self, kind: str) -> Path:
-        """Return a folder for it that is not there yet."""
+        """Return a new folder for the run."""
         return new_run_folder(self.parent, self.name or self.stage.name, kind)
 
     def metadata(self, device: Instrument, kind: str, axis: str) -> RunMetadata:
-        """Return what is written at the head of its record."""
+        """Return the metadata of its record."""
         return RunMetadata(
             stage=self.stage.name,
             stage_hash=content_hash(self.stage),
@@ -106,127 +106,131 @@ class AboutRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOutcome:
-    """What a run gave."""
+    """Result of a run."""
 
     folder: Path
-    """Its folder."""
+    """Folder of the run."""
     record: Record | None = None
-    """What was recorded; None of a plan, which may have many."""
+    """The record; None for a plan, which may have many."""
     file: Path
     """The file of the record, or the report of the plan."""
     loop: tuple[str, str] | None = None
-    """Which columns of the record are a loop: what was commanded or wanted, and what followed."""
+    """Columns of a loop in the record: command or reference, and measured position."""
     plan: "PlanResult | None" = None
-    """What a plan gave."""
+    """Result of a plan."""
     notes: tuple[str, ...] = field(default=())
-    """What is to be known of it."""
+    """Notes on the run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WaveformOrder:
-    """A waveform as a person orders it."""
+class WaveformRequest:
+    """Parameters of a waveform."""
 
     axis: str
     """The axis."""
     shape: Literal["cosine", "triangle"]
-    """How each cycle runs, from the low end and back."""
+    """Shape of a cycle, from the low end to the high end and back."""
     low: float
-    """Low end [V, or m under control]."""
+    """Low end [V, or m in closed loop]."""
     high: float
     """High end [V, or m]."""
     rate_hz: float
-    """Cycles in a second [Hz]."""
+    """Frequency [Hz]."""
     cycles: int
-    """How many."""
+    """Number of cycles."""
 
 
-def made_waveform(device: Instrument, stage: Stage, order: WaveformOrder) -> CommandWaveform:
-    """Return a waveform whose every sample is within the limits: of voltages, or under control.
+def build_waveform(device: Instrument, stage: Stage, request: WaveformRequest) -> CommandWaveform:
+    """Return a waveform within the limits of voltage, or of position in closed loop.
 
     Raises
     ------
     FlexstageError
-        It leaves the limits, or is none.
+        The waveform exceeds the limits, or its parameters are invalid.
     """
-    axis = device.axes[order.axis]
-    closed = axis.closed_loop
+    axis = device.axes[request.axis]
+    closed_loop = axis.closed_loop
     limits = axis.limits
-    for end in (order.low, order.high):
-        (check_position if closed else check_voltage)(limits, end, order.axis)
-    if not order.low < order.high:
-        raise ModelError("a waveform runs from a low end to a high end: give the lower one first")
-    setting = axis_setting(stage, order.axis, closed_loop=closed, limits=limits)
+    for end in (request.low, request.high):
+        (check_position if closed_loop else check_voltage)(limits, end, request.axis)
+    if not request.low < request.high:
+        raise ModelError("the low end of a waveform must be below its high end")
+    setting = axis_setting(stage, request.axis, closed_loop=closed_loop, limits=limits)
     span = setting.high - setting.low
     cycles = EqualCycles(
-        axis=order.axis,
-        rate=order.rate_hz,
-        cycles=order.cycles,
+        axis=request.axis,
+        rate=request.rate_hz,
+        cycles=request.cycles,
         condition=0,
-        shape=order.shape,
-        low=min(max((order.low - setting.low) / span, 0.0), 1.0),
-        high=min(max((order.high - setting.low) / span, 0.0), 1.0),
-        closed_loop=closed,
+        shape=request.shape,
+        low=min(max((request.low - setting.low) / span, 0.0), 1.0),
+        high=min(max((request.high - setting.low) / span, 0.0), 1.0),
+        closed_loop=closed_loop,
     )
     base = base_rate_of(device)
-    rate = whole_part(min(_IN_CYCLE * order.rate_hz, base), base)
-    return checked(device, cycles.samples({order.axis: setting}, rate, base))
+    rate = whole_part(min(_SAMPLES_PER_CYCLE * request.rate_hz, base), base)
+    return require_runnable(device, cycles.samples({request.axis: setting}, rate, base))
 
 
 def waveform_from(device: Instrument, path: Path, axis: str, cycles: int) -> CommandWaveform:
-    """Return the waveform that a record holds, in V, or in m under control.
+    """Return the waveform in a record, in V, or in m in closed loop.
 
-    It is the column that is called a command, or else the first one of that unit. Voltages that
-    were made to follow a reference have it with them.
+    It is the column `command`, else the first column of that unit. Voltages that were computed for
+    a reference are returned with it.
     """
     record = read_record(path)
     unit = "m" if device.axes[axis].closed_loop else "V"
-    fitting = sorted(
+    candidates = sorted(
         (c for c in record.channels if c.unit == unit), key=lambda c: c.name != COMMAND
     )
-    column = next(iter(fitting), None)
+    column = next(iter(candidates), None)
     if column is None or record.over != "time" or not record.uniform:
-        found = ", ".join(f"{c.name} [{c.unit}]" for c in record.channels)
+        columns = ", ".join(f"{c.name} [{c.unit}]" for c in record.channels)
         raise RecordError(
-            f"'{path.name}' has no column in {unit} over even times, which axis '{axis}' takes "
-            f"with its position control {'on' if unit == 'm' else 'off'}: it has {found}"
+            f"'{path.name}' has no column in {unit} with uniform sampling; axis '{axis}' "
+            f"needs one, as position control is {'on' if unit == 'm' else 'off'}; found {columns}"
         )
     waveform = Waveform(
         values={axis: column.values},
         sample_rate_hz=record.sample_rate_hz,
         quantity="position" if unit == "m" else "voltage",
     )
-    wanted = [c.values for c in record.channels if (c.name, c.unit) == (REFERENCE, "m")]
-    reference = {axis: wanted[0]} if wanted and unit == "V" else {}
-    return checked(device, CommandWaveform(waveform=waveform, cycles=cycles, reference=reference))
+    reference_values = [c.values for c in record.channels if (c.name, c.unit) == (REFERENCE, "m")]
+    reference = {axis: reference_values[0]} if reference_values and unit == "V" else {}
+    return require_runnable(
+        device, CommandWaveform(waveform=waveform, cycles=cycles, reference=reference)
+    )
 
 
-def checked(device: Instrument, command: CommandWaveform) -> CommandWaveform:
-    """Return a waveform that the axes of an instrument may run, or refuse it."""
+def require_runnable(device: Instrument, command: CommandWaveform) -> CommandWaveform:
+    """Return a waveform that the instrument can run within its limits, else raise an error."""
     limits = {name: axis.limits for name, axis in device.axes.items()}
     check_waveform(limits, command.waveform, cycles=command.cycles)
     size = command.waveform.size
     if Capability.WAVE_GENERATOR in device.capabilities and size > device.waves.capacity:
         raise LimitError(
-            f"the waveform has {size} samples, and the instrument holds {device.waves.capacity}: "
-            "let it have fewer cycles"
+            f"the waveform has {size} samples, more than the {device.waves.capacity} of the "
+            "instrument: reduce the number of cycles"
         )
     return command
 
 
 def signals_of(device: Instrument, first: str = "") -> list[Signal]:
-    """Return what is recorded: position and voltage of all axes, as many as the recorder takes."""
-    found = []
+    """Return the recorded signals: position and voltage, up to the recorder capacity."""
+    signals = []
     for name in sorted(device.axes, key=lambda n: n != first):
-        found.append(Signal(kind="position", source=name, name=name))
+        signals.append(Signal(kind="position", source=name, name=name))
         if Capability.OPEN_LOOP in device.axes[name].capabilities:
-            found.append(Signal(kind="voltage", source=name, name=f"voltage {name}", unit="V"))
-    return found[: device.recorder.signals]
+            signals.append(Signal(kind="voltage", source=name, name=f"voltage {name}", unit="V"))
+    return signals[: device.recorder.signals]
 
 
-def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: float) -> RunOutcome:
-    """Record what the stage does, for some time [s]."""
+def take_record(
+    device: Instrument, about: RunDescription, duration: float, rate_hz: float
+) -> RunOutcome:
+    """Record positions and voltages for a duration [s], without moving the stage."""
     if not 0.0 < duration < math.inf:
-        raise ModelError(f"a record takes a positive time, got {duration:g} s")
+        raise ModelError(f"the duration of a record must be positive, got {duration:g} s")
     folder = about.folder("record")
     stream = _stream(folder, "record")
     signals = signals_of(device)
@@ -240,14 +244,14 @@ def take_record(device: Instrument, about: AboutRun, duration: float, rate_hz: f
         ) as writer:
             record_now(device, signals, rate_hz, max(round(duration * rate), 2), writer)
     finally:
-        notes = _kept(stream)
-    return _recorded(stream, "", notes)
+        notes = _save_record(stream)
+    return _record_outcome(stream, "", notes)
 
 
 def run_command(
-    device: Instrument, about: AboutRun, command: CommandWaveform, rate_hz: float
+    device: Instrument, about: RunDescription, command: CommandWaveform, rate_hz: float
 ) -> RunOutcome:
-    """Run a waveform and record what follows; other axes stay where they are."""
+    """Run a waveform and record the response; other axes do not move."""
     (axis,) = command.axes
     folder = about.folder(f"waveform-{axis}")
     stream = _stream(folder, "waveform")
@@ -255,87 +259,89 @@ def run_command(
     try:
         command.record(device, signals_of(device, axis), rate_hz, stream, metadata, parked=False)
     finally:
-        notes = _kept(stream)
-    return _recorded(stream, axis, notes)
+        notes = _save_record(stream)
+    return _record_outcome(stream, axis, notes)
 
 
-def carry_out(
+def run_plan_file(
     device: Instrument,
-    about: AboutRun,
+    about: RunDescription,
     source: str,
     folder: Path | None,
     only: tuple[str, ...] | None,
-    held: str,
+    lock_name: str,
 ) -> RunOutcome:
-    """Carry out a plan; with its folder go on with one that was interrupted."""
+    """Run a plan; with its folder, resume an interrupted one."""
     from flexstage.instruments.catalogue.database import default_catalogue
 
     path = find_plan(source)
     plan = read_plan(path)
-    where = folder or about.folder(path.stem)
+    run_folder = folder or about.folder(path.stem)
     if folder is None:
-        where.mkdir(parents=True)
-        # by which it is found again
-        write_whole(where / f"{path.stem}.yaml", path.read_bytes())
+        run_folder.mkdir(parents=True)
+        # the copy of the plan, for resuming
+        write_whole(run_folder / f"{path.stem}.yaml", path.read_bytes())
     result = run_plan(
         plan,
         device,
-        where,
+        run_folder,
         RunRequest(only=only, resume=folder is not None, operator=about.operator, note=about.note),
         stage=about.stage,
         title=path.stem,
         catalogue=default_catalogue(),
-        held=held,
+        held=lock_name,
     )
-    write_whole(where / "report.html", run_text(result).encode("utf-8"))
-    return RunOutcome(folder=where, file=where / "report.html", plan=result, notes=result.notes)
+    write_whole(run_folder / "report.html", run_text(result).encode("utf-8"))
+    return RunOutcome(
+        folder=run_folder, file=run_folder / "report.html", plan=result, notes=result.notes
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOver:
-    """What a run has left that did not come to its end."""
+class InterruptedRun:
+    """An interrupted run."""
 
     path: Path
-    """Its stream, or the folder of its plan."""
+    """Stream of the record, or folder of the plan."""
     about: str
-    """What there is of it, in words."""
+    """Description of the saved data."""
     plan: Path | None = None
-    """The plan that can be gone on with."""
+    """The plan, which can be resumed."""
 
 
-def left_over(parent: Path) -> list[LeftOver]:
-    """Return what runs have left that were interrupted, the newest first."""
-    found = []
+def interrupted_runs(parent: Path) -> list[InterruptedRun]:
+    """Return the interrupted runs, the newest first."""
+    runs = []
     for folder in sorted(parent.iterdir(), reverse=True) if parent.is_dir() else []:
         if (folder / _STATE).exists():
             plan = next(iter(folder.glob("*.yaml")), None)
             if plan is not None and not (folder / "results.json").exists():
-                found.append(LeftOver(path=folder, about="a plan that has not ended", plan=plan))
+                runs.append(InterruptedRun(path=folder, about="unfinished plan", plan=plan))
             continue
         for stream in sorted(folder.glob(f"records/*{STREAM_SUFFIX}")):
             with suppress(RecordError, OSError):
                 if not in_use(stream):
                     count = examine(stream).samples
-                    found.append(LeftOver(path=stream, about=f"{count} samples are safe"))
-    return found
+                    runs.append(InterruptedRun(path=stream, about=f"{count} samples saved"))
+    return runs
 
 
-def recovered(stream: Path) -> Path:
-    """Recover a stream beside itself, remove it, and enter it in the catalogue."""
+def recover_stream(stream: Path) -> Path:
+    """Convert a stream to a record next to it, remove it, and enter the record in the catalogue."""
     target = rescued(stream, remove=True)
-    _entered(target)
+    _enter(target)
     return target
 
 
-def _entered(file: Path) -> tuple[str, ...]:
-    """Enter the folder of a record in the user's catalogue; return what could not be."""
+def _enter(file: Path) -> tuple[str, ...]:
+    """Enter the folder of a record in the user's catalogue; return the problems."""
     from flexstage.instruments.catalogue.folder import enter_folder
 
     return tuple(enter_folder(file.parent.parent).problems)
 
 
-def earlier(entry: "RunEntry") -> RunOutcome:
-    """Return what an earlier run gave, by its entry in the catalogue."""
+def open_run(entry: "RunEntry") -> RunOutcome:
+    """Return the result of an earlier run, by its entry in the catalogue."""
     file = Path(entry.folder) / entry.file
     record = read_record(file)
     return RunOutcome(
@@ -348,15 +354,15 @@ def _stream(folder: Path, name: str) -> Path:
     return folder / "records" / f"{name}{STREAM_SUFFIX}"
 
 
-def _kept(stream: Path) -> tuple[str, ...]:
-    """Keep what was recorded, also of what was stopped, and enter it in the catalogue."""
+def _save_record(stream: Path) -> tuple[str, ...]:
+    """Save the record, also of a stopped run, and enter it in the catalogue."""
     if stream.exists():
         with suppress(FlexstageError, OSError):
             rescued(stream, remove=True)
-    return _entered(stream)
+    return _enter(stream)
 
 
-def _recorded(stream: Path, axis: str, notes: Sequence[str]) -> RunOutcome:
+def _record_outcome(stream: Path, axis: str, notes: Sequence[str]) -> RunOutcome:
     file = stream.with_suffix(".h5")
     record = read_record(file)
     return RunOutcome(

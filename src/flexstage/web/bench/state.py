@@ -1,4 +1,4 @@
-"""What a person has filled in at the bench; a reload finds it again."""
+"""Form fields of the view Bench in one browser; they survive a reload."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,72 +9,72 @@ from flexstage.web.bench.link import BenchLink
 if TYPE_CHECKING:
     from flexstage.web.page import Page
 
-#: The instrument that a new page offers: it needs nothing of one's own.
+#: The instrument of a new page: the simulated stage, which needs no hardware.
 FIRST_ADDRESS = "twin://?seed=1"
 
 
 @dataclass
 class BenchForms:
-    """The fields of one browser."""
+    """The form fields of one browser."""
 
     address: str = FIRST_ADDRESS
     """Address of the instrument."""
-    leads_to_safe: bool = False
-    """Whether drives are led to their safe voltages when the link is ended."""
+    ramps_to_safe: bool = False
+    """Ramp the drives to their safe voltages on disconnecting."""
     operator: str = ""
-    """Who works; others see it, and records hold it."""
+    """Operator, shown to other browsers and written in records."""
     name: str = ""
-    """What the next run is called."""
+    """Name of the next run."""
     note: str = ""
-    """What records say beside it."""
+    """Note in records."""
     steps: dict[str, float] = field(default_factory=dict)
-    """Step of each axis and quantity, in the unit that is shown."""
+    """Step of each axis and quantity, in the displayed unit."""
     tab: str = "Waveform"
-    """What is open of the runs."""
+    """Open tab of the runs."""
     axis: str = ""
-    """Axis of a waveform."""
+    """Axis of the waveform."""
     shape: str = "cosine"
-    """Its shape."""
+    """Shape of the waveform."""
     ends: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Its low and high end by axis and quantity [V, m]."""
+    """Low and high end of the waveform, by axis and quantity [V, m]."""
     rate_hz: float | None = 1.0
-    """Its cycles in a second [Hz]."""
+    """Frequency of the waveform [Hz]."""
     cycles: float | None = 3
-    """How many."""
+    """Number of cycles."""
     file: str = ""
-    """The record that is run as a waveform."""
+    """File of a waveform from a record."""
     sample_rate_hz: float | None = 1000.0
-    """Samples of a record in a second [Hz]."""
+    """Sample rate of a record [Hz]."""
     duration: float | None = 10.0
-    """How long a record takes [s]."""
+    """Duration of a record [s]."""
     plan: str = ""
     """Plan file, or name of a built-in plan."""
     only: tuple[str, ...] = ()
-    """Steps of the plan that are wanted; none for all."""
+    """Selected steps of the plan; empty for all."""
 
 
 def bench_of(page: "Page") -> BenchLink:
-    """Return the bench that all browsers share."""
+    """Return the bench, which all browsers share."""
     panel = page.panel
-    return panel.state(BenchLink, lambda: BenchLink(panel.stops, panel.jobs))
+    return panel.state(BenchLink, lambda: BenchLink(panel.emergency_stop, panel.jobs))
 
 
-def person(page: "Page") -> str:
-    """Return by which name others see who looks at a page."""
+def user_name(page: "Page") -> str:
+    """Return the name of the user of a page for other browsers."""
     name = page.session.state(BenchForms).operator.strip()
     return name or f"browser {page.session.id[:4]}"
 
 
-def kept(
-    element: Any, forms: BenchForms, name: str, then: Callable[[], object] | None = None
+def bind_field(
+    element: Any, forms: BenchForms, name: str, on_change: Callable[[], object] | None = None
 ) -> Any:
-    """Show a field of the forms in an element, and keep what is filled in."""
+    """Bind an element to a field of the forms."""
     element.value = getattr(forms, name)
 
     def changed(event: Any) -> None:
         setattr(forms, name, event.value)
-        if then is not None:
-            then()
+        if on_change is not None:
+            on_change()
 
     element.on_value_change(changed)
     return element

@@ -1,1 +1,1 @@
-"""The view Centring: what was measured of a scale, and the moves that centre it."""
+"""The view Centring: turns of a scale, and the moves that centre it."""

@@ -1,1 +1,1 @@
-"""What the view Design shows and does: its state, what is computed for it, its parts."""
+"""The view Design: state, computations and parts."""

@@ -1,4 +1,4 @@
-"""A slider for each parameter of a stage, and beside it what it does to the figures."""
+"""A slider for each parameter of a stage, with the sensitivity of the figures."""
 
 from collections.abc import Callable
 from html import escape
@@ -9,49 +9,51 @@ from nicegui import events, ui
 from flexstage.studies.explore.sensitivity import Sensitivities
 from flexstage.studies.explore.variables import Variable, is_data_sheet
 from flexstage.web.design.state import FIRST, FIRST_OPEN, DesignState
-from flexstage.web.design.work import BESIDE
+from flexstage.web.design.work import SLIDER_FIGURES
 from flexstage.web.page import PanelHeading, choice, div
 
 _DIGITS = 5
-_OF_ALL = "whole stage"
-_FIRST, _OTHERS = "what moves the figures", "other dimensions"
-_ORDERS = {"": "as described"} | {name: f"by {name}" for name in dict.fromkeys(BESIDE.values())}
+_WHOLE_STAGE = "whole stage"
+_EFFECTIVE, _OTHERS = "most effective dimensions", "other dimensions"
+_ORDERS = {"": "stage file"} | {
+    name: f"by {name}" for name in dict.fromkeys(SLIDER_FIGURES.values())
+}
 
 
 class _Slider(ui.slider):
-    """A slider that the browser moves itself: it does not wait for the server to say so."""
+    """A slider that moves in the browser without an answer of the server."""
 
     LOOPBACK = False
 
 
 class Sliders:
-    """The sliders of the stage that is open.
+    """The sliders of the open stage.
 
     Parameters
     ----------
     state
-        What is open.
-    moved
-        Called after a slider has changed the variant.
+        State of the view.
+    on_change
+        Called after a change of the variant.
     """
 
-    def __init__(self, state: DesignState, moved: Callable[[], object]) -> None:
-        self._state, self._moved = state, moved
+    def __init__(self, state: DesignState, on_change: Callable[[], object]) -> None:
+        self._state, self._on_change = state, on_change
         self._rows: dict[str, tuple[Variable, ui.slider, ui.number, ui.html]] = {}
         with ui.row().classes("items-center heading"):
             PanelHeading("Parameters")
             self._axis = ui.toggle([], on_change=self._choose_axis).props("dense no-caps")
             choice(_ORDERS, state.order, "Order", self._choose_order).classes("order")
-        names = "".join(f"<span>{name}</span>" for name in dict.fromkeys(BESIDE.values()))
+        names = "".join(f"<span>{name}</span>" for name in dict.fromkeys(SLIDER_FIGURES.values()))
         ui.html(
-            f'<span>% of each figure per 1 % of the parameter</span><div class="slopes">{names}'
-            "</div>",
+            "<span>% change of each figure per 1 % change of the parameter</span>"
+            f'<div class="slopes">{names}</div>',
             sanitize=False,
         ).classes("slopes-head muted small")
         self._list = div("sliders")
 
     def build(self) -> None:
-        """Make the sliders anew, for another stage or in another order."""
+        """Rebuild the sliders, for another stage or order."""
         self._list.clear()
         self._rows.clear()
         axes = [axis.name for axis in self._state.now.template.stage().axes]
@@ -67,13 +69,13 @@ class Sliders:
         variables = self._state.variables
         if not variables:
             ui.label(
-                "No parameter can be changed here: the stage file gives its dimensions no names."
+                "No parameter can be changed: the stage file has no named dimensions."
             ).classes("muted")
-        found = self._state.slopes.get(self._state.now)
-        if self._state.order and found is not None:
+        slopes_of_variant = self._state.slopes.get(self._state.now)
+        if self._state.order and slopes_of_variant is not None:
 
             def strength(variable: Variable) -> float:
-                slopes = _elasticities(found, variable.name, self._state.axis)
+                slopes = _elasticities(slopes_of_variant, variable.name, self._state.axis)
                 return abs(slopes[self._state.order] or 0.0)
 
             for variable in sorted(variables, key=strength, reverse=True):
@@ -84,17 +86,17 @@ class Sliders:
         for variable in variables:
             group = variable.name.rpartition(".")[0]
             if is_first and not is_data_sheet(group):
-                group = _FIRST if variable.name in FIRST_OPEN else _OTHERS
+                group = _EFFECTIVE if variable.name in FIRST_OPEN else _OTHERS
             groups.setdefault(group, []).append(variable)
-        groups = {name: groups[name] for name in sorted(groups, key=lambda n: n != _FIRST)}
-        for place, (group, members) in enumerate(groups.items()):
+        groups = {name: groups[name] for name in sorted(groups, key=lambda n: n != _EFFECTIVE)}
+        for index, (group, members) in enumerate(groups.items()):
             if len(groups) == 1:
                 for variable in members:
                     self._row(variable, variable.name)
                 continue
-            # what is bought is seldom changed
-            is_open = place < 3 and group != _OTHERS and not is_data_sheet(group)
-            with ui.expansion(group or _OF_ALL, value=is_open).classes("group"):
+            # data-sheet values are seldom changed
+            is_open = index < 3 and group != _OTHERS and not is_data_sheet(group)
+            with ui.expansion(group or _WHOLE_STAGE, value=is_open).classes("group"):
                 for variable in members:
                     name = variable.name.removeprefix(f"{group}.")
                     self._row(variable, name.replace(".", " "))
@@ -105,58 +107,58 @@ class Sliders:
             v * factor for v in (variable.low, variable.high, self._state.value(variable))
         )
         step = (high - low) / 240.0
-        said = variable.heading
-        unit = escape(said.removeprefix(variable.name))
+        heading = variable.heading
+        unit = escape(heading.removeprefix(variable.name))
         with div("slider"):
             name = ui.html(
                 f'{escape(label.replace("_", " "))}<span class="muted">{unit}</span>',
                 sanitize=False,
             )
-            name.props["title"] = f"{said}: {variable.description}"
+            name.props["title"] = f"{heading}: {variable.description}"
             slider = _Slider(min=low, max=high, step=step, value=value)
-            slider.props["aria-label"] = said
-            field = ui.number(value=_shown(value), step=step)
+            slider.props["aria-label"] = heading
+            field = ui.number(value=_rounded(value), step=step)
             field.props("dense borderless input-class=number debounce=400")
-            field.props["aria-label"] = f"Value of {said}"
+            field.props["aria-label"] = f"Value of {heading}"
             slopes = ui.html("", sanitize=False).classes("slopes number small")
         slider.on_value_change(lambda e: self._set(variable, e.value, slider))
         field.on_value_change(lambda e: self._set(variable, e.value, field))
         self._rows[variable.name] = (variable, slider, field, slopes)
 
-    def _set(self, variable: Variable, shown: float | None, source: ui.element) -> None:
-        if shown is None:
+    def _set(self, variable: Variable, displayed: float | None, source: ui.element) -> None:
+        if displayed is None:
             return
-        now = self._state.value(variable) * variable.factor
-        if abs(shown - now) <= 10.0**-_DIGITS * abs(now):
+        present = self._state.value(variable) * variable.factor
+        if abs(displayed - present) <= 10.0**-_DIGITS * abs(present):
             return
-        usual = variable.usual
-        value = shown / variable.factor
-        value = usual if abs(value - usual) <= 1e-9 * abs(usual) else value
-        self._state.show(self._state.now.changed(variable.name, value, usual))
+        nominal = variable.usual
+        value = displayed / variable.factor
+        value = nominal if abs(value - nominal) <= 1e-9 * abs(nominal) else value
+        self._state.show(self._state.now.changed(variable.name, value, nominal))
         _, slider, field, _ = self._rows[variable.name]
         if source is slider:
-            field.value = _shown(shown)
+            field.value = _rounded(displayed)
         else:
-            slider.value = shown
+            slider.value = displayed
         self.show_slopes()
-        self._moved()
+        self._on_change()
 
     def sync(self) -> None:
-        """Put all sliders to the values of the variant, after an undo."""
+        """Set all sliders to the values of the variant, after an undo."""
         for variable, slider, field, _ in self._rows.values():
             value = self._state.value(variable) * variable.factor
-            slider.value, field.value = value, _shown(value)
+            slider.value, field.value = value, _rounded(value)
         self.show_slopes()
 
     def show_slopes(self) -> None:
-        """Show what each parameter does; of a variant of which that is not known yet, the last."""
-        found = self._state.slopes.get(self._state.now)
-        if found is None:
+        """Show the sensitivities; while they are unknown, keep those of the last variant."""
+        slopes = self._state.slopes.get(self._state.now)
+        if slopes is None:
             self._list.classes(add="passed")
             return
         self._list.classes(remove="passed")
         for name, (_, _, _, cells) in self._rows.items():
-            cells.content = _cells(found, name, self._state.axis)
+            cells.content = _cells(slopes, name, self._state.axis)
 
     def _choose_axis(self, event: events.ValueChangeEventArguments) -> None:
         if event.value and event.value != self._state.axis:
@@ -168,27 +170,27 @@ class Sliders:
         self.build()
 
 
-def _shown(value: float) -> float:
+def _rounded(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-def _elasticities(found: Sensitivities, name: str, axis: str) -> dict[str, float | None]:
-    """Return per cent of each figure beside the sliders per per cent of a parameter."""
-    out: dict[str, float | None] = dict.fromkeys(BESIDE.values())
-    column = next((k for k, v in enumerate(found.variables) if v.name == name), None)
-    for row, figure in enumerate(found.figures):
+def _elasticities(slopes: Sensitivities, name: str, axis: str) -> dict[str, float | None]:
+    """Return the change of each figure in per cent per 1 % change of a parameter."""
+    values: dict[str, float | None] = dict.fromkeys(SLIDER_FIGURES.values())
+    column = next((k for k, v in enumerate(slopes.variables) if v.name == name), None)
+    for row, figure in enumerate(slopes.figures):
         if figure.axis == axis and column is not None:
-            value = float(found.elasticities[row, column])
-            out[BESIDE[figure.quantity]] = value if np.isfinite(value) else None
-    return out
+            value = float(slopes.elasticities[row, column])
+            values[SLIDER_FIGURES[figure.quantity]] = value if np.isfinite(value) else None
+    return values
 
 
-def _cells(found: Sensitivities, name: str, axis: str) -> str:
+def _cells(slopes: Sensitivities, name: str, axis: str) -> str:
     cells = []
-    for value in _elasticities(found, name, axis).values():
-        # what is set off
-        strong = ' class="strong"' if value is not None and abs(value) >= 0.3 else ""
-        cells.append(f"<span{strong}>{_elasticity(value)}</span>")
+    for value in _elasticities(slopes, name, axis).values():
+        # strong sensitivities are highlighted
+        mark = ' class="strong"' if value is not None and abs(value) >= 0.3 else ""
+        cells.append(f"<span{mark}>{_elasticity(value)}</span>")
     return "".join(cells)
 
 

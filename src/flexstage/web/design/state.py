@@ -1,4 +1,4 @@
-"""What is open in the view Design: a stage with values of its parameters, and its figures."""
+"""State of the view Design in one browser: a stage, its parameter values, and its figures."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
@@ -15,9 +15,9 @@ from flexstage.web.sessions import History
 
 T = TypeVar("T")
 
-#: How far a slider goes to either side of the value of the description [1].
+#: Range of a slider on either side of the nominal value, relative to it [1].
 SHARE = 0.3
-#: The design that a new page opens, and its parameters that move its figures: all else is folded.
+#: The design of a new page, and its most effective parameters; other groups are folded.
 FIRST = "parallelogram"
 FIRST_OPEN = (
     "leg.notch.neck_thickness", "leg.notch.radius", "leg.bar_length", "leg_spacing",
@@ -27,7 +27,7 @@ FIRST_OPEN = (
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A design or stage file with some parameters changed."""
+    """A design or stage file with changed parameters."""
 
     template: StageTemplate
     """The design or stage file."""
@@ -36,36 +36,36 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """What it is called: the design, or the name of its file."""
+        """Name of the design or of the file."""
         return Path(self.template.source).name
 
     def stage(self) -> Stage:
         """Return the stage."""
         return self.template.stage(dict(self.values))
 
-    def changed(self, name: str, value: float, usual: float) -> "Variant":
-        """Return it with another value of one parameter; the usual value is no change."""
-        others = {known: old for known, old in self.values if known != name}
-        if value != usual:
+    def changed(self, name: str, value: float, nominal: float) -> "Variant":
+        """Return the variant with another value of a parameter; the nominal value is no change."""
+        others = {parameter: present for parameter, present in self.values if parameter != name}
+        if value != nominal:
             others[name] = value
         return replace(self, values=tuple(sorted(others.items())))
 
 
-class Remembered(Generic[T]):
-    """What was computed of the last variants."""
+class Cached(Generic[T]):
+    """Results of the last variants."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[Variant, T] = OrderedDict()
+        self._results: OrderedDict[Variant, T] = OrderedDict()
 
-    def put(self, variant: Variant, found: T) -> None:
-        """Remember what was found of a variant."""
-        self._known[variant] = found
-        while len(self._known) > 100:
-            self._known.popitem(last=False)
+    def put(self, variant: Variant, result: T) -> None:
+        """Store the result of a variant."""
+        self._results[variant] = result
+        while len(self._results) > 100:
+            self._results.popitem(last=False)
 
     def get(self, variant: Variant | None) -> T | None:
-        """Return what was found of a variant, if anything."""
-        return None if variant is None else self._known.get(variant)
+        """Return the result of a variant, or None."""
+        return None if variant is None else self._results.get(variant)
 
 
 def _first() -> History[Variant]:
@@ -74,31 +74,31 @@ def _first() -> History[Variant]:
 
 @dataclass
 class DesignState:
-    """What one person has open in the view Design."""
+    """State of the view Design in one browser."""
 
     history: History[Variant] = field(default_factory=_first)
-    """The variant that is open, and those before it."""
+    """The open variant and its predecessors."""
     now: Variant = field(init=False)
-    """The variant that is shown; it is put into the history when a change ends."""
-    kept: Variant | None = None
-    """The variant that it is compared with."""
+    """The displayed variant; it joins the history at the end of a change."""
+    pinned: Variant | None = None
+    """The variant for comparison."""
     axis: str = ""
-    """The axis whose sensitivities are shown."""
+    """Axis of the displayed sensitivities."""
     order: str = ""
-    """The figure by whose sensitivity the sliders are ordered; empty as the stage has them."""
-    lumped: Remembered[tuple[Characteristic, ...]] = field(default_factory=Remembered)
+    """Figure whose sensitivity orders the sliders; empty for the order of the stage."""
+    lumped: Cached[tuple[Characteristic, ...]] = field(default_factory=Cached)
     """Characteristics by the lumped model."""
-    corrected: Remembered[tuple[Characteristic, ...]] = field(default_factory=Remembered)
-    """Characteristics by superelements."""
-    slopes: Remembered[Sensitivities] = field(default_factory=Remembered)
-    """What each parameter does to each figure."""
+    corrected: Cached[tuple[Characteristic, ...]] = field(default_factory=Cached)
+    """Characteristics by the superelement model."""
+    slopes: Cached[Sensitivities] = field(default_factory=Cached)
+    """Sensitivity of each figure to each parameter."""
 
     def __post_init__(self) -> None:
         self.now = self.history.now
 
     @property
     def variables(self) -> tuple[Variable, ...]:
-        """The parameters that have a slider."""
+        """Parameters with a slider."""
         return _variables(self.now.template)
 
     def value(self, variable: Variable) -> float:
@@ -111,21 +111,21 @@ class DesignState:
         self.commit()
 
     def show(self, variant: Variant) -> None:
-        """Show a variant while it is being changed."""
+        """Show a variant during a change."""
         self.now = variant
 
     def commit(self) -> None:
-        """End a change: from now on it can be undone."""
+        """End a change, so that it can be undone."""
         self.history.put(self.now)
 
     def undo(self) -> None:
-        """Go back to the variant before."""
+        """Return to the previous variant."""
         self.commit()
         self.history.undo()
         self.now = self.history.now
 
     def redo(self) -> None:
-        """Take back the last undo."""
+        """Revert the last undo."""
         self.history.redo()
         self.now = self.history.now
 

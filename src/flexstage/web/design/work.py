@@ -1,4 +1,4 @@
-"""What the view Design has computed: by the library, some of it in a process of its own."""
+"""Computations of the view Design; some run in a worker process."""
 
 import io
 import zipfile
@@ -28,13 +28,13 @@ from flexstage.web.preferences import Preferences
 if TYPE_CHECKING:
     from flexstage.stage.drawing.drawn_stage import DrawingOptions, DrawnStage
 
-#: What is shown of every axis and of the whole, as far as a stage has it.
-SHOWN = (
+#: Figures of the table, of every axis and of the whole stage.
+TABLE_FIGURES = (
     *USUAL, "natural_frequency_with_stack_hz", "safety_factor", "resolution", "parasitic_rotation",
     "mass", "smallest_neck",
 )  # fmt: skip
-#: The figures beside the sliders, and what the columns are called.
-BESIDE = {
+#: Figures next to the sliders, with the headings of their columns.
+SLIDER_FIGURES = {
     "transmission_ratio": "ratio",
     "output_displacement": "stroke",
     "rotation_stroke": "stroke",
@@ -43,72 +43,79 @@ BESIDE = {
 }
 
 
-def rows_of(variant: Variant, model: str) -> tuple[Characteristic, ...]:
+def characteristics_of(variant: Variant, model: str) -> tuple[Characteristic, ...]:
     """Return the characteristics of a variant by a model."""
     return tuple(analyse_model(variant.stage(), model).characteristics)
 
 
 def slopes_of(variant: Variant, rows: Sequence[Characteristic]) -> Sensitivities:
-    """Return what each parameter does to the figures beside the sliders, by the lumped model."""
+    """Return the sensitivities of the figures next to the sliders, by the lumped model."""
     values = dict(variant.values)
     variables = tuple(
         replace(v, usual=values.get(v.name, v.usual))
         for v in every_variable(variant.template, SHARE)
     )
     figures = [
-        Figure(quantity=row.quantity, axis=row.axis) for row in rows if row.quantity in BESIDE
+        Figure(quantity=row.quantity, axis=row.axis)
+        for row in rows
+        if row.quantity in SLIDER_FIGURES
     ]
     return sensitivities(Family(template=variant.template, variables=variables), figures)
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
-    """A drawing of a variant, and what is wrong with it."""
+class CheckedDrawing:
+    """A drawing of a variant, and its issues."""
 
     svg: str
     """The drawing, for a page."""
     issues: tuple[Issue, ...]
-    """What is wrong, errors first."""
+    """The issues, errors first."""
 
 
-def checked(variant: Variant, key: str) -> Checked:
-    """Return the drawing of a variant with what is wrong; `key` makes its ids its own in a page."""
+def draw_with_issues(variant: Variant, key: str) -> CheckedDrawing:
+    """Return the drawing of a variant with its issues; ids in it begin with `key`."""
     from flexstage.stage import check
 
     stage = variant.stage()
     issues = check(stage)
     svg = inline(lambda: draw_checked(stage, issues), key, f"Drawing of {stage.name}")
-    return Checked(svg, issues)
+    return CheckedDrawing(svg, issues)
 
 
 def figures_table(
     preferences: Preferences,
     lumped: Sequence[Characteristic],
     corrected: Sequence[Characteristic] | None,
-    kept: Sequence[Characteristic] | None,
+    pinned: Sequence[Characteristic] | None,
 ) -> Table:
-    """Set the figures by both models side by side, beside those of the variant that was kept."""
-    sets = {"lumped": lumped, "superelement": corrected or (), "kept": kept or ()}
-    known = {name: {(r.quantity, r.axis): r for r in rows} for name, rows in sets.items()}
+    """Return the figures by both models side by side, with those of the pinned variant."""
+    sets = {"lumped": lumped, "superelement": corrected or (), "pinned": pinned or ()}
+    by_model = {name: {(r.quantity, r.axis): r for r in rows} for name, rows in sets.items()}
     headings = ["figure", "<axis", title_of("lumped"), title_of("superelement")]
-    headings += ["kept", "to kept"] if kept is not None else []
+    headings += ["pinned", "change"] if pinned is not None else []
     rows = []
     for row in compare(lumped).rows:
-        if row.quantity not in SHOWN and not any(c.failing for c in row.cells.values()):
+        if row.quantity not in TABLE_FIGURES and not any(c.failing for c in row.cells.values()):
             continue
         key = (row.quantity, row.axis)
-        shown = preferences.shown(row.quantity)
-        texts = [
+        quantity = preferences.displayed(row.quantity)
+        values = [
             Cell("…" if name == "superelement" and corrected is None else "–")
-            if (found := known[name].get(key)) is None
-            else Cell(found.text(shown), found.value, found.note, failing=found.failing)
-            for name in known
+            if (characteristic := by_model[name].get(key)) is None
+            else Cell(
+                characteristic.text(quantity),
+                characteristic.value,
+                characteristic.note,
+                failing=characteristic.failing,
+            )
+            for name in by_model
         ]
-        cells = [shown.heading, "" if row.axis == WHOLE_STAGE else row.axis, *texts[:2]]
-        if kept is not None:
-            other = known["kept"].get(key)
-            change = difference_percent(row.value("lumped"), other.value if other else None)
-            cells += [texts[2], percent(change) or "–"]
+        cells = [quantity.heading, "" if row.axis == WHOLE_STAGE else row.axis, *values[:2]]
+        if pinned is not None:
+            reference = by_model["pinned"].get(key)
+            change = difference_percent(row.value("lumped"), reference.value if reference else None)
+            cells += [values[2], percent(change) or "–"]
         rows.append(cells)
     return table("", headings, rows)
 
@@ -118,49 +125,53 @@ def stage_file(variant: Variant, name: str) -> str:
     return variant.template.text(dict(variant.values), name)
 
 
-def exported_into(
+def export_to_folder(
     folder: Path, variant: Variant, formats: Sequence[str]
 ) -> tuple[Path, tuple[str, ...]]:
-    """Write a variant in some formats into a folder; return the file and remarks.
+    """Write a variant in several formats into a folder; return the file and remarks.
 
-    It is kept there whether or not the page that asked for it is still open.
+    The file remains there if the page was closed.
     """
-    name, content, remarks = exported(variant, formats)
+    name, content, remarks = export_variant(variant, formats)
     write_whole(folder / name, content)
     return folder / name, remarks
 
 
-def exported(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tuple[str, ...]]:
-    """Write a variant in some formats; return the name of a file, its content, and remarks.
+def export_variant(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes, tuple[str, ...]]:
+    """Export a variant in several formats; return the name of a file, its content, and remarks.
 
-    Several files are one archive (ZIP).
+    Several files form an archive (ZIP).
     """
     from flexstage.export.request import ExportRequest, in_folders
 
-    given = stage_export(variant.stage(), ExportRequest(to=tuple(formats)))
-    files = in_folders(given.files(leave_out=len(formats) > 1))
+    export = stage_export(variant.stage(), ExportRequest(to=tuple(formats)))
+    files = in_folders(export.files(leave_out=len(formats) > 1))
     if len(files) == 1:
-        ((only, content),) = files.items()
-        return Path(only).name, content, given.notes
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        ((name, content),) = files.items()
+        return Path(name).name, content, export.notes
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, content in files.items():
             archive.writestr(zipfile.ZipInfo(file), content, zipfile.ZIP_DEFLATED)
-    return f"{given.name}.zip", packed.getvalue(), given.notes
+    return f"{export.name}.zip", buffer.getvalue(), export.notes
 
 
-def drawing_found(path: str, options: "DrawingOptions", key: str) -> tuple["DrawnStage", str, str]:
-    """Find the stage in a drawing; return it, its picture for a page, and its stage file."""
+def recognise_drawing(
+    path: str, options: "DrawingOptions", key: str
+) -> tuple["DrawnStage", str, str]:
+    """Recognise the stage in a drawing; return it, its picture for a page, and its stage file."""
     from flexstage.report.figures.drawn_stage import draw_recognised
     from flexstage.stage.drawing.drawn_stage import read_drawing, stage_file_text
 
-    drawn = read_drawing(path, options)
-    picture = inline(lambda: draw_recognised(drawn), key, f"What was found in {Path(path).name}")
-    return drawn, picture, stage_file_text(drawn)
+    recognised = read_drawing(path, options)
+    picture = inline(
+        lambda: draw_recognised(recognised), key, f"Bodies and necks found in {Path(path).name}"
+    )
+    return recognised, picture, stage_file_text(recognised)
 
 
 def template_of(source: str | Path) -> StageTemplate:
-    """Return a design or a stage file as one to vary; what no model can take is refused."""
+    """Return the template of a design or stage file that the lumped model can analyse."""
     template = StageTemplate.of(source)
     try:
         analyse_model(template.stage(), "lumped")

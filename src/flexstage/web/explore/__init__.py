@@ -1,1 +1,1 @@
-"""What the view Explore shows and does: forms, what is computed for them, points, charts."""
+"""The view Explore: forms, computations, tables and charts."""

@@ -1,4 +1,4 @@
-"""What one person has open in the view Explore: the forms, and what was found by each."""
+"""State of the view Explore in one browser: the forms, and the last run of each kind."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,217 +15,231 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.studies.explore.variables import Variable
-from flexstage.web.design.state import Remembered, Variant
-from flexstage.web.explore.facts import StageFacts
-from flexstage.web.explore.work import Question
+from flexstage.web.design.state import Cached, Variant
+from flexstage.web.explore.stage_summary import StageSummary
+from flexstage.web.explore.work import StudyDefinition
 from flexstage.web.jobs import BackgroundJob
 
-#: What can be done, by the command that does it, and what the button says.
+#: Kinds of runs, by the name of their command, with the label of the button.
 KINDS = {kind.job(): kind.job().capitalize() for kind in get_args(ExploreRequest)}
 
 
 @dataclass
-class RangeWords:
-    """A parameter and its bounds, which are 30 % to either side where none are given."""
+class RangeInput:
+    """A parameter and its bounds in a form; a bound that is None has the default."""
 
     name: str
-    """The parameter."""
+    """Name of the parameter."""
     low: float | None = None
-    """Least value [SI]."""
+    """Lower bound [SI]; by default 30 % below the value of the stage."""
     high: float | None = None
-    """Greatest value [SI]."""
+    """Upper bound [SI]; by default 30 % above the value of the stage."""
     count: int | None = None
     """Number of values on a grid."""
-    is_chosen: bool = True
-    """Whether it is varied."""
+    is_varied: bool = True
+    """The parameter is varied."""
 
     def bounds(self, variable: Variable) -> tuple[float, float]:
         """Return both bounds [SI]."""
         low = variable.low if self.low is None else self.low
         return low, variable.high if self.high is None else self.high
 
-    def variable(self, facts: StageFacts) -> Variable:
+    def variable(self, summary: StageSummary) -> Variable:
         """Return the parameter with these bounds."""
-        variable = facts.variables[self.name]
+        variable = summary.variables[self.name]
         low, high = self.bounds(variable)
         return replace(variable, low=low, high=high, count=self.count)
 
 
 @dataclass
-class LimitWords:
-    """What is required of a figure, or sought of it."""
+class RequirementInput:
+    """A requirement on a figure, or a goal, in a form."""
 
     figure: str
     """Name of the figure."""
-    sign: str
-    """How it is to its value: >=, <= or =; or maximise, minimise, match."""
+    relation: str
+    """Relation to the value: >=, <= or =; of a goal maximise, minimise or match."""
     value: float | None = None
     """The value, in the unit of the quantity."""
 
     @classmethod
-    def of(cls, requirement: Requirement) -> "LimitWords":
-        """Return a requirement in words."""
-        sign = ">=" if requirement.low is not None else "<="
+    def of(cls, requirement: Requirement) -> "RequirementInput":
+        """Return the input for a requirement."""
+        relation = ">=" if requirement.low is not None else "<="
         value = requirement.high if requirement.low is None else requirement.low
-        return cls(requirement.figure.name, sign, value)
+        return cls(requirement.figure.name, relation, value)
 
-    def requirement(self, facts: StageFacts) -> Requirement:
-        """Return it as a requirement."""
+    def requirement(self, summary: StageSummary) -> Requirement:
+        """Return the requirement."""
         if self.value is None:
-            raise ModelError(f"say which value {self.figure} shall have")
-        return bounded(facts.figures[self.figure], self.sign, self.value)
+            raise ModelError(f"{self.figure} needs a value: enter one, or remove the row")
+        return bounded(summary.figures[self.figure], self.relation, self.value)
 
 
 @dataclass
 class ExploreForm:
-    """What a form holds: what is asked for, and beside it what may not be whole yet."""
+    """Contents of a form: a request, and the rows that it is completed with."""
 
     request: ExploreRequest
-    """What is asked for, without the rows."""
-    of: list[str] = field(default_factory=list)
-    """Names of the figures that are looked at."""
-    over: list[RangeWords] = field(default_factory=list)
-    """What is varied, or may be."""
-    goals: list[LimitWords] = field(default_factory=list)
-    """What is sought."""
-    limits: list[LimitWords] = field(default_factory=list)
-    """What is required."""
-    wrong: dict[str, FlexstageError] = field(default_factory=dict)
-    """Why fields of the request do not have the value that stands in the form."""
+    """The request without figures, ranges, goals and requirements."""
+    figures: list[str] = field(default_factory=list)
+    """Names of the figures in the result."""
+    ranges: list[RangeInput] = field(default_factory=list)
+    """Parameters that are varied, or can be."""
+    goals: list[RequirementInput] = field(default_factory=list)
+    """Goals of an optimisation."""
+    requirements: list[RequirementInput] = field(default_factory=list)
+    """Requirements on the figures."""
+    errors: dict[str, FlexstageError] = field(default_factory=dict)
+    """Errors of the fields whose text in the form is invalid."""
 
     @property
-    def chosen(self) -> list[RangeWords]:
-        """What is varied."""
-        return [row for row in self.over if row.is_chosen]
+    def varied(self) -> list[RangeInput]:
+        """Parameters that are varied."""
+        return [row for row in self.ranges if row.is_varied]
 
-    def take(self, name: str, value: Any) -> None:
-        """Take another value of a field of the request."""
-        self.wrong.pop(name, None)
+    def assign(self, name: str, value: Any) -> None:
+        """Assign a value to a field of the request."""
+        self.errors.pop(name, None)
         try:
             self.request = replace(self.request, **{name: value})
         except FlexstageError as error:
-            self.wrong[name] = error
+            self.errors[name] = error
 
-    def whole(self, facts: StageFacts) -> ExploreRequest:
-        """Return what is asked for, with the rows; what is missing is refused."""
-        for error in self.wrong.values():
+    def complete_request(self, summary: StageSummary) -> ExploreRequest:
+        """Return the request with the rows of the form.
+
+        Raises
+        ------
+        FlexstageError
+            A field is invalid, or an input is missing.
+        """
+        for error in self.errors.values():
             raise error
-        request, rows = self.request, self.chosen
-        over = tuple(row.variable(facts) for row in rows)
-        limits = tuple(row.requirement(facts) for row in self.limits)
-        match request:
-            case OptimiseRequest():
-                if not rows:
-                    raise ModelError("choose at least one parameter that may change")
-                usual = {row.name for row in rows} == facts.flexure and all(
-                    row.low is None and row.high is None for row in rows
-                )
-                return replace(
-                    request,
-                    maximise=tuple(g.figure for g in self.goals if g.sign == "maximise"),
-                    minimise=tuple(g.figure for g in self.goals if g.sign == "minimise"),
-                    match=tuple(g.requirement(facts) for g in self.goals if g.sign == "match"),
-                    keep=limits,
-                    over=() if usual else over,
-                )
-            case SweepRequest():
-                if not rows:
-                    raise ModelError(nothing_varied(facts.template))
-                request = replace(request, over=over)
-            case ToleranceRequest():
-                request = replace(request, require=limits)
-            case SensitivityRequest():
-                pass
-        if not self.of:
-            raise ModelError("choose at least one figure to look at")
-        # those that are looked at first need not be said
-        return replace(request, of=() if tuple(self.of) == facts.usual else tuple(self.of))
+        if isinstance(self.request, OptimiseRequest):
+            return self._optimisation(self.request, summary)
+        request = self.request
+        ranges = tuple(row.variable(summary) for row in self.varied)
+        requirements = self._requirements(summary)
+        if isinstance(request, SweepRequest):
+            if not ranges:
+                raise ModelError(nothing_varied(summary.template))
+            request = replace(request, over=ranges)
+        elif isinstance(request, ToleranceRequest):
+            request = replace(request, require=requirements)
+        if not self.figures:
+            raise ModelError("choose at least one figure")
+        is_default = tuple(self.figures) == summary.default_figures
+        return replace(request, of=() if is_default else tuple(self.figures))
+
+    def _optimisation(self, request: OptimiseRequest, summary: StageSummary) -> OptimiseRequest:
+        rows = self.varied
+        ranges = tuple(row.variable(summary) for row in rows)
+        requirements = self._requirements(summary)
+        if not rows:
+            raise ModelError("choose at least one parameter to vary")
+        is_default = {row.name for row in rows} == summary.flexure and all(
+            row.low is None and row.high is None for row in rows
+        )
+        return replace(
+            request,
+            maximise=tuple(g.figure for g in self.goals if g.relation == "maximise"),
+            minimise=tuple(g.figure for g in self.goals if g.relation == "minimise"),
+            match=tuple(g.requirement(summary) for g in self.goals if g.relation == "match"),
+            keep=requirements,
+            over=() if is_default else ranges,
+        )
+
+    def _requirements(self, summary: StageSummary) -> tuple[Requirement, ...]:
+        return tuple(row.requirement(summary) for row in self.requirements)
 
 
-def usual_forms(facts: StageFacts) -> dict[str, ExploreForm]:
-    """Return the forms as they are filled at first: a first run is one press."""
-    usual = facts.usual
-    required = [r for r in facts.required if r.figure.name in facts.of_lots]
+def default_forms(summary: StageSummary) -> dict[str, ExploreForm]:
+    """Return the forms with defaults for a stage, so that one press starts a run."""
+    figures = summary.default_figures
+    required = [r for r in summary.requirements if r.figure.name in summary.tolerance_figures]
     return {
         "sweep": ExploreForm(
-            SweepRequest(), of=[*usual], over=[RangeWords(facts.neck)] if facts.neck else []
+            SweepRequest(),
+            figures=[*figures],
+            ranges=[RangeInput(summary.neck)] if summary.neck else [],
         ),
         "optimise": ExploreForm(
             OptimiseRequest(model="lumped"),
-            goals=[LimitWords(facts.frequency, "maximise")],
-            over=[RangeWords(n, is_chosen=n in facts.flexure) for n in facts.variables],
+            goals=[RequirementInput(summary.frequency, "maximise")],
+            ranges=[RangeInput(n, is_varied=n in summary.flexure) for n in summary.variables],
         ),
         "tolerance": ExploreForm(
             ToleranceRequest(model="lumped"),
-            of=[*usual],
-            limits=[LimitWords.of(r) for r in required],
+            figures=[*figures],
+            requirements=[RequirementInput.of(r) for r in required],
         ),
-        "sensitivity": ExploreForm(SensitivityRequest(), of=[*usual]),
+        "sensitivity": ExploreForm(SensitivityRequest(), figures=[*figures]),
     }
 
 
 @dataclass
-class Run:
-    """Something that was started, and how it is looked at."""
+class ExploreRun:
+    """A run, and the display of its results."""
 
     variant: Variant
     """The stage."""
-    facts: StageFacts
-    """What is known of it."""
+    summary: StageSummary
+    """Parameters and figures of the stage."""
     request: ExploreRequest
-    """What was asked for."""
+    """The request."""
     folder: Path
-    """Where its files lie."""
+    """Folder of its files."""
     job: BackgroundJob
-    """The work."""
-    question: Question = None
-    """What a sweep or an optimisation is about."""
+    """The job that computes it."""
+    definition: StudyDefinition = None
+    """Family, figures and points of a sweep, or the problem of an optimisation."""
     chart: str = ""
-    """Kind of the chart; the usual one where it is empty."""
-    across: str = ""
-    """Column across."""
-    up: str = ""
-    """Column upwards."""
-    sort: str = ""
+    """Kind of the chart; empty for the default."""
+    x_column: str = ""
+    """Column of the x axis."""
+    y_column: str = ""
+    """Column of the y axis."""
+    sort_column: str = ""
     """Column by which the table is ordered."""
     descending: bool = False
-    """Whether the largest stands first."""
+    """The largest value comes first."""
     page: int = 0
-    """Which part of the table is shown."""
-    picked: int | None = None
-    """The row that was picked."""
+    """Page of the table."""
+    selected_row: int | None = None
+    """The selected row."""
 
-    def values(self, picked: dict[str, float]) -> Variant:
-        """Return the stage with the parameters of a point."""
+    def variant_at(self, parameters: dict[str, float]) -> Variant:
+        """Return the stage with the parameters of a point [SI]."""
         variant = self.variant
-        usual = {p.name: p.value for p in variant.template.parameters}
-        for name, value in picked.items():
-            variant = variant.changed(name, value, usual[name])
+        nominal = {p.name: p.value for p in variant.template.parameters}
+        for name, value in parameters.items():
+            variant = variant.changed(name, value, nominal[name])
         return variant
 
 
 @dataclass
 class ExploreState:
-    """What one person has open in the view Explore."""
+    """State of the view Explore in one browser."""
 
     kind: str = "sweep"
     """One of `KINDS`."""
-    facts: Remembered[StageFacts] = field(default_factory=Remembered)
-    """What is known of each stage."""
+    summaries: Cached[StageSummary] = field(default_factory=Cached)
+    """Parameters and figures of the last stages."""
     forms: dict[str, ExploreForm] = field(default_factory=dict)
-    """The forms of the stage at hand, by what they are for."""
-    forms_of: Variant | None = None
-    """The stage that the forms were filled for."""
-    runs: dict[str, Run] = field(default_factory=dict)
-    """What was started last, of each kind."""
+    """Forms of the open stage, by kind."""
+    form_variant: Variant | None = None
+    """The stage of the forms."""
+    runs: dict[str, ExploreRun] = field(default_factory=dict)
+    """The last run of each kind."""
 
     @property
     def form(self) -> ExploreForm:
-        """The form that is shown."""
+        """The form of the selected kind."""
         return self.forms[self.kind]
 
-    def fit(self, variant: Variant, facts: StageFacts) -> None:
-        """Fill the forms anew where another stage is at hand; one that was changed keeps them."""
-        if self.forms_of is None or self.forms_of.template != variant.template:
-            self.forms = usual_forms(facts)
-        self.forms_of = variant
+    def open_stage(self, variant: Variant, summary: StageSummary) -> None:
+        """Fill the forms with defaults for another stage; a changed variant keeps its forms."""
+        if self.form_variant is None or self.form_variant.template != variant.template:
+            self.forms = default_forms(summary)
+        self.form_variant = variant

@@ -1,4 +1,4 @@
-"""What the view Explore has computed, in a process of its own: what the commands compute."""
+"""Computations of the view Explore in a worker process, the same as those of the commands."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -40,30 +40,30 @@ from flexstage.web.pictures import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-#: What is varied, which figures are computed and where; or what is sought; None of other work.
-Question = tuple[Family, tuple[Figure, ...], SweepPlan] | Problem | None
-#: Title of the picture that says most of an optimum.
+#: Family, figures and points of a sweep; the problem of an optimisation; None for other requests.
+StudyDefinition = tuple[Family, tuple[Figure, ...], SweepPlan] | Problem | None
+#: Title of the main picture of an optimum.
 BEFORE_AFTER = "Before and after"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Explored:
-    """What came out, as the command prints and writes it, with its pictures for a page."""
+class ExploreResult:
+    """Result, files and tables of a command, and its pictures for a page."""
 
     result: Sweep | Front | Optimum | Sensitivities | ToleranceStudy
-    """What the library returns."""
+    """Result of the library."""
     files: tuple[Path, ...]
-    """What was written."""
+    """The written files."""
     pictures: tuple[tuple[str, str], ...]
     """Title and SVG of each picture."""
     tables: tuple[Table, ...]
-    """Its tables."""
+    """Tables of the result."""
     notes: tuple[str, ...]
-    """What is to be known of it and of its files."""
+    """Notes on the result and its files."""
 
 
-def question_of(template: StageTemplate, request: ExploreRequest) -> Question:
-    """Return what a sweep or an optimisation is about; what is wrong with a request is told."""
+def define_study(template: StageTemplate, request: ExploreRequest) -> StudyDefinition:
+    """Check a request; return the definition of a sweep or an optimisation."""
     match request:
         case SweepRequest():
             return swept(request, template)
@@ -76,42 +76,44 @@ def question_of(template: StageTemplate, request: ExploreRequest) -> Question:
     return None
 
 
-def explored(folder: Path, template: StageTemplate, request: ExploreRequest, key: str) -> Explored:
-    """Do what is asked of a stage, and write what the command writes into a folder.
+def run_exploration(
+    folder: Path, template: StageTemplate, request: ExploreRequest, key: str
+) -> ExploreResult:
+    """Carry out a request for a stage, and write the files of the command into a folder.
 
-    Finished batches are kept there until then, so that what was cancelled goes on from them. Ids in
-    the pictures begin with `key`. This process does all of the work: the panel has others to serve.
+    The folder keeps finished batches, so that a cancelled run can be resumed. Ids in the pictures
+    begin with `key`. One process does all of the work, as the panel serves others as well.
     """
     with finished_batches(folder) as keep:
         match request:
             case SweepRequest():
                 result = ready_sweep(request, template)(workers=Workers(1), keep=keep)
-                shown = _of_sweep(result)
+                output = _of_sweep(result)
             case ToleranceRequest():
                 result = ready_tolerance(request, template.stage())(Workers(1), keep)
-                shown = _of_lot(result)
+                output = _of_tolerance(result)
             case OptimiseRequest():
                 result = ready_optimise(request, template)(Workers(1))
-                shown = _of_front(result) if isinstance(result, Front) else _of_optimum(result)
+                output = _of_front(result) if isinstance(result, Front) else _of_optimum(result)
             case SensitivityRequest():
                 result = ready_sensitivity(request, template)()
-                shown = _of_sensitivities(result)
-        written = write_files(folder, shown.files)
+                output = _of_sensitivities(result)
+        files = write_files(folder, output.files)
     pictures = tuple(
         (title, inline(draw, f"{key}{k}", title))
-        for k, (title, draw) in enumerate(shown.pictures.items())
+        for k, (title, draw) in enumerate(output.pictures.items())
     )
-    return Explored(
+    return ExploreResult(
         result=result,
-        files=tuple(written),
+        files=tuple(files),
         pictures=pictures,
-        tables=tuple(shown.tables),
-        notes=tuple(shown.notes),
+        tables=tuple(output.tables),
+        notes=tuple(output.notes),
     )
 
 
-class _Shown(NamedTuple):
-    """What a command writes, prints and says, and what draws its pictures, by their titles."""
+class _Output(NamedTuple):
+    """Files, tables and notes of a command, and the functions that draw its pictures, by title."""
 
     files: Mapping[str, bytes]
     tables: Iterable[Table]
@@ -119,18 +121,18 @@ class _Shown(NamedTuple):
     pictures: "Mapping[str, Callable[[], Drawing]]"
 
 
-def _of_sweep(found: Sweep) -> _Shown:
+def _of_sweep(sweep_result: Sweep) -> _Output:
     from flexstage.report import sweep
     from flexstage.report.result_files import sweep_files
 
-    files, left_out = sweep_files(found)
-    title = "All figures that vary, over what was varied"
-    pictures = {} if found.still.all() else {title: found.plot}
-    notes = (*sweep.sweep_notes(found), *left_out)
-    return _Shown(files, sweep.range_tables(found), notes, pictures)
+    files, omitted = sweep_files(sweep_result)
+    title = "All figures that change over the varied parameters"
+    pictures = {} if sweep_result.still.all() else {title: sweep_result.plot}
+    notes = (*sweep.sweep_notes(sweep_result), *omitted)
+    return _Output(files, sweep.range_tables(sweep_result), notes, pictures)
 
 
-def _of_lot(study: ToleranceStudy) -> _Shown:
+def _of_tolerance(study: ToleranceStudy) -> _Output:
     from flexstage.report import tolerance
     from flexstage.report.result_files import tolerance_files
 
@@ -142,41 +144,41 @@ def _of_lot(study: ToleranceStudy) -> _Shown:
         tables.append(tolerance.choice_table(choice))
     if study.shares:
         tables.append(tolerance.share_table(study))
-        pictures["What the variance of every figure consists of"] = partial(study.plot, "shares")
-    verdict = () if choice is None else (choice.verdict,)
-    notes = (*verdict, f"figures by the {study.model}", *study.notes)
-    return _Shown(tolerance_files(study, every=True), tables, notes, pictures)
+        pictures["Contributions to the variance of every figure"] = partial(study.plot, "shares")
+    assessment = () if choice is None else (choice.verdict,)
+    notes = (*assessment, f"figures by the {study.model}", *study.notes)
+    return _Output(tolerance_files(study, every=True), tables, notes, pictures)
 
 
-def _of_sensitivities(found: Sensitivities) -> _Shown:
+def _of_sensitivities(result: Sensitivities) -> _Output:
     from flexstage.report.result_files import sensitivity_files
     from flexstage.report.sensitivity import left_out_notes, sensitivity_table
 
-    pictures = {"Changes of the figures": found.plot}
-    tables = [sensitivity_table(found)]
-    return _Shown(sensitivity_files(found), tables, left_out_notes(found), pictures)
+    pictures = {"Changes of the figures": result.plot}
+    tables = [sensitivity_table(result)]
+    return _Output(sensitivity_files(result), tables, left_out_notes(result), pictures)
 
 
-def _of_optimum(found: Optimum) -> _Shown:
+def _of_optimum(optimum: Optimum) -> _Output:
     from flexstage.report import optimise
     from flexstage.report.result_files import optimum_files
 
-    tables, notes = optimise.optimum_tables(found), optimise.optimum_notes(found)
-    return _Shown(optimum_files(found), tables, notes, _drawings(found))
+    tables, notes = optimise.optimum_tables(optimum), optimise.optimum_notes(optimum)
+    return _Output(optimum_files(optimum), tables, notes, _drawings(optimum))
 
 
-def _of_front(found: Front) -> _Shown:
+def _of_front(front: Front) -> _Output:
     from flexstage.report import optimise
     from flexstage.report.result_files import front_files
 
-    pictures = {"Pareto front": found.plot, **_drawings(found.optimum)}
-    tables, notes = optimise.front_tables(found), optimise.front_notes(found)
-    return _Shown(front_files(found), tables, notes, pictures)
+    pictures = {"Pareto front": front.plot, **_drawings(front.optimum)}
+    tables, notes = optimise.front_tables(front), optimise.front_notes(front)
+    return _Output(front_files(front), tables, notes, pictures)
 
 
 def _drawings(best: Optimum) -> "dict[str, Callable[[], Drawing]]":
     return {
         BEFORE_AFTER: best.plot,
-        "Figures, each in parts of its limit": partial(best.plot, "figures"),
-        "Way to the optimum": partial(best.plot, "history"),
+        "Figures relative to their limits": partial(best.plot, "figures"),
+        "History of the search": partial(best.plot, "history"),
     }

@@ -1,1 +1,1 @@
-"""What the view Hysteresis shows and does: its state, what is computed for it, its parts."""
+"""The view Hysteresis: state, computations and panels."""

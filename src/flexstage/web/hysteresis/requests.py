@@ -1,4 +1,4 @@
-"""What is asked for in the view Hysteresis: of files, of models, and of a motion."""
+"""Inputs of the view Hysteresis: selected files, and the desired motion."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,10 +8,10 @@ from flexstage.files.request import RequestField, request_fields
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records.read_options import DriveColumns, ReadOptions
 
-#: Fields of units, and what they are.
+#: Fields of units, with their help.
 UNITS = {
-    "input_unit": 'Unit of the input, such as "V" or "N", where the file does not say it.',
-    "output_unit": 'Unit of the output, such as "um", where the file does not say it.',
+    "input_unit": 'Unit of the input, such as "V" or "N", if the file has none.',
+    "output_unit": 'Unit of the output, such as "um", if the file has none.',
 }
 
 
@@ -20,23 +20,23 @@ def _in_unit(columns: tuple[str | int, ...], unit: str) -> tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
-    """Files, and how they are read."""
+class FileSelection:
+    """Selected files, and the options of reading them."""
 
     files: tuple[str, ...] = ()
     """The files."""
     columns: DriveColumns = DriveColumns()
-    """Which columns they are about."""
+    """Columns of input and output."""
     input_unit: str = ""
-    """Unit of the input, where they do not say it."""
+    """Unit of the input, if the files have none."""
     output_unit: str = ""
-    """Unit of the output, where they do not say it."""
-    how: ReadOptions = ReadOptions()
-    """How they are read."""
+    """Unit of the output, if the files have none."""
+    options: ReadOptions = ReadOptions()
+    """Options of reading the files."""
 
     @property
-    def asked(self) -> DriveColumns:
-        """The columns, with the units behind them."""
+    def columns_with_units(self) -> DriveColumns:
+        """Columns with their units."""
         columns = self.columns
         return replace(
             columns,
@@ -51,55 +51,55 @@ class Reading:
         return [Path(file).name for file in self.files]
 
     @property
-    def unusual(self) -> bool:
-        """Whether anything is said that most files do not need."""
-        plain = replace(self.how, sample_rate=(), time=None)
+    def has_special_options(self) -> bool:
+        """An option is set that most files do not need."""
+        plain = replace(self.options, sample_rate=(), time=None)
         return self.columns.is_table or plain != ReadOptions()
 
     def text(self, name: str) -> str:
-        """Return the text of a field of the columns or options; empty where it is as usual."""
+        """Return the text of a field of the columns or options; empty for the default."""
         if name in UNITS:
             return getattr(self, name)
         part, field = self._part(name)
         value = getattr(part, name)
         return "" if value == field.default else ",".join(field.texts(value))
 
-    def changed(self, name: str, text: str) -> "Reading":
-        """Return it with another text of a field.
+    def changed(self, name: str, text: str) -> "FileSelection":
+        """Return the selection with a new text of a field.
 
         Raises
         ------
         RecordError, UnitError
-            The text is no value of the field.
+            The text is not a valid value of the field.
         """
         if name in UNITS:
             return replace(self, **{name: text.strip()})
         part, field = self._part(name)
         part = replace(part, **{name: field.read(text) if text.strip() else field.default})
-        return replace(self, **{"how" if isinstance(part, ReadOptions) else "columns": part})
+        return replace(self, **{"options" if isinstance(part, ReadOptions) else "columns": part})
 
     def _part(self, name: str) -> tuple[DriveColumns | ReadOptions, RequestField]:
-        part = self.how if name in request_fields(ReadOptions) else self.columns
+        part = self.options if name in request_fields(ReadOptions) else self.columns
         return part, request_fields(type(part))[name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WantedMotion:
-    """What a drive shall follow; lengths in the unit of the model."""
+class DesiredMotion:
+    """Motion that the drive must follow; lengths in the unit of the model."""
 
     shape: Literal["sine", "triangle", "file"] = "sine"
-    """What it is."""
+    """Shape of the motion."""
     centre: float | None = None
-    """Middle of a sine or triangle; that of the range of the model where None."""
+    """Centre of a sine or triangle; by default that of the range of the model."""
     amplitude: float | None = None
-    """Half of its range; two fifths of the range of the model where None."""
+    """Amplitude; by default two fifths of the range of the model."""
     rate_hz: float | None = None
-    """Its rate [Hz]; the slowest that the model was identified at where None."""
+    """Frequency [Hz]; by default the lowest of the identification."""
     sample_rate_hz: float | None = None
-    """Samples in a second [Hz]; those of the record where None."""
+    """Sample rate [Hz]; by default that of the record."""
     periods: int = 4
-    """How often it is repeated; 0 for one period that repeats without end."""
-    file: Reading = Reading()
-    """The file, for a reference out of one: its column is the output."""
-    asked: CompensateRequest = CompensateRequest()
-    """Within which limits, and from which state of the drive; voltages in the unit of the input."""
+    """Number of periods; 0 for one endlessly repeated period."""
+    file: FileSelection = FileSelection()
+    """File of the motion; its column is the output."""
+    request: CompensateRequest = CompensateRequest()
+    """Limits and initial state of the drive; voltages in the unit of the input."""

@@ -1,12 +1,17 @@
-"""What is open in the view Hysteresis: records, a model, a motion, and what came of them."""
+"""State of the view Hysteresis in one browser: records, model, motion and results."""
 
 from dataclasses import dataclass, field
 from typing import Literal
 
 from flexstage.hysteresis import ModelFile
 from flexstage.hysteresis.requests import IdentifyRequest
-from flexstage.web.hysteresis.requests import Reading, WantedMotion
-from flexstage.web.hysteresis.work import Compensated, Identified, Looked, Predicted
+from flexstage.web.hysteresis.requests import DesiredMotion, FileSelection
+from flexstage.web.hysteresis.work import (
+    CompensationResult,
+    FilePreview,
+    IdentifiedModel,
+    PredictionSet,
+)
 from flexstage.web.jobs import BackgroundJob
 
 Step = Literal["record", "model", "compensate", "predict"]
@@ -14,112 +19,109 @@ Step = Literal["record", "model", "compensate", "predict"]
 
 @dataclass
 class MeasuredFiles:
-    """Files, how they are read, and what is in them."""
+    """Selected files with measured data, and a preview of them."""
 
-    reading: Reading = field(default_factory=Reading)
-    """How they are read."""
-    looked: Looked | None = None
-    """What is in them, as far as it could be read."""
-    wrong: str = ""
-    """Why they cannot be read."""
-    before: "MeasuredFiles | None" = None
-    """What was open before them, and could be read."""
+    selection: FileSelection = field(default_factory=FileSelection)
+    """The files, and the options of reading them."""
+    preview: FilePreview | None = None
+    """Preview of the files, if they could be read."""
+    error: str = ""
+    """Message of a failed reading."""
+    previous: "MeasuredFiles | None" = None
+    """The last readable files."""
 
-    def open(self, reading: Reading) -> None:
-        """Open other files; what could be read before can be gone back to."""
-        if self.looked is not None and not self.wrong:
-            self.before = MeasuredFiles(self.reading, self.looked)
-        self.reading, self.looked, self.wrong = reading, None, ""
+    def open(self, selection: FileSelection) -> None:
+        """Open other files, and remember the last readable ones."""
+        if self.preview is not None and not self.error:
+            self.previous = MeasuredFiles(self.selection, self.preview)
+        self.selection, self.preview, self.error = selection, None, ""
 
     def go_back(self) -> None:
-        """Open what was open before."""
-        if self.before is not None:
-            self.reading, self.looked = self.before.reading, self.before.looked
-            self.before, self.wrong = None, ""
+        """Open the last readable files again."""
+        if self.previous is not None:
+            self.selection, self.preview = self.previous.selection, self.previous.preview
+            self.previous, self.error = None, ""
 
     def missing(self, *, reference: bool = False) -> str:
-        """Say what is missing before anything can be asked of the files; empty where nothing is.
+        """Return the next necessary input, or an empty text.
 
         A reference has one column.
         """
-        if not self.reading.files:
+        if not self.selection.files:
             if reference:
-                return "Drop a record of the wanted readings here."
-            return "Drop a record here, or take the example."
-        if self.wrong:
-            return self.wrong
-        if self.looked is None:
+                return "Drop a record of the desired motion here."
+            return "Drop a record here, or load the example."
+        if self.error:
+            return self.error
+        if self.preview is None:
             return "The file is being read."
-        columns = self.reading.columns
+        columns = self.selection.columns
         if not (columns.input or reference):
-            return "Choose the column that drives as Input."
+            return "Choose the column of the drive signal as Input."
         if not (columns.output or columns.branches):
             if reference:
-                return "Choose the Column of the wanted readings."
-            return "Choose the column that follows as Output."
-        if self.looked.contents[0]["over"] == "point" and not columns.is_table:
-            return (
-                "Give the Sample rate, or the column of Time: the file does not say when its "
-                "samples were taken."
-            )
+                return "Choose the Column of the desired motion."
+            return "Choose the column of the measured position as Output."
+        if self.preview.contents[0]["over"] == "point" and not columns.is_table:
+            return "Give the Sample rate, or the column of Time: the file has no times."
         return ""
 
 
 @dataclass
 class OpenModel:
-    """The model that commands are made with."""
+    """The open model."""
 
     name: str
-    """What it is of: the records, or its file."""
+    """Name of its records or of its file."""
     file: ModelFile
     """The model with its errors and warnings."""
     text: str
-    """Its file."""
-    identified: Identified | None = None
-    """How it was found; None for one that was opened."""
+    """Text of its file."""
+    identified: IdentifiedModel | None = None
+    """Result of the identification; None for a model from a file."""
 
     @property
     def sample_rate_hz(self) -> float | None:
-        """Samples in a second of the record that it is of [Hz], where there is one."""
+        """Sample rate of the identified record [Hz], or None."""
         return None if self.identified is None else self.identified.sample_rate_hz
 
 
 @dataclass
 class HysteresisState:
-    """What one person has open in the view Hysteresis."""
+    """State of the view Hysteresis in one browser."""
 
     step: Step = "record"
-    """Which step is shown."""
+    """Open step."""
     source: MeasuredFiles = field(default_factory=MeasuredFiles)
-    """The record that a model is identified from."""
-    search: IdentifyRequest = IdentifyRequest()
-    """What is identified."""
-    asking: tuple[Reading, IdentifyRequest] | None = None
-    """With what a model is being identified."""
-    asked: tuple[Reading, IdentifyRequest] | None = None
-    """With what the models that are listed were identified."""
-    tried: dict[str, Identified] = field(default_factory=dict)
-    """Models of that by kind: first the one that was chosen of all."""
+    """Record for the identification."""
+    options: IdentifyRequest = IdentifyRequest()
+    """Options of the identification."""
+    pending: tuple[FileSelection, IdentifyRequest] | None = None
+    """Files and options of the running identification."""
+    identified_from: tuple[FileSelection, IdentifyRequest] | None = None
+    """Files and options of the identified models."""
+    candidates: dict[str, IdentifiedModel] = field(default_factory=dict)
+    """Identified models by kind, the best first."""
     model: OpenModel | None = None
-    """The model that is shown, and that commands are made with."""
-    motion: WantedMotion = field(default_factory=WantedMotion)
-    """What the drive shall follow."""
+    """The displayed model, which computes commands."""
+    motion: DesiredMotion = field(default_factory=DesiredMotion)
+    """The desired motion."""
     reference: MeasuredFiles = field(default_factory=MeasuredFiles)
-    """A reference out of a file."""
-    compensated: Compensated | None = None
-    """The command for that."""
-    other: MeasuredFiles = field(default_factory=MeasuredFiles)
-    """Another record, on which the model is tried."""
+    """File of a desired motion."""
+    compensation: CompensationResult | None = None
+    """Command for the desired motion."""
+    validation: MeasuredFiles = field(default_factory=MeasuredFiles)
+    """Independent record for the validation of the model."""
     start: Literal["auto", "rested", "moved"] = "auto"
-    """What the drive did before that."""
+    """State of the drive at the start of that record."""
     moved_for: float = 30.0
-    """For how long it had moved [s], where it had."""
-    predicted: Predicted | None = None
-    """How the model predicts it."""
+    """Duration of the motion before it [s], if it had moved."""
+    prediction: PredictionSet | None = None
+    """Prediction of that record."""
     jobs: dict[str, BackgroundJob] = field(default_factory=dict)
-    """Long work whose result nobody has taken yet, by what it is for."""
+    """Jobs whose result no page has taken, by purpose."""
 
-    def take(self, model: OpenModel) -> None:
-        """Show another model; what was made with the one before is gone."""
-        self.model, self.compensated, self.predicted = model, None, None
-        self.motion = WantedMotion(shape=self.motion.shape, periods=self.motion.periods)
+    def open_model(self, model: OpenModel) -> None:
+        """Open another model, and discard the results of the last one."""
+        self.model, self.compensation, self.prediction = model, None, None
+        self.motion = DesiredMotion(shape=self.motion.shape, periods=self.motion.periods)

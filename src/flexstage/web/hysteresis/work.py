@@ -1,5 +1,6 @@
-"""What is computed for the view Hysteresis, in processes: as the commands do it."""
+"""Computations of the view Hysteresis in worker processes, as the commands do them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,11 @@ from flexstage.base.errors import ModelError, RecordError
 from flexstage.hysteresis import (
     Feedforward,
     Identification,
+    LogCreep,
     ModelFile,
     Prediction,
+    Sensor,
+    excitation,
     identify,
     model_text,
     read_model_file,
@@ -26,7 +30,7 @@ from flexstage.hysteresis.inversion import (
 )
 from flexstage.hysteresis.prediction import predict_each
 from flexstage.hysteresis.requests import IdentifyRequest, rowwise
-from flexstage.records import Record
+from flexstage.records import Channel, Record, write_record
 from flexstage.records.contents import contents, read_whole
 from flexstage.records.detect import format_of
 from flexstage.records.drives import read_drive
@@ -35,137 +39,143 @@ from flexstage.records.read import read_files
 from flexstage.records.write import record_bytes
 from flexstage.report.figures.identification import draw_drive_record, draw_prediction, draw_record
 from flexstage.report.figures.tracking import draw_feedforward
-from flexstage.web.hysteresis.requests import Reading, WantedMotion
+from flexstage.virtual import virtual_stack
+from flexstage.web.hysteresis.requests import DesiredMotion, FileSelection
 from flexstage.web.pictures import inline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LIGHT = 4 * 2**20  # byte
-#: Share of the range of a model that a motion has as amplitude, unless another one is asked for.
-_USUAL_AMPLITUDE = 0.4
-_MOST_SAMPLES = 1_000_000  # of a command; controllers hold less
+_MAX_LIGHT = 4 * 2**20  # largest file that is read without a worker process [byte]
+#: Default amplitude of a motion, relative to the range of the model [1].
+_DEFAULT_AMPLITUDE = 0.4
+_MAX_SAMPLES = 1_000_000  # of a command; controllers have less memory
 
 
 # the record
 
 
 @dataclass(frozen=True, slots=True)
-class Looked:
-    """What is in files, before anything is asked of them."""
+class FilePreview:
+    """Preview of files."""
 
-    reading: Reading
-    """How they are read, with columns where the files leave no doubt."""
+    selection: FileSelection
+    """The files, with the columns that are unambiguous."""
     contents: tuple[dict[str, Any], ...]
-    """What is in each, as `flexstage records --json` prints it."""
+    """Contents of each file, as `flexstage records --json` prints them."""
     svg: str
-    """A drawing of the first one, for a page."""
+    """Plot of the first file, for a page."""
 
 
-def looked_at(reading: Reading, key: str) -> Looked:
-    """Look into files and draw the first; `key` makes the ids of that its own in a page."""
-    reading, found, record = whole(reading)
-    svg = inline(lambda: _drawn(record, reading), key, f"What is in {Path(record.source).name}")
-    return Looked(reading, found, svg)
+def preview_files(selection: FileSelection, key: str) -> FilePreview:
+    """Read files and plot the first; ids in the plot begin with `key`."""
+    selection, file_contents, record = read_contents(selection)
+    svg = inline(lambda: _plot(record, selection), key, f"Data of {Path(record.source).name}")
+    return FilePreview(selection, file_contents, svg)
 
 
-def whole(reading: Reading) -> tuple[Reading, tuple[dict[str, Any], ...], Record]:
-    """Read all of files; return how, what is in them, and the first one."""
-    columns = reading.columns
-    pairs = (columns.input, reading.input_unit), (columns.output, reading.output_unit)
-    # several columns have their units when they are read
+def read_contents(
+    selection: FileSelection,
+) -> tuple[FileSelection, tuple[dict[str, Any], ...], Record]:
+    """Read files; return the completed selection, their contents, and the first record."""
+    columns = selection.columns
+    pairs = (columns.input, selection.input_unit), (columns.output, selection.output_unit)
+    # several columns get their units in the reader
     units = {str(c[0]): unit for c, unit in pairs if unit and len(c) == 1}
-    each = reading.how.of_each(len(reading.files))
-    read = [
-        read_whole(file, how, units=units) for file, how in zip(reading.files, each, strict=True)
+    options_of_files = selection.options.of_each(len(selection.files))
+    records = [
+        read_whole(file, options, units=units)
+        for file, options in zip(selection.files, options_of_files, strict=True)
     ]
-    found = tuple(contents(*one) for one in read)
-    return _with_columns(reading, found[0]), found, read[0][0]
+    file_contents = tuple(contents(*record) for record in records)
+    return _with_columns(selection, file_contents[0]), file_contents, records[0][0]
 
 
-def _with_columns(reading: Reading, found: dict[str, Any]) -> Reading:
-    """Return how a file is read, with the columns that are likely where none are chosen.
+def _with_columns(selection: FileSelection, content: dict[str, Any]) -> FileSelection:
+    """Return the selection with the likely columns, unless columns are selected.
 
-    Where units and names leave a choice, the first columns that move are taken, to be seen.
+    If units and names are ambiguous, the first varying columns are selected for the preview.
     """
-    times = [c for c in found["columns"] if is_time(c)]
-    columns, how = reading.columns, reading.how
-    if found["over"] == "point" and times and how.time is None and not how.sample_rate:
-        how = replace(how, time=times[0]["number"])
-        reading = replace(reading, how=how)
+    times = [c for c in content["columns"] if is_time(c)]
+    columns, options = selection.columns, selection.options
+    if content["over"] == "point" and times and options.time is None and not options.sample_rate:
+        options = replace(options, time=times[0]["number"])
+        selection = replace(selection, options=options)
     if columns.input or columns.output or columns.is_table:
-        return reading
-    moving = moving_columns(found)
-    driven, follows = (some[:1] for some in likely_drive(moving))
-    rest = [c for c in moving if c not in (*driven, *follows)]
-    driven, rest = driven or rest[:1], rest if driven else rest[1:]
+        return selection
+    varying = moving_columns(content)
+    input_columns, output_columns = (some[:1] for some in likely_drive(varying))
+    others = [c for c in varying if c not in (*input_columns, *output_columns)]
+    input_columns, others = input_columns or others[:1], others if input_columns else others[1:]
     columns = replace(
         columns,
-        input=tuple(c["number"] for c in driven),
-        output=tuple(c["number"] for c in follows or rest[:1]),
+        input=tuple(c["number"] for c in input_columns),
+        output=tuple(c["number"] for c in output_columns or others[:1]),
     )
-    return replace(reading, columns=columns)
+    return replace(selection, columns=columns)
 
 
-def _drawn(record: Record, reading: Reading) -> "Figure":
-    pair = [*reading.columns.input, *reading.columns.output]
-    if len(pair) != 2 or not set(pair) <= set(range(len(record.channels))):
+def _plot(record: Record, selection: FileSelection) -> "Figure":
+    columns = [*selection.columns.input, *selection.columns.output]
+    if len(columns) != 2 or not set(columns) <= set(range(len(record.channels))):
         return draw_record(record)
-    return draw_drive_record(record, *map(str, pair))
+    return draw_drive_record(record, *map(str, columns))
 
 
-def is_light(reading: Reading) -> bool:
-    """Say whether files are short texts, which are read at once and can do no harm."""
-    paths = [Path(file) for file in reading.files]
-    return all(p.stat().st_size < _LIGHT and format_of(p) == "text" for p in paths)
+def is_light(selection: FileSelection) -> bool:
+    """Return whether all files are short text files, which are fast and safe to read."""
+    paths = [Path(file) for file in selection.files]
+    return all(p.stat().st_size < _MAX_LIGHT and format_of(p) == "text" for p in paths)
 
 
-def read(reading: Reading) -> tuple[list[Record], str | int, str | int]:
-    """Read what a drive was told and what followed, as `flexstage identify` does."""
-    return read_drive([Path(file) for file in reading.files], reading.asked, reading.how)
+def read(selection: FileSelection) -> tuple[list[Record], str | int, str | int]:
+    """Read command and measured position of a drive, as `flexstage identify` does."""
+    return read_drive(
+        [Path(file) for file in selection.files], selection.columns_with_units, selection.options
+    )
 
 
 # the model
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
-    """A model, and what is shown of it."""
+class IdentifiedModel:
+    """An identified model, and its display."""
 
-    found: Identification
-    """What was found."""
+    identification: Identification
+    """Result of the identification."""
     file: ModelFile
-    """What its file holds."""
+    """Contents of its file."""
     text: str
-    """Its file."""
+    """Text of its file."""
     sample_rate_hz: float
-    """Samples in a second of the first record [Hz]."""
+    """Sample rate of the first record [Hz]."""
     notes: tuple[str, ...]
-    """What was understood of the records."""
+    """Notes on the records."""
     svg: str
     """Loop, fit and residual, for a page."""
 
 
-def identified(reading: Reading, request: IdentifyRequest, key: str) -> Identified:
+def identify_drive(selection: FileSelection, request: IdentifyRequest, key: str) -> IdentifiedModel:
     """Identify a drive, as `flexstage identify` does."""
-    records, driven, follows = read(reading)
-    if reading.columns.is_table and not reading.how.sample_rate:
+    records, input_column, output_column = read(selection)
+    if selection.columns.is_table and not selection.options.sample_rate:
         request = rowwise(request)
-    found = identify(records, driven, follows, request)
-    file = identified_file(found, records)
-    says = f"Measured and modelled loop, and residual, of {', '.join(reading.names)}"
-    return Identified(
-        found=found,
+    identification = identify(records, input_column, output_column, request)
+    file = identified_file(identification, records)
+    alt_text = f"Measured and modelled loop, and residual, of {', '.join(selection.names)}"
+    return IdentifiedModel(
+        identification=identification,
         file=file,
         text=model_text(file),
         sample_rate_hz=records[0].sample_rate_hz,
-        notes=found.notes,
-        svg=inline(found.plot, key, says),
+        notes=identification.notes,
+        svg=inline(identification.plot, key, alt_text),
     )
 
 
-def opened(path: Path) -> tuple[ModelFile, str]:
-    """Read a model file; return it, and its text."""
+def open_model_file(path: Path) -> tuple[ModelFile, str]:
+    """Read a model file; return the model and the text."""
     return read_model_file(path), path.read_text(encoding="utf-8")
 
 
@@ -173,38 +183,45 @@ def opened(path: Path) -> tuple[ModelFile, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Compensated:
-    """A command, and what is shown of it."""
+class CompensationResult:
+    """A command, and its display."""
 
-    motion: WantedMotion
-    """What it is for."""
-    made: Feedforward
+    motion: DesiredMotion
+    """The desired motion."""
+    feedforward: Feedforward
     """The command."""
     plain_rms: float
-    """Root mean square that a command in proportion to the reference would leave, by the same
-    model [unit of the output].
+    """Error rms of an uncorrected, linear command by the same model [unit of the
+    output].
     """
     notes: tuple[str, ...]
-    """What a user should know."""
+    """Notes for the user."""
     svg: str
-    """The command, its loop and what is left, for a page."""
+    """The command, its loop and the predicted error, for a page."""
 
 
-def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
-    """Compute the command for a motion, and draw it."""
-    made, notes = command(file.model, motion)
-    endless = motion.shape != "file" and motion.periods == 0
-    before = motion.asked.start
-    start = {"conditioned": None, "rest": "rested"}[before] if isinstance(before, str) else before
-    left = reading_in_proportion(file.model, made, endless=endless, start=start) - made.wanted
+def compensate_motion(file: ModelFile, motion: DesiredMotion, key: str) -> CompensationResult:
+    """Compute the command for a motion, and plot it."""
+    feedforward, notes = command(file.model, motion)
+    is_endless = motion.shape != "file" and motion.periods == 0
+    request_start = motion.request.start
+    start = (
+        {"conditioned": None, "rest": "rested"}[request_start]
+        if isinstance(request_start, str)
+        else request_start
+    )
+    error = (
+        reading_in_proportion(file.model, feedforward, endless=is_endless, start=start)
+        - feedforward.wanted
+    )
     band = file.errors.get("heldout_95")
-    says = "The command and what it leaves"
-    svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
-    return Compensated(motion, made, float(np.sqrt(np.mean(left**2))), notes, svg)
+    alt_text = "The command and its predicted error"
+    svg = inline(lambda: draw_feedforward(feedforward, file.model, band), key, alt_text)
+    return CompensationResult(motion, feedforward, float(np.sqrt(np.mean(error**2))), notes, svg)
 
 
-def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple[str, ...]]:
-    """Return the command for a motion, as `flexstage compensate` does, and what should be known."""
+def command(drive: DriveModel, motion: DesiredMotion) -> tuple[Feedforward, tuple[str, ...]]:
+    """Return the command for a motion, as `flexstage compensate` does, and notes."""
     notes: tuple[str, ...] = ()
     if motion.shape == "file":
         reference, dt, notes = _from_file(drive, motion)
@@ -212,88 +229,128 @@ def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple
     else:
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
-    made = command_as_asked(drive, reference, dt, motion.asked, periods=periods)
-    return made, (*notes, *made.notes)
+    feedforward = command_as_asked(drive, reference, dt, motion.request, periods=periods)
+    return feedforward, (*notes, *feedforward.notes)
 
 
-def usual_motion(
-    motion: WantedMotion, drive: DriveModel, sample_rate_hz: float | None
-) -> WantedMotion:
-    """Return a motion with what was left open, as a model suggests it."""
-    made = motion
+def default_motion(
+    motion: DesiredMotion, drive: DriveModel, sample_rate_hz: float | None
+) -> DesiredMotion:
+    """Return a motion with defaults from a model for its open parameters."""
+    completed = motion
     if drive.validity is not None:
         low, high = drive.validity.output_range
-        if made.centre is None:
-            made = replace(made, centre=0.5 * (low + high))
-        if made.amplitude is None:
-            made = replace(made, amplitude=_USUAL_AMPLITUDE * (high - low))
-        slowest = drive.validity.rate_range_hz[0]
-        if made.rate_hz is None and slowest > 0.0:
-            made = replace(made, rate_hz=float(f"{slowest:.3g}"))
-    if made.sample_rate_hz is None and sample_rate_hz is not None:
-        made = replace(made, sample_rate_hz=float(f"{sample_rate_hz:.6g}"))
-    return made
+        if completed.centre is None:
+            completed = replace(completed, centre=0.5 * (low + high))
+        if completed.amplitude is None:
+            completed = replace(completed, amplitude=_DEFAULT_AMPLITUDE * (high - low))
+        lowest_rate = drive.validity.rate_range_hz[0]
+        if completed.rate_hz is None and lowest_rate > 0.0:
+            completed = replace(completed, rate_hz=float(f"{lowest_rate:.3g}"))
+    if completed.sample_rate_hz is None and sample_rate_hz is not None:
+        completed = replace(completed, sample_rate_hz=float(f"{sample_rate_hz:.6g}"))
+    return completed
 
 
-def _repeated(motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
+def _repeated(motion: DesiredMotion) -> tuple[Array, float, tuple[str, ...]]:
     from flexstage.control.trajectory_shapes import sine, triangle
 
-    make = sine if motion.shape == "sine" else triangle
+    shape = sine if motion.shape == "sine" else triangle
     values = (motion.centre, motion.amplitude, motion.rate_hz, motion.sample_rate_hz)
     if None in values:
-        raise ModelError(
-            "a motion needs a centre, an amplitude, a frequency and a sample rate: give all four"
-        )
+        raise ModelError("a motion needs a centre, an amplitude, a frequency and a sample rate")
     centre, amplitude, rate, sample_rate = (float(v or 0.0) for v in values)
     if not amplitude > 0.0:
         raise ModelError("--amplitude must be positive")
-    if rate > 0.0 and not sample_rate / rate * max(motion.periods, 1) <= _MOST_SAMPLES:
+    if rate > 0.0 and not sample_rate / rate * max(motion.periods, 1) <= _MAX_SAMPLES:
         raise ModelError(
             f"{max(motion.periods, 1)} periods at {rate:g} Hz and {sample_rate:g} samples a second "
-            f"are more than {_MOST_SAMPLES} samples: lower --sample-rate or --periods"
+            f"are more than {_MAX_SAMPLES} samples: lower --sample-rate or --periods"
         )
-    path = make("x", centre - amplitude, centre + amplitude, rate, sample_rate_hz=sample_rate)
+    path = shape("x", centre - amplitude, centre + amplitude, rate, sample_rate_hz=sample_rate)
     return path.positions["x"], 1.0 / path.sample_rate_hz, path.notes
 
 
-def _from_file(drive: DriveModel, motion: WantedMotion) -> tuple[Array, float, tuple[str, ...]]:
-    reading = motion.file
-    if len(reading.columns.output) != 1:
-        raise RecordError("a reference has one column: choose one as Column")
-    (wanted,) = reading.asked.output
-    (record,) = read_files([Path(reading.files[0])], [wanted], options=reading.how, even=True)
-    channel = record.channel(wanted)
-    values, converted = in_unit_of_model(
-        channel.values, channel.unit, drive.output_unit, "reference"
+def _from_file(drive: DriveModel, motion: DesiredMotion) -> tuple[Array, float, tuple[str, ...]]:
+    selection = motion.file
+    if len(selection.columns.output) != 1:
+        raise RecordError("a desired motion has one column: choose it as Column")
+    (column,) = selection.columns_with_units.output
+    (record,) = read_files(
+        [Path(selection.files[0])], [column], options=selection.options, even=True
     )
-    zero = lowest_reading(drive) if motion.asked.relative else 0.0
-    notes = (*((converted,) if converted else ()), *record.notes)
+    channel = record.channel(column)
+    values, note = in_unit_of_model(channel.values, channel.unit, drive.output_unit, "reference")
+    zero = lowest_reading(drive) if motion.request.relative else 0.0
+    notes = (*((note,) if note else ()), *record.notes)
     return values + zero, 1.0 / record.sample_rate_hz, notes
 
 
-def waveform(made: Feedforward, drive: DriveModel, format: str) -> bytes:
+def waveform(feedforward: Feedforward, drive: DriveModel, format: str) -> bytes:
     """Return a command as a file, as `flexstage compensate --out` writes it."""
-    return record_bytes(command_record(made, drive), format)
+    return record_bytes(command_record(feedforward, drive), format)
 
 
 # other records
 
 
 @dataclass(frozen=True, slots=True)
-class Predicted:
-    """A model on other records, and what is shown of it."""
+class PredictionSet:
+    """Predictions of other records by a model, and their display."""
 
-    found: tuple[Prediction, ...]
-    """One for each record."""
+    predictions: tuple[Prediction, ...]
+    """Prediction of each record."""
     svg: str
     """Loop and error of the first one, for a page."""
 
 
-def predicted(file: ModelFile, reading: Reading, start: Start | None, key: str) -> Predicted:
-    """Try a model on other records, as `flexstage predict` does."""
-    records, driven, follows = read(reading)
-    found = predict_each(file.model, records, driven, follows, start)
+def predict_files(
+    file: ModelFile, selection: FileSelection, start: Start | None, key: str
+) -> PredictionSet:
+    """Predict other records by a model, as `flexstage predict` does."""
+    records, input_column, output_column = read(selection)
+    predictions = predict_each(file.model, records, input_column, output_column, start)
     band = file.errors.get("heldout_95")
-    says = f"Measured and predicted loop, and error, of {reading.names[0]}"
-    svg = inline(lambda: draw_prediction(found[0], file.model, band), key, says)
-    return Predicted(tuple(found), svg)
+    alt_text = f"Measured and predicted loop, and error, of {selection.names[0]}"
+    svg = inline(lambda: draw_prediction(predictions[0], file.model, band), key, alt_text)
+    return PredictionSet(tuple(predictions), svg)
+
+
+_RATE_HZ = 400.0
+
+
+def example_record(folder: Path) -> Path:
+    """Write the record of a simulated piezo stack with the signal of `flexstage excite`."""
+    drive = excitation(
+        (0.0, 120.0),
+        sample_rate=_RATE_HZ,
+        duration=16.0,
+        rates=(0.5, 5.0),
+        frequency=640.0,
+        multisine=False,
+    )
+    return _simulated(folder / "example.csv", drive.voltage, seed=4)
+
+
+def validation_example(folder: Path) -> Path:
+    """Write an independent record of the same stack: 2 Hz, with decreasing amplitude."""
+    t = np.arange(round(12.0 * _RATE_HZ)) / _RATE_HZ
+    envelope = np.interp(t, [0.0, 3.0, 12.0], [1.0, 1.0, 0.2])
+    return _simulated(
+        folder / "example-2-hz.csv", 60.0 - 60.0 * envelope * np.cos(4.0 * np.pi * t), seed=5
+    )
+
+
+def _simulated(path: Path, volts: Sequence[float] | Array, seed: int) -> Path:
+    u = np.asarray(volts, dtype=np.float64)
+    dt = 1.0 / _RATE_HZ
+    free = virtual_stack((0.0, 120.0), 38e-6, 0.13).simulate(u).values
+    moved = LogCreep(rate_per_decade=0.015).simulate(free, dt).values
+    sensor = Sensor(bandwidth_hz=150.0, noise_rms=8e-9, offset=3.1e-6, seed=seed)
+    channels = (
+        Channel(name="voltage", values=u, unit="V"),
+        Channel(name="position", values=sensor.simulate(moved, dt).values, unit="m"),
+    )
+    return write_record(
+        Record(channels=channels, time=np.arange(u.size, dtype=np.float64) * dt), path
+    )

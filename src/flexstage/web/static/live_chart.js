@@ -1,30 +1,30 @@
-// A chart that follows what is measured: it asks the server for what it lacks, and draws it.
-import { Points, axes, clipped, envelope, extent, keptRange, line, loop, readable, written } from "live_drawing";
+// A live chart: it requests new data from the server, and draws them.
+import { Points, axes, clipped, envelope, extent, stableRange, line, loop, readable, written } from "live_drawing";
 
-const PERIOD = 45; // from one question to the next [ms]
-const SLOW = 1000; // the same for spectra [ms]
-const PATIENCE = 1500; // after a question without an answer [ms]
-const GAP = 0.5; // without a sample for longer than this, a curve is broken [s]
-const READ = 200; // from one text to the next [ms]
+const PERIOD = 45; // between two requests [ms]
+const SLOW = 1000; // between two requests of spectra [ms]
+const PATIENCE = 1500; // after a failed request [ms]
+const GAP = 0.5; // longest interval between samples that a curve bridges [s]
+const READ = 200; // between two updates of the values [ms]
 const MARGIN = { left: 74, right: 14, top: 10, bottom: 46, between: 16 };
 const MODES = { time: "Time", loop: "Loop", spectrum: "Spectrum" };
 const LENGTHS = { loop: [1, 2, 5, 10, 30, 60], spectrum: [10, 60, 300, 600] };
 
 export default {
   template: `
-    <div role="group" :aria-label="says">
+    <div role="group" :aria-label="caption">
       <div class="live-tools">
-        <div v-if="modes.length > 1" class="live-choice" role="group" aria-label="What is shown">
-          <button v-for="m in modes" type="button" :aria-pressed="String(mode === m)" @click="show(m)">{{ called(m) }}</button>
+        <div v-if="modes.length > 1" class="live-choice" role="group" aria-label="Kind of chart">
+          <button v-for="m in modes" type="button" :aria-pressed="String(mode === m)" @click="show(m)">{{ titleOf(m) }}</button>
         </div>
         <div v-if="mode === 'time'" class="live-choice" role="group" aria-label="Window">
-          <button v-for="w in windows" type="button" :aria-pressed="String(follows && length === w)" @click="choose(w)">{{ lasting(w) }}</button>
+          <button v-for="w in windows" type="button" :aria-pressed="String(follows && length === w)" @click="choose(w)">{{ durationText(w) }}</button>
         </div>
         <template v-if="mode === 'loop'">
           <label>x <select v-model.number="loopX" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
           <label>y <select v-model.number="loopY" @change="keep()"><option v-for="(c, k) in channels" :value="k">{{ c.name }}</option></select></label>
         </template>
-        <label v-if="mode !== 'time'">last <select v-model.number="lengths[mode]" @change="keep()"><option v-for="s in lengthsOf(mode)" :value="s">{{ lasting(s) }}</option></select></label>
+        <label v-if="mode !== 'time'">last <select v-model.number="lengths[mode]" @change="keep()"><option v-for="s in lengthsOf(mode)" :value="s">{{ durationText(s) }}</option></select></label>
         <button type="button" @click="toggle()">{{ follows ? "Pause" : "Follow" }}</button>
         <span class="muted small" ref="where"></span>
       </div>
@@ -36,11 +36,11 @@ export default {
           <span class="swatch" aria-hidden="true" :style="{ background: 'var(--data' + (k % 6) + ')' }"></span>
           <span>{{ c.name }}</span> <span class="number value">–</span> <span>{{ c.unit }}</span></button></li>
       </ul>
-      <p class="hidden-title" role="status">{{ told }}</p>
+      <p class="hidden-title" role="status">{{ announcement }}</p>
     </div>`,
-  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, says: String, begins: String, pair: Array, view: Object },
+  props: { address: String, channels: Array, rate: Number, seconds: Number, windows: Array, caption: String, begins: String, pair: Array, view: Object },
   data() {
-    const usual = {
+    const defaults = {
       mode: this.begins,
       length: this.windows[0],
       loopX: this.pair[0],
@@ -48,100 +48,100 @@ export default {
       lengths: { loop: 5, spectrum: 60 },
       hidden: [],
     };
-    return { ...usual, ...this.view, follows: true, told: "" };
+    return { ...defaults, ...this.view, follows: true, announcement: "" };
   },
   computed: {
     modes() {
       return Object.keys(MODES).filter((mode) => mode !== "loop" || this.channels.length > 1);
     },
     panels() {
-      const found = new Map();
+      const byQuantity = new Map();
       this.channels.forEach((channel, index) => {
-        if (!found.has(channel.quantity)) found.set(channel.quantity, { ...channel, shown: [] });
-        if (!this.hidden.includes(index)) found.get(channel.quantity).shown.push({ ...channel, index });
+        if (!byQuantity.has(channel.quantity)) byQuantity.set(channel.quantity, { ...channel, shown: [] });
+        if (!this.hidden.includes(index)) byQuantity.get(channel.quantity).shown.push({ ...channel, index });
       });
-      const panels = [...found.values()];
+      const panels = [...byQuantity.values()];
       return panels.some((panel) => panel.shown.length) ? panels.filter((panel) => panel.shown.length) : panels.slice(0, 1);
     },
     described() {
       const names = this.channels.filter((_, k) => !this.hidden.includes(k)).map((channel) => channel.name);
       const what = this.mode === "loop" ? `${this.channels[this.loopY].name} over ${this.channels[this.loopX].name}` : names.join(", ");
       const keys = this.mode === "time" ? ", arrows move, plus and minus zoom, Shift with an arrow reads a value, Home follows again" : "";
-      return `${this.says}: ${MODES[this.mode]} of ${what}. Space pauses${keys}. The values stand below.`;
+      return `${this.caption}: ${MODES[this.mode]} of ${what}. Space pauses${keys}. The values are listed below.`;
     },
   },
   created() {
     this.points = new Points(this.channels.length);
-    this.got = null; // what the last answer said, and what was asked
+    this.latest = null; // the last answer, with its request
     this.ranges = new Map();
     this.frames = this.answers = this.end = this.readAt = 0;
-    this.busy = this.gone = false;
-    this.cursor = this.pointer = this.dragged = this.wrong = null;
+    this.isBusy = this.isRemoved = false;
+    this.cursor = this.pointer = this.dragged = this.message = null;
   },
   mounted() {
     this.$el.live = this;
-    this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.relook())];
+    this.observers = [new ResizeObserver(() => this.draw()), new MutationObserver(() => this.restyle())];
     this.observers[0].observe(this.$refs.canvas);
     this.observers[1].observe(document.body, { attributes: true, attributeFilter: ["class"] });
     this.wake = () => this.ask();
     document.addEventListener("visibilitychange", this.wake);
-    this.relook();
+    this.restyle();
     this.ask();
   },
   unmounted() {
-    this.gone = true;
+    this.isRemoved = true;
     clearTimeout(this.timer);
     this.observers.forEach((observer) => observer.disconnect());
     document.removeEventListener("visibilitychange", this.wake);
   },
   methods: {
-    called: (mode) => MODES[mode],
+    titleOf: (mode) => MODES[mode],
     lengthsOf: (mode) => LENGTHS[mode],
-    lasting: (seconds) => (seconds < 60 ? `${seconds} s` : seconds < 3600 ? `${seconds / 60} min` : `${seconds / 3600} h`),
+    durationText: (seconds) => (seconds < 60 ? `${seconds} s` : seconds < 3600 ? `${seconds / 60} min` : `${seconds / 3600} h`),
 
-    // what is asked
+    // requests
 
-    question() {
-      const { mode, follows, got } = this;
+    request() {
+      const { mode, follows, latest } = this;
       const length = mode === "time" ? this.length : this.lengths[mode];
-      const asked = new URLSearchParams({ mode, length });
-      if (!follows) asked.set("end", this.end);
-      const goesOn = follows && got?.follows && got.mode === mode && got.length === length && this.points.count > 1;
-      if (goesOn) {
-        asked.set("generation", got.generation);
-        asked.set("tier", got.tier);
-        // the last bin may have become fuller
-        asked.set("after", this.points.times[this.points.last - (got.step > 0 ? 1 : 0)]);
+      const query = new URLSearchParams({ mode, length });
+      if (!follows) query.set("end", this.end);
+      const continues = follows && latest?.follows && latest.mode === mode && latest.length === length && this.points.count > 1;
+      if (continues) {
+        query.set("generation", latest.generation);
+        query.set("tier", latest.tier);
+        // the last bin may be incomplete
+        query.set("after", this.points.times[this.points.last - (latest.step > 0 ? 1 : 0)]);
       }
-      return { address: `${window.path_prefix ?? ""}${this.address}?${asked}`, length, mode, follows, goesOn };
+      return { address: `${window.path_prefix ?? ""}${this.address}?${query}`, length, mode, follows, continues };
     },
-    /** Ask for what is lacking, draw it, and ask again: never twice at once, and not where nobody looks. */
+    /** Request new data, draw them and repeat: one request at a time, and none while the page is hidden. */
     async ask() {
       clearTimeout(this.timer);
-      if (this.gone || this.busy || document.hidden) return;
+      if (this.isRemoved || this.isBusy || document.hidden) return;
       const began = performance.now();
-      const question = this.question();
-      this.busy = true;
+      const request = this.request();
+      this.isBusy = true;
       let wait = PERIOD;
       try {
-        const answer = await fetch(question.address);
-        if (question.mode === "spectrum" && this.mode === "spectrum") wait = SLOW;
+        const answer = await fetch(request.address);
+        if (request.mode === "spectrum" && this.mode === "spectrum") wait = SLOW;
         if (answer.status !== 200) wait = PATIENCE;
-        else if (answer.headers.get("content-type").startsWith("text/")) this.wrong = await answer.text();
-        else this.take(await answer.arrayBuffer(), question);
+        else if (answer.headers.get("content-type").startsWith("text/")) this.message = await answer.text();
+        else this.take(await answer.arrayBuffer(), request);
       } catch {
         wait = PATIENCE;
       }
-      this.busy = false;
-      if (this.gone) return;
-      if (this.looksOther()) {
+      this.isBusy = false;
+      if (this.isRemoved) return;
+      if (this.hasChanged()) {
         await new Promise((frame) => requestAnimationFrame(frame));
         this.draw();
       } else this.read();
-      const other = !this.follows && this.question().address !== question.address;
+      const other = !this.follows && this.request().address !== request.address;
       if (this.follows || other || wait === PATIENCE) this.timer = setTimeout(() => this.ask(), other ? 0 : Math.max(wait - (performance.now() - began), 0));
     },
-    take(buffer, question) {
+    take(buffer, request) {
       const [generation, tier, step, newest, begin, , count, both, origin] = new Float64Array(buffer, 0, 9);
       const channels = this.channels.length;
       const size = count * channels;
@@ -149,28 +149,28 @@ export default {
       const times = new Float64Array(buffer, 72 + 8 * channels, count);
       const low = new Float32Array(buffer, 72 + 8 * (channels + count), size);
       const high = both ? new Float32Array(buffer, 72 + 8 * (channels + count) + 4 * size, size) : low;
-      if (!question.goesOn || this.got.generation !== generation || this.got.tier !== tier) this.points.clear();
+      if (!request.continues || this.latest.generation !== generation || this.latest.tier !== tier) this.points.clear();
       this.points.add(times, low, high);
-      if (question.mode !== "spectrum") this.points.dropBefore(begin - step);
-      this.got = { ...question, generation, tier, step, newest, begin, origin, values };
-      this.wrong = null;
+      if (request.mode !== "spectrum") this.points.dropBefore(begin - step);
+      this.latest = { ...request, generation, tier, step, newest, begin, origin, values };
+      this.message = null;
       this.answers += 1;
     },
-    /** Whether a picture drawn now would differ from the last one. */
-    looksOther() {
-      const { points, got } = this;
+    /** Return whether the chart would differ from the last drawing. */
+    hasChanged() {
+      const { points, latest } = this;
       const at = points.last * points.channels;
       const now = [points.count, points.low.subarray(at, at + points.channels), points.high.subarray(at, at + points.channels)];
-      const place = got && Math.round((got.newest / got.length) * this.$refs.canvas.width);
-      const looks = [this.wrong, this.mode, this.follows, place, ...now].join();
+      const place = latest && Math.round((latest.newest / latest.length) * this.$refs.canvas.width);
+      const looks = [this.message, this.mode, this.follows, place, ...now].join();
       const other = looks !== this.looks;
       this.looks = looks;
       return other;
     },
 
-    // what is drawn
+    // drawing
 
-    relook() {
+    restyle() {
       const style = getComputedStyle(this.$el);
       const colour = (name) => style.getPropertyValue(name).trim();
       const data = [0, 1, 2, 3, 4, 5].map((k) => colour(`--data${k}`));
@@ -191,10 +191,10 @@ export default {
       context.clearRect(0, 0, width, height);
       const whole = { left: MARGIN.left, top: MARGIN.top, width: width - MARGIN.left - MARGIN.right, height: height - MARGIN.top - MARGIN.bottom };
       this.titles = [];
-      const drawn = this.got?.mode === this.mode && !this.wrong;
-      if (this.mode === "loop") this.drawLoop(context, whole, drawn);
-      else if (this.mode === "spectrum") this.drawSpectrum(context, whole, drawn);
-      else this.drawTime(context, whole, drawn, scale);
+      const hasData = this.latest?.mode === this.mode && !this.message;
+      if (this.mode === "loop") this.drawLoop(context, whole, hasData);
+      else if (this.mode === "spectrum") this.drawSpectrum(context, whole, hasData);
+      else this.drawTime(context, whole, hasData, scale);
       const titles = JSON.stringify(this.titles);
       if (canvas.dataset.axes !== titles) canvas.dataset.axes = titles;
       this.frames += 1;
@@ -214,30 +214,30 @@ export default {
         clipped(context, box, () => curves(panel, box, toX, toY));
       });
     },
-    /** The times of the window, and in what they are shown. */
+    /** The times of the window, and their unit. */
     times() {
-      const end = this.follows ? this.got?.newest || 0 : this.end;
+      const end = this.follows ? this.latest?.newest || 0 : this.end;
       const [unit, seconds] = this.length > 120 ? ["min", 60] : ["s", 1];
-      return { begin: end - this.length, end, unit, seconds, origin: this.got?.origin || 0 };
+      return { begin: end - this.length, end, unit, seconds, origin: this.latest?.origin || 0 };
     },
-    drawTime(context, whole, drawn, scale) {
+    drawTime(context, whole, hasData, scale) {
       const { begin, end, unit, seconds, origin } = this.times();
-      const step = this.got?.step || 0;
+      const step = this.latest?.step || 0;
       const gap = Math.max(GAP, 5 / this.rate, 1.5 * step);
-      // before the first sample there is no time to mark
+      // no ticks before the first sample
       const x = { low: (begin - origin) / seconds, high: (end - origin) / seconds, title: `Time [${unit}]`, least: 0 };
       this.plot = whole;
       if (this.pointer !== null) this.cursor = this.timeAt(this.pointer);
-      const yOf = (panel, kept) => {
-        const [low, high] = keptRange(kept, ...extent(this.points, drawn ? panel.shown : [], begin, end));
+      const yOf = (panel, previous) => {
+        const [low, high] = stableRange(previous, ...extent(this.points, hasData ? panel.shown : [], begin, end));
         return { low, high, title: titled(panel.label, panel.unit) };
       };
       this.drawPanels(context, whole, x, "time", yOf, (panel, box, toX, toY) => {
         const place = (time) => toX((time - origin) / seconds);
-        for (const { index, factor } of drawn ? panel.shown : []) {
-          const given = [context, this.points, index, factor, this.look.data[index % 6], place, toY, gap];
-          if (step > 0) envelope(...given, step, scale);
-          else line(...given);
+        for (const { index, factor } of hasData ? panel.shown : []) {
+          const properties = [context, this.points, index, factor, this.look.data[index % 6], place, toY, gap];
+          if (step > 0) envelope(...properties, step, scale);
+          else line(...properties);
         }
         this.drawCursor(context, box, place);
       });
@@ -255,9 +255,9 @@ export default {
       context.lineWidth = 1;
       context.strokeRect(at, box.top - 2, 0, box.height + 4);
     },
-    drawSpectrum(context, whole, drawn) {
+    drawSpectrum(context, whole, hasData) {
       const { times, first, last, count } = this.points;
-      const shown = drawn && count > 1;
+      const shown = hasData && count > 1;
       const x = { low: shown ? times[first] : 1, high: shown ? times[last] : this.rate / 2, title: "Frequency [Hz]", log: true };
       const yOf = (panel) => {
         const [low, high] = extent(this.points, shown ? panel.shown : [], -Infinity, Infinity);
@@ -269,40 +269,40 @@ export default {
         for (const { index, factor } of shown ? panel.shown : []) line(context, this.points, index, factor, this.look.data[index % 6], toX, toY, Infinity);
       });
     },
-    drawLoop(context, box, drawn) {
+    drawLoop(context, box, hasData) {
       const [across, up] = [this.channels[this.loopX], this.channels[this.loopY]];
       const axis = (channel, index) => {
         const key = `loop ${channel.name}`;
-        const [low, high] = keptRange(this.ranges.get(key), ...extent(this.points, drawn ? [{ ...channel, index }] : [], -Infinity, Infinity));
+        const [low, high] = stableRange(this.ranges.get(key), ...extent(this.points, hasData ? [{ ...channel, index }] : [], -Infinity, Infinity));
         this.ranges.set(key, [low, high]);
         return { low, high, title: titled(channel.name, channel.unit) };
       };
       const [x, y] = [axis(across, this.loopX), axis(up, this.loopY)];
       this.titles = [{ axis: "x", title: x.title }, { axis: "y", title: y.title }];
       const { toX, toY } = axes(context, box, x, y, this.look);
-      if (drawn) clipped(context, box, () => loop(context, this.points, [this.loopX, this.loopY], [across.factor, up.factor], this.look.data[this.loopY % 6], toX, toY));
+      if (hasData) clipped(context, box, () => loop(context, this.points, [this.loopX, this.loopY], [across.factor, up.factor], this.look.data[this.loopY % 6], toX, toY));
     },
-    /** Write the values at the cursor, or the newest, as text. */
+    /** Write the values at the cursor, or the newest values, as text. */
     read() {
       const now = performance.now();
       if (now - this.readAt < READ || !this.$refs.readout) return;
       this.readAt = now;
-      const { points, cursor, wrong } = this;
-      const held = cursor !== null && points.count > 0;
-      const at = held ? points.nearest(cursor) : 0;
+      const { points, cursor, message } = this;
+      const hasCursor = cursor !== null && points.count > 0;
+      const at = hasCursor ? points.nearest(cursor) : 0;
       this.$refs.readout.querySelectorAll(".value").forEach((value, index) => {
         const place = at * points.channels + index;
-        const read = held ? [points.low[place], points.high[place]] : [this.got?.values[index] ?? NaN];
+        const read = hasCursor ? [points.low[place], points.high[place]] : [this.latest?.values[index] ?? NaN];
         const text = [...new Set(read.map((v) => readable(this.channels[index].factor * v)))].join(" … ");
         if (value.textContent !== text) value.textContent = text;
       });
-      const where = held ? `at ${written(points.times[at] - this.got.origin, 0.001)} s` : "";
-      this.$refs.where.textContent = wrong ?? (points.count ? where : "no samples yet");
+      const where = hasCursor ? `at ${written(points.times[at] - this.latest.origin, 0.001)} s` : "";
+      this.$refs.where.textContent = message ?? (points.count ? where : "no samples yet");
     },
 
-    // what a person does
+    // input
 
-    /** Draw and ask anew; what is shown stays so after a reload. */
+    /** Draw and request anew, and save the settings for a reload. */
     keep() {
       const { mode, length, loopX, loopY, lengths, hidden } = this;
       this.$emit("view", { mode, length, loopX, loopY, lengths: { ...lengths }, hidden: [...hidden] });
@@ -321,7 +321,7 @@ export default {
       this.follows = true;
       const nearer = (a, b) => (Math.abs(b - this.length) < Math.abs(a - this.length) ? b : a);
       this.length = this.windows.reduce(nearer);
-      this.told = "follows";
+      this.announcement = "live";
       this.keep();
     },
     toggle() {
@@ -331,14 +331,14 @@ export default {
     },
     halt() {
       if (!this.follows) return;
-      this.end = this.got?.newest || 0;
+      this.end = this.latest?.newest || 0;
       this.follows = false;
-      this.told = "paused";
+      this.announcement = "paused";
     },
     show(mode) {
       if (mode === this.mode) return;
       this.mode = mode;
-      this.cursor = this.pointer = this.wrong = null;
+      this.cursor = this.pointer = this.message = null;
       this.follows = true;
       this.keep();
     },
@@ -346,15 +346,15 @@ export default {
       this.hidden = this.hidden.includes(index) ? this.hidden.filter((k) => k !== index) : [...this.hidden, index];
       this.keep();
     },
-    /** Show another while, and stay there. */
+    /** Show another interval, and stop following. */
     lookAt(begin, end) {
-      if (!this.got) return;
+      if (!this.latest) return;
       this.halt();
       const length = Math.min(Math.max(end - begin, 4 / this.rate), this.seconds);
-      this.end = Math.min(0.5 * (begin + end + length), this.got.newest);
+      this.end = Math.min(0.5 * (begin + end + length), this.latest.newest);
       this.length = length;
-      const from = this.end - length - this.got.origin;
-      this.told = `${written(from, 0.01)} s to ${written(from + length, 0.01)} s`;
+      const from = this.end - length - this.latest.origin;
+      this.announcement = `${written(from, 0.01)} s to ${written(from + length, 0.01)} s`;
       this.renew();
     },
     zoom(factor, about) {
@@ -375,7 +375,7 @@ export default {
       event.stopPropagation();
       actions[event.key]();
     },
-    /** Move the cursor by a part of the width, and say what is there. */
+    /** Move the cursor by a part of the width, and announce the values. */
     point(sign) {
       const { begin, end } = this.times();
       this.halt();
@@ -384,27 +384,27 @@ export default {
       this.readAt = 0;
       this.draw();
       const lines = [...this.$refs.readout.querySelectorAll("li")];
-      this.told = `${this.$refs.where.textContent}: ${lines.map((read) => read.textContent.trim()).join(", ")}`;
+      this.announcement = `${this.$refs.where.textContent}: ${lines.map((read) => read.textContent.trim()).join(", ")}`;
     },
     timeAt(place) {
       const { begin } = this.times();
       return begin + ((place - this.plot.left) / this.plot.width) * this.length;
     },
     turned(event) {
-      // a wheel over a chart that nobody has chosen scrolls the page
+      // a wheel over a chart without focus scrolls the page
       if (this.mode !== "time" || !(event.ctrlKey || document.activeElement === this.$refs.canvas)) return;
       event.preventDefault();
       this.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.timeAt(event.offsetX));
     },
     down(event) {
-      if (this.mode !== "time" || event.button !== 0 || !this.got) return;
+      if (this.mode !== "time" || event.button !== 0 || !this.latest) return;
       this.$refs.canvas.setPointerCapture(event.pointerId);
       this.dragged = { from: event.offsetX, followed: this.follows, pans: event.shiftKey };
       this.halt();
       Object.assign(this.dragged, this.times(), { time: this.timeAt(event.offsetX) });
     },
     moved(event) {
-      if (this.mode !== "time" || !this.got) return;
+      if (this.mode !== "time" || !this.latest) return;
       if (this.dragged?.pans) {
         const by = ((this.dragged.from - event.offsetX) / this.plot.width) * this.length;
         this.lookAt(this.dragged.begin + by, this.dragged.end + by);
@@ -420,7 +420,7 @@ export default {
       const other = this.timeAt(event.offsetX);
       if (event.type === "pointerup" && Math.abs(event.offsetX - dragged.from) > 6) this.lookAt(Math.min(dragged.time, other), Math.max(dragged.time, other));
       else {
-        // a click alone chooses the chart, for the wheel and the keys
+        // a click gives the chart the focus, for the wheel and the keys
         this.follows = dragged.followed;
         this.renew();
       }

@@ -1,6 +1,6 @@
-// How a live chart is drawn: points of channels, axes with ticks and titles, on a canvas.
+// Drawing of live charts on a canvas: points of channels, axes with ticks and titles.
 
-/** Points of all channels, in the order of time: the newest are added, the oldest dropped. */
+/** Points of all channels in the order of time; new points are appended, old ones dropped. */
 export class Points {
   constructor(channels) {
     this.channels = channels;
@@ -23,7 +23,7 @@ export class Points {
     return this.first + this.count - 1;
   }
 
-  /** Take points; those that were there from the time of the first one on are replaced. */
+  /** Append points; they replace points from the time of the first one on. */
   add(times, low, high) {
     while (this.count && times.length && this.times[this.last] >= times[0]) this.count -= 1;
     if (this.first + this.count + times.length > this.size) this.compact(times.length);
@@ -50,7 +50,7 @@ export class Points {
     }
   }
 
-  /** The place of the point that is nearest to a time; -1 where there is none. */
+  /** The index of the point nearest to a time; -1 without points. */
   nearest(time) {
     if (!this.count) return -1;
     let low = this.first;
@@ -64,7 +64,7 @@ export class Points {
   }
 }
 
-/** Round places of ticks between two values. */
+/** Round positions of ticks between two values. */
 export function ticks(low, high, count) {
   const rough = (high - low) / Math.max(count, 1);
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -74,7 +74,7 @@ export function ticks(low, high, count) {
   return { step, places };
 }
 
-/** A number with the digits that a step needs. */
+/** A number with the digits of a step. */
 export function written(value, step) {
   const digits = Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 12);
   return value.toFixed(digits).replace(/^-(?=0(\.0*)?$)/, "").replace("-", "−");
@@ -87,19 +87,19 @@ export function readable(value) {
   return written(value, 10 ** Math.min(Math.max(size, -3) - 3, 0));
 }
 
-/** A range for values that changes seldom: where they leave it, or need far less. */
-export function keptRange(kept, low, high) {
-  if (!(high >= low)) return kept ?? [0, 1];
-  // what stands still, or all but does, is no reason for numbers of ten digits
+/** A stable range of values: it changes if they leave it, or need much less. */
+export function stableRange(previous, low, high) {
+  if (!(high >= low)) return previous ?? [0, 1];
+  // a nearly constant value must not produce tick labels of ten digits
   const least = Math.max(1e-3 * Math.max(Math.abs(low), Math.abs(high)), high > low ? 1e-5 : 1e-3);
   const margin = 0.06 * Math.max(high - low, least);
-  if (kept && low >= kept[0] && high <= kept[1] && high - low + 2 * margin > 0.5 * (kept[1] - kept[0])) return kept;
+  if (previous && low >= previous[0] && high <= previous[1] && high - low + 2 * margin > 0.5 * (previous[1] - previous[0])) return previous;
   const middle = 0.5 * (low + high);
   const half = 0.5 * Math.max(high - low, least) + 2 * margin;
   return [middle - half, middle + half];
 }
 
-/** Ticks of an axis whose decades are equally long: places, and the text of those that have one. */
+/** Ticks of a logarithmic axis, with their labels. */
 function decades(low, high) {
   const marked = [];
   const few = Math.log10(high / low) < 2.5;
@@ -123,14 +123,14 @@ function marks({ low, high, log, least = -Infinity }, count) {
   return places.filter((place) => place >= least).map((place) => [place, written(place, step)]);
 }
 
-/** What turns values of an axis into places between two pixels. */
+/** The function from values of an axis to pixels. */
 function placing({ low, high, log }, from, to) {
   if (!log) return (value) => from + ((value - low) / (high - low)) * (to - from);
   const decade = (to - from) / Math.log(high / low);
   return (value) => from + Math.log(value / low) * decade;
 }
 
-/** Draw the axes of a panel, and return what turns values into places. */
+/** Draw the axes of a panel, and return the functions from values to pixels. */
 export function axes(context, box, x, y, look) {
   const [right, bottom] = [box.left + box.width, box.top + box.height];
   const [toX, toY] = [placing(x, box.left, right), placing(y, bottom, box.top)];
@@ -171,7 +171,7 @@ export function axes(context, box, x, y, look) {
   return { toX, toY };
 }
 
-/** Draw within a box only. */
+/** Draw with clipping to a box. */
 export function clipped(context, box, draw) {
   context.save();
   context.beginPath();
@@ -181,7 +181,7 @@ export function clipped(context, box, draw) {
   context.restore();
 }
 
-/** Draw a line through the samples of a channel; where there is none for longer, it is broken. */
+/** Draw a line through the samples of a channel, interrupted at gaps. */
 export function line(context, points, channel, factor, colour, toX, toY, gap) {
   const { times, low, channels } = points;
   context.strokeStyle = colour;
@@ -199,11 +199,11 @@ export function line(context, points, channel, factor, colour, toX, toY, gap) {
   context.stroke();
 }
 
-/** Draw what lies between least and greatest values, a bar for each column of pixels. */
+/** Draw the area between minima and maxima, a bar for each column of pixels. */
 export function envelope(context, points, channel, factor, colour, toX, toY, gap, step, scale) {
   const { times, low, high, channels } = points;
   context.save();
-  // bars on whole pixels need no smoothing, which takes most of the time of a filled outline
+  // bars on whole pixels need no antialiasing, the slowest part of a filled outline
   context.setTransform(1, 0, 0, 1, 0, 0);
   context.fillStyle = colour;
   const least = Math.round(1.4 * scale);
@@ -220,7 +220,7 @@ export function envelope(context, points, channel, factor, colour, toX, toY, gap
     if (Number.isNaN(highest)) continue;
     const lowest = scale * toY(factor * low[place]);
     const joined = times[k] - before <= gap;
-    // bars that do not meet are made longer until they do
+    // bars are extended until they meet their neighbours
     const up = joined ? Math.min(highest, lastBottom) : highest;
     const down = joined ? Math.max(lowest, lastTop) : lowest;
     [before, lastTop, lastBottom] = [times[k], highest, lowest];
@@ -238,7 +238,7 @@ export function envelope(context, points, channel, factor, colour, toX, toY, gap
   context.restore();
 }
 
-/** Draw one channel over another: what is older paler, and a dot where it is now. */
+/** Draw one channel over another: older points are paler, a dot marks the newest. */
 export function loop(context, points, [x, y], [factorX, factorY], colour, toX, toY) {
   const { low, channels, first, last, count } = points;
   context.strokeStyle = context.fillStyle = colour;
@@ -261,7 +261,7 @@ export function loop(context, points, [x, y], [factorX, factorY], colour, toX, t
   context.fill();
 }
 
-/** The least and the greatest value of channels between two times, in the shown unit. */
+/** The minimum and maximum of channels between two times, in the displayed unit. */
 export function extent(points, shown, begin, end) {
   let low = Infinity;
   let high = -Infinity;

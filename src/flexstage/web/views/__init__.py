@@ -1,4 +1,4 @@
-"""The views of the front panel: a file each, and a line here."""
+"""The views of the front panel, one file each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,40 +11,48 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PanelView:
-    """A view: how it is called, and the module beside this file whose `build` makes its page."""
+    """A view, with the module of this folder whose `build` makes its page."""
 
     name: str
-    """Its name in the navigation."""
+    """Name in the navigation."""
     icon: str
-    """Its icon, by its name among Google's Material Icons."""
+    """Name of its icon in Google's Material Icons."""
     module: str
-    """Its module."""
+    """Name of the module."""
     purpose: str
-    """What one does there, for the tooltip."""
+    """Purpose of the view, for the tooltip."""
 
     @property
     def path(self) -> str:
-        """Its path in the address."""
+        """Path in the address."""
         return f"/{self.module}"
 
     @property
     def build(self) -> "Callable[[Page], None]":
-        """The function that makes its page."""
+        """The function that builds its page."""
         return import_module(f"{__name__}.{self.module}").build
 
 
-#: What the address alone opens.
-START = PanelView("Start", "home", "start", "What have you come to do?")
+#: The view of the address without a path.
+START = PanelView("Start", "home", "start", "What do you want to do?")
 
 #: In the order of the navigation.
 VIEWS: tuple[PanelView, ...] = (
-    PanelView("Design", "architecture", "design", "Choose a stage, change it, see what that does"),
-    PanelView("Analyse", "insights", "analyse", "Run models of the stage, and look at its motion"),
-    PanelView("Explore", "travel_explore", "explore", "Sweep, optimise, tolerance, sensitivity"),
+    PanelView("Design", "architecture", "design", "Choose a stage and change its parameters"),
+    PanelView("Analyse", "insights", "analyse", "Run models of the stage and compare them"),
     PanelView(
-        "Hysteresis", "all_inclusive", "hysteresis", "Identify a drive from a record, and undo it"
+        "Explore",
+        "travel_explore",
+        "explore",
+        "Sweep, optimise, tolerance and sensitivity analysis",
+    ),
+    PanelView(
+        "Hysteresis",
+        "all_inclusive",
+        "hysteresis",
+        "Identify the hysteresis of a drive, and compensate it",
     ),
     PanelView("Bench", "speed", "bench", "Connect to a stage, move it and record it"),
-    PanelView("Centring", "adjust", "centring", "Centre an encoder scale on a turning table"),
-    PanelView("Report", "description", "report", "All that is known of a stage on one page"),
+    PanelView("Centring", "adjust", "centring", "Centre an encoder scale on a rotary table"),
+    PanelView("Report", "description", "report", "Write a report of the stage"),
 )

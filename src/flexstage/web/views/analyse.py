@@ -1,29 +1,228 @@
-"""Analyse: run models of the stage that is open, and look at what they find."""
+"""Analyse: run models of the open stage, and compare their results."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from nicegui import events, ui
 
+from flexstage.files.names import file_name
 from flexstage.quantities.comparison import MODEL_WORDS, title_of
+from flexstage.quantities.quantity import QUANTITIES, number
 from flexstage.report.tables import coupling_tables
+from flexstage.studies.models import fitting_options
+from flexstage.studies.requests import ModelOptions
 from flexstage.web.analyse.bode import Bode
-from flexstage.web.analyse.convergence import Convergence
-from flexstage.web.analyse.models_panel import ModelsPanel
 from flexstage.web.analyse.shapes import NOTHING_YET, Shapes
 from flexstage.web.analyse.state import AnalyseState
-from flexstage.web.analyse.tables import figures_tables, hinges_table, modes_table
-from flexstage.web.analyse.work import Analysed, saved
+from flexstage.web.analyse.work import (
+    ModelResult,
+    analyse_variant,
+    errors_table,
+    figures_tables,
+    hinges_table,
+    meshes_table,
+    modes_table,
+    save_archive,
+)
 from flexstage.web.design.choice import StageChoice
-from flexstage.web.design.state import DesignState
-from flexstage.web.figures import show_table
+from flexstage.web.design.state import DesignState, Variant
+from flexstage.web.figures import picture, show_table
 from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import Page, PanelHeading, div, panel, quiet_button, show_job
+from flexstage.web.request_form import RequestForm
 
-_QUICK = "lumped"
+#: Quantities for a mesh refinement.
+_REFINED = ("natural_frequency_hz", "max_stress", "transmission_ratio", "output_stiffness")
+_MESHED = ("plane", "solid")
+
+
+class ModelsPanel:
+    """The models of the open stage, their options and progress.
+
+    Parameters
+    ----------
+    page
+        The page.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._state = page.session.state(AnalyseState)
+        self._design = page.session.state(DesignState)
+        self._rows: dict[str, tuple[ui.label, ui.element, ui.label]] = {}
+        self._shown_jobs: dict[str, str] = {}
+        self._builder = RequestForm(page, lambda: self._state.options, self._take)
+        self._fields_of: dict[str, Any] = {}
+        with ui.row().classes("items-center heading"):
+            PanelHeading("Models")
+            ui.space()
+            ui.button("Analyse", icon="play_arrow", on_click=self._start_selected)
+        for model in MODEL_WORDS:
+            self._row(model)
+        with ui.expansion("Options").classes("options"):
+            self._options()
+
+    def _row(self, model: str) -> None:
+        with div("model"):
+            box = ui.checkbox(title_of(model), value=model in self._state.selected_models).props(
+                "dense"
+            )
+            status = ui.label().classes("small number")
+            progress = div("working")
+            error_label = ui.label().classes("issue error")
+        box.on_value_change(lambda event: self._choose(model, bool(event.value)))
+        self._rows[model] = (status, progress, error_label)
+
+    def _options(self) -> None:
+        builder = self._builder
+        with div("fields"):
+            self._fields_of |= {name: builder.choice(name) for name in ("plane", "supports")}
+        self._fields_of |= {name: builder.tick(name) for name in ("estimate", "stroke")}
+        ui.checkbox("Write fields for ParaView (VTU)").props("dense").bind_value(
+            self._state, "fields"
+        ).tooltip("models that mesh the whole stage")
+        with div("fields"):
+            self._accuracy = builder.number("accuracy").props("clearable")
+            quantities = {name: QUANTITIES[name].label for name in _REFINED}
+            self._fields_of["quantity"] = builder.choice("quantity", quantities)
+        for field in (self._accuracy, *self._fields_of.values()):
+            field.classes("full-width")
+
+    def _take(self, name: str, value: Any) -> None:
+        self._state.options = replace(self._state.options, **{name: value})
+
+    def _choose(self, model: str, is_selected: bool) -> None:
+        others = [name for name in self._state.selected_models if name != model]
+        self._state.selected_models = [
+            m for m in MODEL_WORDS if m in others or (is_selected and m == model)
+        ]
+
+    def _start_selected(self) -> None:
+        if not self._state.selected_models:
+            ui.notify("Choose a model first", type="warning", position="top")
+            return
+        started = [model for model in self._state.selected_models if self.start(model)]
+        if not started:
+            ui.notify("These results are available or being computed", position="top")
+
+    def start(self, model: str) -> bool:
+        """Start a model of the open stage, unless its result is available or being computed."""
+        variant = self._design.now
+        key = (variant, model)
+        with self._page.show_errors():
+            for error in self._builder.errors.values():
+                raise error
+            options = fitting_options(model, self._state.options)
+            result = self._state.result(variant, model)
+            fields = self._fields(variant, model) if self._state.fields else None
+            if key in self._state.jobs or (
+                result and result.options == options and (fields is None or result.fields == fields)
+            ):
+                return False
+            self._state.errors.pop(key, None)
+            self._state.jobs[key] = self._page.panel.jobs.start(
+                f"{variant.name}, {title_of(model)}", analyse_variant,
+                variant, model, options, fields, owner=self._page.session.id,
+            )  # fmt: skip
+            self.sync()
+            return True
+        return False
+
+    def _fields(self, variant: Variant, model: str) -> Path | None:
+        if model not in _MESHED:
+            return None
+        return self._page.panel.folder("analyse") / file_name(variant.name) / model
+
+    def sync(self) -> None:
+        """Show the state of each model of the open stage."""
+        for name, field in self._fields_of.items():
+            field.value = getattr(self._state.options, name)
+        self._accuracy.value = _percent(self._state.options)
+        variant = self._design.now
+        for model, (status, progress, error_label) in self._rows.items():
+            key = (variant, model)
+            job, result = self._state.jobs.get(key), self._state.result(variant, model)
+            job_id = job.id if job else ""
+            if self._shown_jobs.get(model, "") != job_id:
+                self._shown_jobs[model] = job_id
+                progress.clear()
+                if job is not None:
+                    with progress:
+                        show_job(self._page, job)
+            status.text = f"done in {number(result.seconds, 2)} s" if result else ""
+            error_label.text = self._state.errors.get(key, "")
+            error_label.visible = bool(error_label.text)
+
+
+def _percent(options: ModelOptions) -> float | None:
+    """Return the accuracy option [%]."""
+    return None if options.accuracy is None else float(f"{100.0 * options.accuracy:.12g}")
+
+
+#: Default accuracy of a mesh refinement [1].
+DEFAULT_ACCURACY = 0.005
+
+
+class Convergence:
+    """Mesh convergence and error estimates of the results.
+
+    Parameters
+    ----------
+    page
+        The page.
+    start
+        Starts a model with the present options.
+    """
+
+    def __init__(self, page: Page, start: Callable[[str], bool]) -> None:
+        self._page = page
+        self._state = page.session.state(AnalyseState)
+        self._start = start
+        self._place = div("full-width stacked")
+
+    def show(self, results: dict[str, ModelResult]) -> None:
+        """Show the refinements and estimates."""
+        self._place.clear()
+        refined = [result for result in results.values() if result.convergence]
+        estimated = [result for result in results.values() if result.options.estimate]
+        with self._place:
+            for result in refined:
+                picture(result.convergence)
+                show_table(meshes_table(self._page.preferences, result))
+            for result in (*refined, *estimated):
+                with ui.expansion(f"Estimated errors, {title_of(result.model)}", value=True):
+                    show_table(errors_table(self._page.preferences, result))
+            if not refined:
+                ui.label(
+                    "Refine the mesh of a finite-element model to see the convergence."
+                ).classes("muted")
+                ui.button(
+                    f"Refine {title_of('plane')}",
+                    on_click=lambda: self._start_with("plane", accuracy=DEFAULT_ACCURACY),
+                ).classes("own-width")
+            if not estimated:
+                ui.label(
+                    "The condensed model estimates its errors by element order and number of modes."
+                ).classes("muted")
+                quiet_button(
+                    "Estimate errors",
+                    on_click=lambda: self._start_with("superelement", estimate=True),
+                ).props("outline").classes("own-width")
+
+    def _start_with(self, model: str, **options: Any) -> None:
+        self._state.options = replace(self._state.options, **options)
+        self._start(model)
+
+
+_FAST = "lumped"
 #: Parts of the results, and their icons.
 _PARTS = {"Shapes": "animation", "Bode": "ssid_chart", "Convergence": "trending_flat"}
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     AnalyseView(page).build()
 
 
@@ -40,11 +239,11 @@ class AnalyseView:
         self._page = page
         self._state = page.session.state(AnalyseState)
         self._design = page.session.state(DesignState)
-        self._seen: object = None
-        self._found: dict[str, Analysed] | None = None
+        self._shown_revision: object = None
+        self._results: dict[str, ModelResult] | None = None
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         with panel("toolbar"):
             StageChoice(self._page, self._opened)
             ui.space()
@@ -58,32 +257,32 @@ class AnalyseView:
                     self._title = PanelHeading()
                     self._tables = div("full-width stacked")
             with panel("sticky").props("tabindex=0"):
-                self._results()
+                self._build_tabs()
         self._opened()
         ui.timer(0.2, self._look)
 
-    def _results(self) -> None:
+    def _build_tabs(self) -> None:
         tabs = ui.tabs().props("dense no-caps align=left inline-label").classes("parts")
         with tabs:
             for name, icon in _PARTS.items():
                 ui.tab(name, icon=icon)
-        tabs.value = self._state.shown.part
+        tabs.value = self._state.display.part
         tabs.on_value_change(self._choose_part)
         self._place = div("full-width")
         self._open_part()
 
     def _choose_part(self, event: events.ValueChangeEventArguments) -> None:
-        self._state.shown.part = event.value
+        self._state.display.part = event.value
         self._open_part()
 
     def _open_part(self) -> None:
-        """Make the part of the results that is open; charts need their place to be seen."""
+        """Build the open tab; charts need a visible place."""
         self._place.clear()
         with self._place:
-            self._part = self._made(self._state.shown.part)
-            self._part.show(self._known())
+            self._part = self._build_part(self._state.display.part)
+            self._part.show(self._present_results())
 
-    def _made(self, part: str) -> Shapes | Bode | Convergence:
+    def _build_part(self, part: str) -> Shapes | Bode | Convergence:
         match part:
             case "Bode":
                 return Bode(self._page)
@@ -92,84 +291,84 @@ class AnalyseView:
         return Shapes(self._page)
 
     def _opened(self) -> None:
-        """Follow another stage; what is quick is begun at once."""
+        """Follow another stage, and start the fast model."""
         variant = self._design.now
-        key = (variant, _QUICK)
-        if self._state.found(*key) is None and key not in self._state.failed:
-            self._models.start(_QUICK)
+        key = (variant, _FAST)
+        if self._state.result(*key) is None and key not in self._state.errors:
+            self._models.start(_FAST)
         self._look()
 
     def _look(self) -> None:
-        self._state.take()
-        now = (self._state.revision, self._design.now, len(self._state.jobs))
-        if now == self._seen:
+        self._state.collect()
+        revision = (self._state.revision, self._design.now, len(self._state.jobs))
+        if revision == self._shown_revision:
             return
-        self._seen = now
+        self._shown_revision = revision
         self._models.sync()
         self._show()
 
-    def _known(self) -> dict[str, Analysed]:
-        found = {model: self._state.found(self._design.now, model) for model in MODEL_WORDS}
-        return {model: one for model, one in found.items() if one is not None}
+    def _present_results(self) -> dict[str, ModelResult]:
+        results = {model: self._state.result(self._design.now, model) for model in MODEL_WORDS}
+        return {model: result for model, result in results.items() if result is not None}
 
     def _show(self) -> None:
-        variant, found = self._design.now, self._known()
+        variant, results = self._design.now, self._present_results()
         self._title.text = f"{variant.name}{' (changed)' if variant.values else ''}"
-        self._save.set_enabled(bool(found))
-        if found != self._found:
-            self._found = found
-            self._show_tables(list(found.values()))
-            self._part.show(found)
+        self._save.set_enabled(bool(results))
+        if results != self._results:
+            self._results = results
+            self._show_tables(list(results.values()))
+            self._part.show(results)
 
-    def _show_tables(self, every: list[Analysed]) -> None:
+    def _show_tables(self, results: list[ModelResult]) -> None:
         self._tables.clear()
         with self._tables:
-            if not every:
+            if not results:
                 ui.label(NOTHING_YET).classes("muted")
                 return
-            first, others = figures_tables(self._page.preferences, every)
-            if first.rows:
-                show_table(first)
-            for drives in every[0].analysis.modes:
+            main, others = figures_tables(self._page.preferences, results)
+            if main.rows:
+                show_table(main)
+            for drives in results[0].analysis.modes:
                 with self._fold(f"Natural frequencies, drives {drives}", drives == "removed"):
-                    show_table(modes_table(every, drives))
+                    show_table(modes_table(results, drives))
             with self._fold("All other figures"):
                 show_table(others)
-            self._show_details(every)
+            self._show_details(results)
 
-    def _show_details(self, every: list[Analysed]) -> None:
-        best = every[-1]  # that leaves the least out
+    def _show_details(self, results: list[ModelResult]) -> None:
+        best = results[-1]  # the most complete model
         if best.analysis.coupling is not None:
             with self._fold(f"All drives together, {title_of(best.model)}"):
-                for shown in coupling_tables(best.analysis.coupling):
-                    show_table(shown)
+                for rows in coupling_tables(best.analysis.coupling):
+                    show_table(rows)
         stress = hinges_table(best)
         if stress.rows:
             with self._fold(f"Stress of each hinge, {title_of(best.model)}"):
                 show_table(stress)
-        with self._fold("Where the figures stop being valid"):
-            for one in every:
-                for words in one.analysis.validity:
-                    ui.label(f"{title_of(one.model)}: {words}").classes("small")
+        with self._fold("Limits of validity"):
+            for result in results:
+                for text in result.analysis.validity:
+                    ui.label(f"{title_of(result.model)}: {text}").classes("small")
 
     def _fold(self, title: str, is_open: bool = False) -> ui.expansion:
-        """Return a part that is folded, or as it was left."""
-        folds = self._state.shown.folds
-        made = ui.expansion(title, value=folds.get(title, is_open))
-        return made.on_value_change(lambda event: folds.update({title: event.value}))
+        """Return a foldable section in its last state."""
+        folds = self._state.display.folds
+        fold = ui.expansion(title, value=folds.get(title, is_open))
+        return fold.on_value_change(lambda event: folds.update({title: event.value}))
 
     def _save_all(self) -> None:
-        found = list(self._known().values())
+        results = list(self._present_results().values())
         folder = self._page.panel.folder("analyse")
         job = self._page.panel.jobs.start(
-            "saving results", saved, folder, found, owner=self._page.session.id
+            "saving results", save_archive, folder, results, owner=self._page.session.id
         )
         self._save.disable()
 
-        def over(job: BackgroundJob) -> None:
+        def finish(job: BackgroundJob) -> None:
             self._save.enable()
             if job.state == "done":
                 ui.download.file(job.result)
 
         with self._working:
-            show_job(self._page, job, over)
+            show_job(self._page, job, finish)

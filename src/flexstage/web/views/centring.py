@@ -1,4 +1,4 @@
-"""Centring: measure a scale on a turning table, move it on trial, move it, and verify."""
+"""Centring: measure a scale on a rotary table, make trial moves, move it, and verify."""
 
 import asyncio
 import json
@@ -12,41 +12,59 @@ from flexstage.files.write import write_whole
 from flexstage.quantities.quantity import beside
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
-from flexstage.web.centring.findings import figures, pair, place, rows_of
-from flexstage.web.centring.scale_form import SOURCES, ScaleForm
-from flexstage.web.centring.stage_moves import axes_of, limits_of, move_to, noise_of, place_of
+from flexstage.web.centring.panels import (
+    SOURCES,
+    ScaleForm,
+    figures,
+    position_text,
+    turns_table,
+    with_uncertainty,
+)
 from flexstage.web.centring.state import CentringState, Source
 from flexstage.web.centring.work import (
-    CentreFound,
-    evaluated,
+    CentringResult,
+    axes_of,
+    evaluate_files,
     gauge_record,
     likely_columns,
+    limits_of,
+    move_to,
+    noise_of,
     simulated_record,
+    stage_position,
 )
 from flexstage.web.figures import figure, picture, show_lines, show_table
-from flexstage.web.page import Page, PanelHeading, Task, complain, div, panel, quiet_button, remark
+from flexstage.web.page import (
+    Page,
+    PanelHeading,
+    Task,
+    div,
+    panel,
+    quiet_button,
+    remark,
+    show_error,
+)
 from flexstage.web.preferences import LENGTHS
 from flexstage.web.uploads import upload
 
 _ENDINGS = tuple(suffix for suffixes in FORMATS.values() for suffix in suffixes)
 _STEPS = ("Measure", "Trial moves", "Move", "Verify")
 _PURPOSES = (
-    "How far the centre of the scale is from the axis, and in which direction.",
-    "Each axis is moved once by a known way: that tells its direction, sign and gain.",
-    "Where the stage has to stand for the error of order 1 to vanish.",
-    "What is left, and whether a further move would help.",
+    "Magnitude and direction of the eccentricity.",
+    "One known move of each axis gives its direction, sign and gain.",
+    "Stage position that cancels the once-per-turn error.",
+    "Remaining eccentricity, and whether another move would help.",
 )
-_HOW: dict[Source, str] = {
-    "records": "Turn the table once or more with the stage at rest, and give the record: its angle "
-    "and the error of each head (angle read minus true angle).",
-    "gauge": "Turn the table once by hand, and read the gauge on the rim at even angles.",
-    "example": "A simulated table turns a scale that is not centred, with two heads. It needs "
-    "nothing of your own.",
+_INSTRUCTIONS: dict[Source, str] = {
+    "records": "Turn the table once or more with the stage at rest, and upload the record of the "
+    "angle and the error of each head (reading − true angle).",
+    "gauge": "Turn the table once by hand, and read the gauge at the rim at equal angles.",
+    "example": "A simulated table turns an eccentric scale with two heads. It needs no hardware.",
 }
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     CentringView(page).build()
 
 
@@ -62,155 +80,159 @@ class CentringView:
     def __init__(self, page: Page) -> None:
         self._page, self._bench = page, bench_of(page)
         self._state = page.session.state(CentringState)
-        if not self._state.measured:
-            first = not self._state.columns and self._state.source == "records"
-            source: Source = "example" if first else self._state.source
-            self._state.begin(source, place_of(self._bench))
+        if not self._state.turns:
+            is_new = not self._state.columns and self._state.source == "records"
+            source: Source = "example" if is_new else self._state.source
+            self._state.begin(source, stage_position(self._bench))
         if (limits := limits_of(self._bench)) is not None:
             self._state.limits, self._state.noise = limits, noise_of(self._bench)
         self._folder = page.panel.folder(f"centring/{page.session.id}")
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         self._form = ScaleForm(self._page, self._begin, self._evaluate)
         with div("columns centring"):
             with div("stack"):
                 self._steps = div("stack")
             with panel("sticky").props("tabindex=0"):
                 self._working = div("full-width")
-                self._shown = div("stack")
+                self._results = div("stack")
         self._task = Task(
             self._page, self._state.jobs, "fit", self._working, self._take, self._failed
         )
         self._show()
 
-    # what a person does
+    # input
 
     def _begin(self, source: Source) -> None:
         self._task.stop()
-        self._state.begin(source, place_of(self._bench))
+        self._state.begin(source, stage_position(self._bench))
         self._form.build()
         self._show()
 
     def _take_record(self, path: Path) -> None:
-        self._state.take(path)
+        self._state.add_turn(path)
         self._evaluate()
 
-    async def _given(self, path: Path) -> None:
-        kept = self._new_file(path.suffix)
-        write_whole(kept, path.read_bytes())
-        if not self._state.measured:
-            self._state.look(await asyncio.to_thread(likely_columns, kept))
+    async def _use_file(self, path: Path) -> None:
+        path_in_folder = self._new_file(path.suffix)
+        write_whole(path_in_folder, path.read_bytes())
+        if not self._state.turns:
+            self._state.use_columns(await asyncio.to_thread(likely_columns, path_in_folder))
             self._form.build()
-        self._take_record(kept)
+        self._take_record(path_in_folder)
 
-    def _typed(self) -> None:
-        with self._page.sentences():
+    def _use_readings(self) -> None:
+        with self._page.show_errors():
             path = self._new_file(".csv")
             gauge_record(self._state.gauge_text, 1.0 / LENGTHS[self._state.gauge_unit], path)
             self._state.gauge_text = ""
             self._take_record(path)
 
     async def _turn(self) -> None:
-        with self._page.sentences():
+        with self._page.show_errors():
             state, path = self._state, self._new_file(".csv")
-            by = [at - first for at, first in zip(state.at, state.origin, strict=True)]
-            await asyncio.to_thread(simulated_record, by, len(state.measured), path)
+            displacement = [
+                at - first for at, first in zip(state.position, state.origin, strict=True)
+            ]
+            await asyncio.to_thread(simulated_record, displacement, len(state.turns), path)
             self._take_record(path)
 
     def _new_file(self, suffix: str) -> Path:
-        taken = {path.stem for path in self._folder.iterdir()}
-        number = next(k for k in range(1, len(taken) + 2) if f"turn-{k}" not in taken)
+        existing = {path.stem for path in self._folder.iterdir()}
+        number = next(k for k in range(1, len(existing) + 2) if f"turn-{k}" not in existing)
         return self._folder / f"turn-{number}{suffix}"
 
-    def _take_back(self) -> None:
-        self._state.take_back()
+    def _undo_turn(self) -> None:
+        self._state.undo_turn()
         self._evaluate()
 
-    def _stand(self, axis: int, value: float | None) -> None:
+    def _set_position(self, axis: int, value: float | None) -> None:
         _, factor = self._page.preferences.length_unit()
         if value is not None:
-            at = list(self._state.at)
+            at = list(self._state.position)
             at[axis] = value / factor
-            self._state.at = (at[0], at[1])
+            self._state.position = (at[0], at[1])
 
     async def _move(self, target: tuple[float, float]) -> None:
-        with self._page.sentences():
-            me = self._page.session.id
-            self._state.at = await asyncio.to_thread(move_to, self._bench, me, target)
-            ui.notify(f"the stage stands at {place(self._state.at, self._page.preferences)}")
+        with self._page.show_errors():
+            session = self._page.session.id
+            self._state.position = await asyncio.to_thread(move_to, self._bench, session, target)
+            ui.notify(
+                f"the stage is at {position_text(self._state.position, self._page.preferences)}"
+            )
             self._show()
 
-    # what follows
+    # evaluation
 
     def _evaluate(self) -> None:
         self._task.stop()
         self._show()
-        if self._state.measured:
-            with self._page.sentences():
-                for error in self._state.wrong.values():
+        if self._state.turns:
+            with self._page.show_errors():
+                for error in self._state.errors.values():
                     raise error
-                key = f"centring{self._shown.id}"
-                self._task.start("evaluation", evaluated, self._state.asked, key)
+                key = f"centring{self._results.id}"
+                self._task.start("evaluation", evaluate_files, self._state.evaluation, key)
 
-    def _take(self, found: CentreFound) -> None:
-        self._state.found = found
+    def _take(self, result: CentringResult) -> None:
+        self._state.result = result
         target = self._state.target()
         if target is not None and axes_of(self._bench) is None:
-            self._state.at = target
+            self._state.position = target
         self._show()
 
     def _failed(self, sentence: str) -> None:
         if sentence:
-            complain(sentence)
+            show_error(sentence)
         self._show()
 
-    # what is shown
+    # display
 
     def _show(self) -> None:
         self._steps.clear()
         with self._steps:
             for number, name in enumerate(_STEPS, start=1):
                 self._step(number, name)
-        self._shown.clear()
-        with self._shown:
+        self._results.clear()
+        with self._results:
             self._result()
 
     def _step(self, number: int, name: str) -> None:
         state = self._state
         is_current = number == state.step or (number == 4 and state.step == 3)
-        done = number < state.step or (number == 4 and state.next_kind == "move" and self._moves)
+        is_done = number < state.step or (number == 4 and state.next_kind == "move" and self._moves)
         with panel("step current" if is_current else "step"):
             with ui.row().classes("items-center heading"):
                 PanelHeading(f"{number} {name}")
-                if done:
+                if is_done:
                     ui.label("done").classes("state")
             if is_current:
                 (self._measure, self._trial, self._towards_centre, self._verify)[number - 1]()
-            elif not done:
+            elif not is_done:
                 remark(_PURPOSES[number - 1])
 
     @property
     def _moves(self) -> int:
-        return sum(each.kind == "move" for each in self._state.measured)
+        return sum(each.kind == "move" for each in self._state.turns)
 
     def _measure(self) -> None:
-        ui.label(_HOW[self._state.source])
+        ui.label(_INSTRUCTIONS[self._state.source])
         self._place_fields()
         self._record_field()
 
     def _trial(self) -> None:
         state = self._state
-        axis = "x" if len(state.measured) == 1 else "y"
-        if (target := self._told_target()) is None:
+        axis = "x" if len(state.turns) == 1 else "y"
+        if (target := self._target_or_reason()) is None:
             return
         unit, factor = self._page.preferences.length_unit()
-        before = state.measured[-1].at["xy".index(axis)]
-        by = factor * (target["xy".index(axis)] - before)
-        there = place(target, self._page.preferences)
+        present = state.turns[-1].position["xy".index(axis)]
+        step = factor * (target["xy".index(axis)] - present)
+        destination = position_text(target, self._page.preferences)
         ui.label(
-            f"Move the stage by {by:+.4g} {unit} in {axis} alone, to {there}, turn the table "
-            "again, and give the record. It tells how the axis moves the scale."
+            f"Move the stage by {step:+.4g} {unit} in {axis} only, to {destination}. Turn the "
+            "table again, and upload the record. It calibrates the axis."
         )
         self._go_button(target)
         self._place_fields()
@@ -218,97 +240,93 @@ class CentringView:
         self._known_direction()
 
     def _known_direction(self) -> None:
-        """Offer the move that follows at once where the direction of the stage is known."""
-        found = self._state.found
-        move = None if found is None else found.settings[-1].get("move")
+        """Offer the direct move for a known orientation of the stage."""
+        result = self._state.result
+        move = None if result is None else result.settings[-1].get("move")
         if move is None:
             return
         unit, factor = self._page.preferences.length_unit()
-        with ui.expansion("You know how the stage lies on the table").classes("full-width"):
+        with ui.expansion("Stage orientation is known").classes("full-width"):
             field = ui.number(
-                "Direction of its x axis [°], as the angle counts",
+                "Direction of the x axis [°], in the sense of the angle",
                 value=round(math.degrees(self._state.request.mounting_angle), 9),
             ).props("dense outlined debounce=800")
-            field.on_value_change(lambda e: self._mounted(e.value))
-            by = ", ".join(
-                f"{axis} {pair(move[axis], move[f'uncertainty_{axis}'], factor)} {unit}"
+            field.on_value_change(lambda e: self._set_orientation(e.value))
+            move_text = ", ".join(
+                f"{axis} {with_uncertainty(move[axis], move[f'uncertainty_{axis}'], factor)} {unit}"
                 for axis in "xy"
             )
-            ui.label(f"Then move it at once from where it stands: {by}.")
+            ui.label(f"Move directly from the current position: {move_text}.")
 
-    def _mounted(self, degrees: float | None) -> None:
+    def _set_orientation(self, degrees: float | None) -> None:
         if degrees is not None:
             self._state.ask(mounting_angle=math.radians(degrees))
             self._evaluate()
 
     def _towards_centre(self) -> None:
         state, preferences = self._state, self._page.preferences
-        if (target := self._told_target()) is None:
+        if (target := self._target_or_reason()) is None:
             return
-        centre = state.found.result["trial"]["centre"] if state.found else {}
+        centre = state.result.data["trial"]["centre"] if state.result else {}
         unit, factor = preferences.length_unit()
-        for axis, by in zip("xy", centre["move_from_last"], strict=True):
-            unsure = centre[f"uncertainty_{axis}"]
-            step = beside(factor * by, factor * unsure)[0]
-            value = f"{pair(centre[axis], unsure, factor)} {unit}"
-            stays = abs(by) <= state.noise["xy".index(axis)]
-            told = "stays: less than the noise of its sensor" if stays else f"by {step} {unit}"
-            figure(f"Stage to {axis}", value, told)
-        show_lines(state.found.result["trial"]["notes"] if state.found else (), "muted small")
+        for axis, move in zip("xy", centre["move_from_last"], strict=True):
+            uncertainty = centre[f"uncertainty_{axis}"]
+            step = beside(factor * move, factor * uncertainty)[0]
+            value = f"{with_uncertainty(centre[axis], uncertainty, factor)} {unit}"
+            stays = abs(move) <= state.noise["xy".index(axis)]
+            note = "no move: below the noise of the sensor" if stays else f"by {step} {unit}"
+            figure(f"Stage position {axis}", value, note)
+        show_lines(state.result.data["trial"]["notes"] if state.result else (), "muted small")
         self._go_button(target)
 
     def _verify(self) -> None:
         state = self._state
         if state.up_to_date and state.target() is not None:
-            ui.label("Turn the table again after the move, and give the record.")
+            ui.label("Turn the table again after the move, and upload the record.")
             self._place_fields()
             self._record_field()
-        if self._moves and state.found is not None and state.up_to_date:
-            found = state.found.settings
-            self._left(found[0], found[-1])
+        if self._moves and state.result is not None and state.up_to_date:
+            settings = state.result.settings
+            self._show_remaining(settings[0], settings[-1])
 
-    def _left(self, first: dict[str, Any], last: dict[str, Any]) -> None:
-        given = self._state.request.radius, self._page.preferences
+    def _show_remaining(self, first: dict[str, Any], last: dict[str, Any]) -> None:
+        options = self._state.request.radius, self._page.preferences
         with div("issue good"):
-            for (name, value, told), (_, before, _) in zip(
-                figures(last, *given)[:2], figures(first, *given)[:2], strict=True
+            for (name, value, note), (_, initial, _) in zip(
+                figures(last, *options)[:2], figures(first, *options)[:2], strict=True
             ):
-                ui.label(f"{name}: {value} left ({told}); it was {before}")
+                ui.label(f"{name}: {value} ({note}); initially {initial}")
 
-    def _told_target(self) -> tuple[float, float] | None:
-        """Where the stage shall go; what is missing is said where it is not known."""
+    def _target_or_reason(self) -> tuple[float, float] | None:
+        """Return the target of the stage; without one, show the reason."""
         state = self._state
         target = state.target()
         if target is None:
-            waiting = self._task.running or not state.up_to_date
-            words = (
-                "The records are evaluated …" if waiting else "No move follows from these records."
-            )
-            ui.label(words).classes("muted")
-            if not waiting and state.found is not None:
-                show_lines(state.found.result.get("trial", {}).get("notes", ()), "issue")
+            is_pending = self._task.running or not state.up_to_date
+            text = "Evaluating the records …" if is_pending else "These records determine no move."
+            ui.label(text).classes("muted")
+            if not is_pending and state.result is not None:
+                show_lines(state.result.data.get("trial", {}).get("notes", ()), "issue")
                 self._place_fields()
                 self._record_field()
         return target
 
     def _go_button(self, target: tuple[float, float]) -> None:
         if axes_of(self._bench) is None:
-            remark("No stage is connected: move it yourself, or connect it in the view Bench.")
+            remark("Move the stage yourself, or connect it in the view Bench.")
         elif self._bench.control.holds(self._page.session.id):
             ui.button("Move the stage there", on_click=lambda: self._move(target))
         else:
-            remark(
-                "Another browser drives the stage, or nobody does: take control in the view Bench."
-            )
+            remark("This browser does not have control of the stage: take it in the view Bench.")
 
     def _place_fields(self) -> None:
         unit, factor = self._page.preferences.length_unit()
         with ui.row().classes("items-center place"):
             for axis in (0, 1):
-                value = float(f"{factor * self._state.at[axis]:.6g}")
+                value = float(f"{factor * self._state.position[axis]:.6g}")
                 field = ui.number(f"Stage at {'xy'[axis]} [{unit}]", value=value)
                 field.props("dense outlined")
-                field.on_value_change(lambda e, axis=axis: self._stand(axis, e.value))
+                field.on_value_change(lambda e, axis=axis: self._set_position(axis, e.value))
 
     def _record_field(self) -> None:
         source = self._state.source
@@ -316,43 +334,47 @@ class CentringView:
             ui.button("Turn the simulated table", on_click=self._turn)
         elif source == "records":
             upload(
-                self._page, "Record of a turn: drop it here", _ENDINGS, self._given, view="centring"
+                self._page,
+                "Record of a turn: drop it here",
+                _ENDINGS,
+                self._use_file,
+                view="centring",
             )
         else:
-            text = ui.textarea("Readings over one turn, at even angles").props("outlined autogrow")
+            text = ui.textarea("Readings over one turn, at equal angles").props("outlined autogrow")
             text.classes("full-width").bind_value(self._state, "gauge_text")
             with ui.row().classes("items-center"):
                 choice = ui.select(list(LENGTHS), label="Unit").props("dense outlined")
                 choice.bind_value(self._state, "gauge_unit")
-                ui.button("Take the readings", on_click=self._typed)
+                ui.button("Use the readings", on_click=self._use_readings)
 
     def _result(self) -> None:
         state, preferences = self._state, self._page.preferences
-        if not state.measured:
-            PanelHeading("Nothing is measured yet")
-            ui.label("Begin on the left. Records may come from three places:")
+        if not state.turns:
+            PanelHeading("No turn measured yet")
+            ui.label("Start on the left. There are three sources of records:")
             with div("chapters"):
-                for source, how in _HOW.items():
+                for source, instruction in _INSTRUCTIONS.items():
                     with ui.element("div"):
                         PanelHeading(SOURCES[source], 3)
-                        remark(how)
+                        remark(instruction)
             return
-        found = state.found if state.up_to_date else None
-        if found is not None:
+        result = state.result if state.up_to_date else None
+        if result is not None:
             with div("row-of-figures"):
-                for shown in figures(found.settings[-1], state.request.radius, preferences):
-                    figure(*shown)
-            picture(found.svg)
-        show_table(rows_of(state, preferences))
+                for row in figures(result.settings[-1], state.request.radius, preferences):
+                    figure(*row)
+            picture(result.svg)
+        show_table(turns_table(state, preferences))
         with ui.row().classes("items-center"):
-            quiet_button("Take the last one back", icon="undo", on_click=self._take_back)
-            if found is not None:
-                quiet_button("Results (JSON)", icon="download", on_click=self._give)
-        if found is not None:
-            show_lines(dict.fromkeys(found.result["notes"]), "muted small")
+            quiet_button("Undo last turn", icon="undo", on_click=self._undo_turn)
+            if result is not None:
+                quiet_button("Results (JSON)", icon="download", on_click=self._download)
+        if result is not None:
+            show_lines(dict.fromkeys(result.data["notes"]), "muted small")
 
-    def _give(self) -> None:
-        if self._state.found is not None:
-            content = json.dumps(self._state.found.result, indent=1).encode()
+    def _download(self) -> None:
+        if self._state.result is not None:
+            content = json.dumps(self._state.result.data, indent=1).encode()
             write_whole(self._folder / "centring.json", content)
             ui.download.content(content, "centring.json")

@@ -1,4 +1,4 @@
-"""Design: choose a stage, change it, and see at once what that does."""
+"""Design: choose a stage, change its parameters, and see the figures at once."""
 
 import asyncio
 import time
@@ -19,11 +19,11 @@ from flexstage.web.design.choice import StageChoice
 from flexstage.web.design.sliders import Sliders
 from flexstage.web.design.state import DesignState, Variant
 from flexstage.web.design.work import (
-    Checked,
-    checked,
-    exported_into,
+    CheckedDrawing,
+    characteristics_of,
+    draw_with_issues,
+    export_to_folder,
     figures_table,
-    rows_of,
     slopes_of,
     stage_file,
 )
@@ -32,18 +32,18 @@ from flexstage.web.jobs import BackgroundJob
 from flexstage.web.page import (
     Page,
     PanelHeading,
-    complain,
     div,
     named_dialog,
     panel,
     quiet_button,
     remark,
+    show_error,
     show_job,
 )
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     DesignView(page).build()
 
 
@@ -61,12 +61,12 @@ class DesignView:
         self._state = page.session.state(DesignState)
         self._follows = self._dirty = self._drawing = False
         self._changed_at = 0.0
-        self._drawn: Variant | None = None
-        self._kept_drawn: Variant | None = None
+        self._drawn_variant: Variant | None = None
+        self._drawn_pinned: Variant | None = None
         self._job: tuple[str, Variant, BackgroundJob] | None = None
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         with panel("toolbar"):
             self._tools()
         with div("columns design"):
@@ -88,7 +88,7 @@ class DesignView:
             )
             for icon, name, turn in (("undo", "Undo", state.undo), ("redo", "Redo", state.redo))
         )
-        quiet_button("Keep to compare", on_click=lambda: self._keep(state.now))
+        quiet_button("Pin for comparison", on_click=lambda: self._pin(state.now))
         ui.button("Save stage file", on_click=lambda: ask_file_name(self._page, self._state.now))
         quiet_button("Export", on_click=lambda: ask_export(self._page, self._state.now)).props(
             "outline"
@@ -97,24 +97,24 @@ class DesignView:
     def _results(self) -> None:
         with ui.row().classes("items-center heading"):
             self._title = PanelHeading()
-            self._doing = ui.label().classes("muted small").props('role="status"')
-        self._wrong = ui.label().classes("issue error").props('role="alert"')
-        self._wrong.visible = False
+            self._activity = ui.label().classes("muted small").props('role="status"')
+        self._error = ui.label().classes("issue error").props('role="alert"')
+        self._error.visible = False
         with div("drawings"):
             self._picture = picture("")
-            self._kept_picture = picture("")
+            self._pinned_picture = picture("")
         self._figures = ui.html("", sanitize=False).classes("tables live")
-        with ui.row().classes("items-center heading") as self._kept_row:
-            self._kept_name = ui.label().classes("small")
-            quiet_button("Open the kept one", on_click=self._swap).props("dense")
-            quiet_button("Keep none", on_click=lambda: self._keep(None)).props("dense")
+        with ui.row().classes("items-center heading") as self._pinned_row:
+            self._pinned_name = ui.label().classes("small")
+            quiet_button("Open pinned", on_click=self._swap).props("dense")
+            quiet_button("Unpin", on_click=lambda: self._pin(None)).props("dense")
         self._issues = div("issues").props('aria-live="polite"')
-        self._show_kept()
+        self._show_pinned()
 
-    # what a person does
+    # input
 
     def _moved(self) -> None:
-        """Follow a change: the figures at once, the rest when it has ended."""
+        """Follow a change: the figures at once, drawing and finer model at its end."""
         self._changed_at = time.monotonic()
         self._dirty = True
         if not self._follows:
@@ -126,36 +126,36 @@ class DesignView:
         self._moved()
 
     def _turn(self, turn: Callable[[], object]) -> None:
-        before = self._state.now.template
-        turn()
-        self._shown_again(before)
-
-    def _shown_again(self, before: StageTemplate) -> None:
         template = self._state.now.template
-        if template != before:
+        turn()
+        self._refresh(template)
+
+    def _refresh(self, previous: StageTemplate) -> None:
+        template = self._state.now.template
+        if template != previous:
             self._choice.sync()
             self._sliders.build()
         self._sliders.sync()
         self._moved()
 
-    def _keep(self, variant: Variant | None) -> None:
-        self._state.kept = variant
-        self._show_kept()
+    def _pin(self, variant: Variant | None) -> None:
+        self._state.pinned = variant
+        self._show_pinned()
         self._moved()
 
     def _swap(self) -> None:
-        kept = self._state.kept
-        if kept is not None:
-            before, self._state.kept = self._state.now, self._state.now
-            self._state.show(kept)
+        pinned = self._state.pinned
+        if pinned is not None:
+            previous, self._state.pinned = self._state.now, self._state.now
+            self._state.show(pinned)
             self._state.commit()
-            self._show_kept()
-            self._shown_again(before.template)
+            self._show_pinned()
+            self._refresh(previous.template)
 
-    # what follows
+    # computation
 
     async def _follow(self) -> None:
-        """Show the figures of the newest variant; those that it passed on the way are left out."""
+        """Show the figures of the newest variant; intermediate variants are skipped."""
         try:
             while self._dirty:
                 self._dirty = False
@@ -163,19 +163,19 @@ class DesignView:
                 try:
                     rows = self._state.lumped.get(variant)
                     if rows is None:
-                        rows = await asyncio.to_thread(rows_of, variant, "lumped")
+                        rows = await asyncio.to_thread(characteristics_of, variant, "lumped")
                         self._state.lumped.put(variant, rows)
                 except FlexstageError as error:
-                    self._show_wrong(str(error))
+                    self._show_model_error(str(error))
                 else:
-                    self._show_wrong("")
+                    self._show_model_error("")
                     self._show_figures(variant)
         finally:
             self._follows = False
 
-    def _show_wrong(self, sentence: str) -> None:
-        self._wrong.text = sentence
-        self._wrong.visible = bool(sentence)
+    def _show_model_error(self, sentence: str) -> None:
+        self._error.text = sentence
+        self._error.visible = bool(sentence)
         if sentence:
             self._figures.classes(add="stale")
         else:
@@ -183,75 +183,75 @@ class DesignView:
 
     def _show_figures(self, variant: Variant) -> None:
         state = self._state
-        kept = state.kept
-        if kept is not None and state.lumped.get(kept) is None:
-            state.lumped.put(kept, rows_of(kept, "lumped"))
-        shown = figures_table(
+        pinned = state.pinned
+        if pinned is not None and state.lumped.get(pinned) is None:
+            state.lumped.put(pinned, characteristics_of(pinned, "lumped"))
+        table = figures_table(
             self._page.preferences,
             state.lumped.get(variant) or (),
             state.corrected.get(variant),
-            state.lumped.get(kept),
+            state.lumped.get(pinned),
         )
         self._title.text = f"{variant.name}{' (changed)' if variant.values else ''}"
         self._figures.content = (
-            table_html(shown)
-            if shown.rows
-            else '<p class="muted">No figure: the stage has no axis, of a drive and a probe.</p>'
+            table_html(table)
+            if table.rows
+            else '<p class="muted">No figures: the stage has no axis with a drive and a probe.</p>'
         )
 
-    def _show_kept(self) -> None:
-        kept = self._state.kept
-        self._kept_row.visible = self._kept_picture.visible = kept is not None
-        if kept is None:
-            self._kept_drawn = None
+    def _show_pinned(self) -> None:
+        pinned = self._state.pinned
+        self._pinned_row.visible = self._pinned_picture.visible = pinned is not None
+        if pinned is None:
+            self._drawn_pinned = None
         else:
-            changed = f", {len(kept.values)} parameters changed" if kept.values else ""
-            self._kept_name.text = f"Kept: {kept.name}{changed}"
+            changed = f", {len(pinned.values)} parameters changed" if pinned.values else ""
+            self._pinned_name.text = f"Pinned: {pinned.name}{changed}"
 
     async def _look(self) -> None:
-        """Do what is due after a change has ended: history, drawing, slopes, the finer model."""
+        """Continue after a change: history, drawing, sensitivities, and the finer model."""
         state = self._state
         if not self._page.client.has_socket_connection:
-            return  # the page was left, or is on its way back
+            return  # the page was closed, or is reconnecting
         self._undo.set_enabled(state.history.can_undo)
         self._redo.set_enabled(state.history.can_redo)
         self._take_job()
-        quiet = time.monotonic() - self._changed_at
-        has_ended, begins_finer = quiet > 0.35, quiet > 0.8  # a drag pauses at times [s]
+        idle = time.monotonic() - self._changed_at
+        is_complete, is_idle = idle > 0.35, idle > 0.8  # a drag can pause [s]
         variant = state.now
-        if not has_ended or self._follows or state.lumped.get(variant) is None:
+        if not is_complete or self._follows or state.lumped.get(variant) is None:
             return
         state.commit()
         if self._drawing:
             return
-        if self._drawn != variant:
-            found = await self._checked(variant, f"now{self._picture.id}")
-            self._drawn = variant
-            if found is not None and variant == state.now:
-                self._show_checked(found)
-        elif state.kept is not None and self._kept_drawn != state.kept:
-            kept = state.kept
-            found = await self._checked(kept, f"kept{self._kept_picture.id}")
-            self._kept_drawn = kept
-            if found is not None:
-                self._kept_picture.content = found.svg
-        elif begins_finer and self._job is None:
+        if self._drawn_variant != variant:
+            drawing = await self._draw(variant, f"now{self._picture.id}")
+            self._drawn_variant = variant
+            if drawing is not None and variant == state.now:
+                self._show_drawing(drawing)
+        elif state.pinned is not None and self._drawn_pinned != state.pinned:
+            pinned = state.pinned
+            drawing = await self._draw(pinned, f"pinned{self._pinned_picture.id}")
+            self._drawn_pinned = pinned
+            if drawing is not None:
+                self._pinned_picture.content = drawing.svg
+        elif is_idle and self._job is None:
             self._start_job(variant)
 
-    async def _checked(self, variant: Variant, key: str) -> Checked | None:
+    async def _draw(self, variant: Variant, key: str) -> CheckedDrawing | None:
         self._drawing = True
         try:
-            with self._page.sentences():
-                return await asyncio.to_thread(checked, variant, key)
+            with self._page.show_errors():
+                return await asyncio.to_thread(draw_with_issues, variant, key)
         finally:
             self._drawing = False
         return None
 
-    def _show_checked(self, found: Checked) -> None:
-        self._picture.content = found.svg
+    def _show_drawing(self, drawing: CheckedDrawing) -> None:
+        self._picture.content = drawing.svg
         self._issues.clear()
         with self._issues:
-            for count, issue in enumerate(found.issues, start=1):
+            for count, issue in enumerate(drawing.issues, start=1):
                 ui.label(f"{count}. {issue.message}").classes(f"issue {issue.severity}")
 
     def _start_job(self, variant: Variant) -> None:
@@ -262,32 +262,32 @@ class DesignView:
             self._job = ("slopes", variant, job)
         elif state.corrected.get(variant) is None and rows:
             finer = "superelement"
-            job = jobs.start(MODEL_WORDS[finer], rows_of, variant, finer, owner=owner)
+            job = jobs.start(MODEL_WORDS[finer], characteristics_of, variant, finer, owner=owner)
             self._job = ("corrected", variant, job)
-        self._doing.text = f"{self._job[2].name} …" if self._job else ""
+        self._activity.text = f"{self._job[2].name} …" if self._job else ""
 
     def _take_job(self) -> None:
         if self._job is None or not self._job[2].is_over:
             return
         kind, variant, job = self._job
-        self._job, self._doing.text = None, ""
+        self._job, self._activity.text = None, ""
         if job.state == "done":
-            known: Any = self._state.slopes if kind == "slopes" else self._state.corrected
-            known.put(variant, job.result)
+            cache: Any = self._state.slopes if kind == "slopes" else self._state.corrected
+            cache.put(variant, job.result)
         elif kind == "corrected":
-            # it is not asked for again: the figures of this model stay out
+            # do not compute it again: the figures of this model remain empty
             self._state.corrected.put(variant, ())
-            complain(f"{job.name}: {job.error}")
+            show_error(f"{job.name}: {job.error}")
         if variant == self._state.now:
             self._sliders.show_slopes()
             self._show_figures(variant)
 
 
-_USUAL = ("dxf", "csv")
+_DEFAULT_FORMATS = ("dxf", "csv")
 
 
 def ask_file_name(page: Page, variant: Variant) -> None:
-    """Ask for a name, and save the stage file of a variant under it: here and in the browser."""
+    """Ask for a name, save the stage file of a variant, and download it."""
     name = variant.template.stage().name
     if variant.values:
         name = f"{name}-changed"
@@ -296,7 +296,7 @@ def ask_file_name(page: Page, variant: Variant) -> None:
         field = ui.input("Name of the stage", value=name).classes("full-width")
 
         def save() -> None:
-            with page.sentences():
+            with page.show_errors():
                 stem = file_name((field.value or name).strip())
                 content = stage_file(variant, stem).encode("utf-8")
                 path = page.panel.folder("design") / f"{stem}.yaml"
@@ -312,36 +312,38 @@ def ask_file_name(page: Page, variant: Variant) -> None:
 
 
 def ask_export(page: Page, variant: Variant) -> None:
-    """Ask for formats, and export a variant in a process of its own."""
+    """Ask for formats, and export a variant in a worker process."""
     with named_dialog("Export") as dialog, ui.card().classes("dialog"):
         PanelHeading("Export")
         boxes = {
-            name: ui.checkbox(f"{name}: {known.about}", value=name in _USUAL).props("dense")
-            for name, known in FORMATS.items()
+            name: ui.checkbox(f"{name}: {format.about}", value=name in _DEFAULT_FORMATS).props(
+                "dense"
+            )
+            for name, format in FORMATS.items()
         }
         working = ui.column().classes("full-width")
 
         def start() -> None:
             formats: Sequence[str] = [name for name, box in boxes.items() if box.value]
             if not formats:
-                ui.notify("choose a format", type="warning")
+                ui.notify("Choose a format", type="warning")
                 return
             go.disable()
             folder, owner = page.panel.folder("design"), page.session.id
             job = page.panel.jobs.start(
-                "export", exported_into, folder, variant, formats, owner=owner
+                "export", export_to_folder, folder, variant, formats, owner=owner
             )
             with working:
-                show_job(page, job, over)
+                show_job(page, job, finish)
 
-        def over(job: BackgroundJob) -> None:
+        def finish(job: BackgroundJob) -> None:
             go.enable()
             if job.state == "done":
                 path, remarks = job.result
                 ui.download.content(path.read_bytes(), path.name)
                 with working:
-                    for each in remarks:
-                        remark(each)
+                    for text in remarks:
+                        remark(text)
 
         with ui.row():
             go = ui.button("Export", on_click=start)

@@ -1,4 +1,4 @@
-"""Report: what all models say of a stage, on one page, and the reports that were written."""
+"""Report: write the report of a stage, and show the written reports."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -31,14 +31,14 @@ _PARTS = {
 }
 _NAMES = {name: title_of(name) for name in MODELS}
 _EMPTY = (
-    "Write one of the stage above: its models beside what was published of it, the result on one "
-    "page, and these chapters folded below it. It is one file, which opens and prints without "
-    "flexstage. It takes some seconds; with finite elements of the whole a minute, in 3D "
-    "several. What was computed before of the same stage is read."
+    "Write the report of the stage above. One page compares the models with published values, and "
+    "these chapters follow. The report is one self-contained file. It takes a few seconds, "
+    "with finite elements of the whole stage a minute, and in 3D several minutes. Cached results "
+    "are reused."
 )
-_MAY = "allow-same-origin allow-scripts allow-modals allow-popups allow-downloads"
+_SANDBOX = "allow-same-origin allow-scripts allow-modals allow-popups allow-downloads"
 _PRINT = "document.querySelector('iframe.report').contentWindow.print()"
-# a report follows the computer, and the page perhaps not; on paper it is light in any case
+# a report follows the theme of the page, not the computer; prints are always light
 _FOLLOW_LOOK = """(event) => {
   const report = event.target.contentDocument;
   const rules = [...report.styleSheets].flatMap(sheet => [...sheet.cssRules]);
@@ -55,20 +55,20 @@ _FOLLOW_LOOK = """(event) => {
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     ReportView(page).build()
 
 
 @dataclass
 class ReportState:
-    """What one person has open in the view Report."""
+    """State of the view Report in one browser."""
 
-    asked: StudyRequest = StudyRequest(model=("lumped", "superelement"))
-    """What the next report holds."""
+    request: StudyRequest = StudyRequest(model=("lumped", "superelement"))
+    """Request of the next report."""
     open: str = ""
-    """Name of the report that is shown; empty for the newest one."""
+    """Name of the displayed report; empty for the newest."""
     job: BackgroundJob | None = None
-    """The report that is being written."""
+    """Job that writes a report."""
 
 
 class ReportView:
@@ -86,36 +86,38 @@ class ReportView:
         self._folder = page.panel.folder("report")
 
     def build(self) -> None:
-        """Make the view."""
+        """Build the view."""
         with panel("toolbar"):
             StageChoice(self._page, self._name_stage)
             self._choices()
             self._go = ui.button(on_click=self._write)
             self._working = div("working")
-        self._shown = panel("report")
+        self._report_area = panel("report")
         self._name_stage()
         self._follow()
         self._show()
 
     def _choices(self) -> None:
-        asked = self._state.asked
+        request = self._state.request
         models = choice(
-            _NAMES, list(asked.model), "Models", lambda e: self._choose("model", tuple(e.value)),
+            _NAMES, list(request.model), "Models", lambda e: self._choose("model", tuple(e.value)),
             multiple=True,
         )  # fmt: skip
         models.props("use-chips")
         with div("parts"):
             for name, label in _PARTS.items():
-                box = ui.checkbox(label, value=name in asked.parts).props("dense")
-                box.on_value_change(lambda e, name=name: self._tick(name, chosen=bool(e.value)))
+                box = ui.checkbox(label, value=name in request.parts).props("dense")
+                box.on_value_change(
+                    lambda e, name=name: self._tick(name, is_selected=bool(e.value))
+                )
 
-    def _tick(self, part: str, *, chosen: bool) -> None:
-        now = self._state.asked.parts
-        parts = [name for name in ALL_PARTS if (chosen if name == part else name in now)]
+    def _tick(self, part: str, *, is_selected: bool) -> None:
+        present = self._state.request.parts
+        parts = [name for name in ALL_PARTS if (is_selected if name == part else name in present)]
         self._choose("parts", tuple(parts) or ("none",))
 
     def _choose(self, name: str, value: Any) -> None:
-        self._state.asked = replace(self._state.asked, **{name: value})
+        self._state.request = replace(self._state.request, **{name: value})
 
     def _name_stage(self) -> None:
         now = self._page.session.state(DesignState).now
@@ -125,24 +127,24 @@ class ReportView:
 
     def _write(self) -> None:
         state, page = self._state, self._page
-        if not state.asked.model:
-            ui.notify("choose a model", type="warning")
+        if not state.request.model:
+            ui.notify("Choose a model", type="warning")
             return
         variant = page.session.state(DesignState).now
         state.job = page.panel.jobs.start(
-            f"report of {variant.name}", write_report, self._folder, variant, state.asked,
+            f"report of {variant.name}", write_report, self._folder, variant, state.request,
             owner=page.session.id,
         )  # fmt: skip
         self._follow()
 
     def _follow(self) -> None:
-        """Show the report that is being written, also after a reload."""
+        """Show the progress of the report, also after a reload."""
         if (job := self._state.job) is not None:
             self._go.disable()
             with self._working:
-                show_job(self._page, job, self._over)
+                show_job(self._page, job, self._finish)
 
-    def _over(self, job: BackgroundJob) -> None:
+    def _finish(self, job: BackgroundJob) -> None:
         self._go.enable()
         self._state.job = None
         if job.state == "done":
@@ -153,8 +155,8 @@ class ReportView:
 
     def _show(self) -> None:
         reports = {report.name: report for report in written_reports(self._folder)}
-        self._shown.clear()
-        with self._shown:
+        self._report_area.clear()
+        with self._report_area:
             if not reports:
                 PanelHeading("No report yet")
                 ui.label(_EMPTY).classes("words")
@@ -164,26 +166,26 @@ class ReportView:
             with ui.row().classes("items-center heading"):
                 titles = {name: each.title for name, each in reports.items()}
                 choice(titles, report.name, "Written reports", lambda e: self._open(e.value))
-                self._ways(report)
+                self._file_links(report)
             frame = ui.element("iframe").classes("report")
             frame.on("load", js_handler=_FOLLOW_LOOK)
-            # its own script runs, by the policy it is served with; it cannot leave the frame
-            frame.props["sandbox"] = _MAY
+            # its policy allows its own script; the sandbox confines it to the frame
+            frame.props["sandbox"] = _SANDBOX
             frame.props["src"], frame.props["title"] = report.address(), f"Report: {report.title}"
 
     def _open(self, name: str) -> None:
         self._state.open = name
         self._show()
 
-    def _ways(self, report: WrittenReport) -> None:
-        """Offer the files of a report: to print, to read in a tab of their own, to keep."""
+    def _file_links(self, report: WrittenReport) -> None:
+        """Show the links to print, open and download the files of a report."""
         quiet_button("Print", icon="print", on_click=lambda: ui.run_javascript(_PRINT))
-        with div("ways"):
-            ui.label("Open in a tab:")
+        with div("file-links"):
+            ui.label("Open in a new tab:")
             for file in report.files:
                 if file.endswith(".html"):
                     ui.link(FILES[file], report.address(file), new_tab=True)
-        with div("ways"):
+        with div("file-links"):
             ui.label("Download:")
             for file in report.files:
                 link = ui.link(file, report.address(file))

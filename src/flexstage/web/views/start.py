@@ -1,4 +1,4 @@
-"""Start: what a person has come to do, and what was open in a browser that is gone."""
+"""Start: links to the views by purpose, and sessions of closed browsers."""
 
 from functools import partial
 
@@ -9,69 +9,69 @@ from flexstage.web.design.state import DesignState
 from flexstage.web.page import (
     Page,
     PanelHeading,
-    complain,
     div,
     pages_of,
     panel,
     quiet_button,
     remark,
+    show_error,
 )
 from flexstage.web.sessions import Session
 from flexstage.web.views import START, VIEWS
 
-_WAYS = {
+_PURPOSES = {
     "Design a stage": ("design", "analyse", "explore", "report"),
-    "Measure one": ("hysteresis", "centring"),
-    "Drive one": ("bench",),
+    "Evaluate measurements": ("hysteresis", "centring"),
+    "Operate a stage": ("bench",),
 }
 
 
 def build(page: Page) -> None:
-    """Make the view."""
+    """Build the view."""
     views = {view.module: view for view in VIEWS}
     PanelHeading(START.purpose)
     with div("purposes"):
-        for name, modules in _WAYS.items():
+        for name, modules in _PURPOSES.items():
             with panel():
                 PanelHeading(name)
                 for module in modules:
-                    with ui.link(target=views[module].path).classes("way"):
+                    with ui.link(target=views[module].path).classes("purpose"):
                         ui.icon(views[module].icon).props("aria-hidden=true")
                         ui.label(views[module].name)
                         remark(views[module].purpose)
-    on_its_way = 5.0  # a browser that was seen so short a while ago is about to be back [s]
-    left = [
+    reconnect_time = 5.0  # a browser that left so recently may be reloading [s]
+    abandoned = [
         (session, ago)
         for session, ago in page.panel.access.sessions()
-        if ago > on_its_way and session.opened(DesignState) and not pages_of(session)
+        if ago > reconnect_time and session.existing_state(DesignState) and not pages_of(session)
     ]
-    if left:
+    if abandoned:
         with panel():
-            PanelHeading("Go on with what was open in a browser that is gone")
-            for session, ago in left:
+            PanelHeading("Continue the work of a closed browser")
+            for session, ago in abandoned:
                 with ui.row().classes("items-center"):
-                    ui.label(_told(session, ago))
-                    quiet_button("Open it again", on_click=partial(_go_on, page, session))
+                    ui.label(_session_text(session, ago))
+                    quiet_button("Reopen", on_click=partial(_take_over, page, session))
 
 
-def _told(session: Session, ago: float) -> str:
-    """Say whose it was, what was open, and when."""
-    design, forms = session.opened(DesignState), session.opened(BenchForms)
-    who = forms.operator.strip() if forms is not None else ""
+def _session_text(session: Session, ago: float) -> str:
+    """Return user, open stage and age of a session."""
+    design, forms = session.existing_state(DesignState), session.existing_state(BenchForms)
+    user = forms.operator.strip() if forms is not None else ""
     changed = len(design.now.values) if design is not None else 0
-    what = design.now.name if design is not None else ""
-    what += f", {changed} parameters changed" if changed > 1 else ", changed" if changed else ""
-    return f"{who or f'browser {session.id[:4]}'}: {what}; last seen {_ago(ago)} ago"
+    text = design.now.name if design is not None else ""
+    text += f", {changed} parameters changed" if changed > 1 else ", changed" if changed else ""
+    return f"{user or f'browser {session.id[:4]}'}: {text}; last seen {_ago(ago)} ago"
 
 
 def _ago(seconds: float) -> str:
     return f"{seconds / 3600.0:.0f} h" if seconds > 5400.0 else f"{1.0 + seconds // 60.0:.0f} min"
 
 
-def _go_on(page: Page, left: Session) -> None:
-    if pages_of(left):
-        complain("another browser has opened that meanwhile")
+def _take_over(page: Page, abandoned: Session) -> None:
+    if pages_of(abandoned):
+        show_error("another browser has opened this session meanwhile")
         return
-    page.panel.access.go_on(page.session, left)
-    # the page itself is of the session that this browser had
+    page.panel.access.take_over(page.session, abandoned)
+    # this page belongs to the former session of the browser
     ui.run_javascript("location.href = '/design'")

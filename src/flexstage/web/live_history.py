@@ -1,4 +1,4 @@
-"""Hours of samples in little memory: the newest as they came, all by least and greatest."""
+"""History of live channels over hours: the newest samples, and minima and maxima of all."""
 
 import math
 import secrets
@@ -13,17 +13,17 @@ from flexstage.base.arrays import Array, Integers
 from flexstage.base.errors import ModelError
 from flexstage.quantities.quantity import Quantity
 
-#: What a stage at the bench is read in.
+#: Quantities of a stage at the bench.
 VOLTAGE = Quantity("voltage", "V", "Voltage", "V", 1.0)
 POSITION = Quantity("position", "m", "Position", "µm", 1e6)
 
-#: Points of a channel in a window: more than a screen is wide.
+#: Largest number of points of a channel in a window: more than the pixels of a screen.
 POINTS = 2000
 
-_SAMPLES = 2**16  # samples that are kept as they came
-_BINS = 2**18  # of the finest tier at most
-_FACTOR = 4  # from one tier to the next
-_FEWEST = 64  # bins of the coarsest tier, about
+_SAMPLES = 2**16  # number of newest samples in the history
+_BINS = 2**18  # largest number of bins, in the finest tier
+_FACTOR = 4  # ratio of the bin lengths of two tiers
+_FEWEST = 64  # approximate number of bins of the coarsest tier
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,30 +31,30 @@ class LiveChannel:
     """A channel of a history."""
 
     name: str
-    """What it is called on the page."""
+    """Name on the page."""
     quantity: Quantity
-    """What its values are, in its `unit`; channels of one quantity share a panel."""
+    """Quantity of the values, in its `unit`; channels of one quantity share a panel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryWindow:
-    """What a history holds of a while: samples, or bins with their least and greatest value."""
+    """A time window of a history: samples, or bins with their minimum and maximum."""
 
     tier: int
-    """0 for samples, 1 and up for longer and longer bins, -n for every n-th sample."""
+    """0 for samples, 1 and above for bins of increasing length, -n for every n-th sample."""
     step: float
-    """Length of a bin, 0 for samples [s]."""
+    """Length of a bin [s]; 0 for samples."""
     times: Array
-    """Times of samples, or of the middles of bins, shape (n,) [s]."""
+    """Times of samples or of bin centres, shape (n,) [s]."""
     low: Array
-    """Least value, shape (n, channels)."""
+    """Minimum, shape (n, channels)."""
     high: Array
-    """Greatest value; of samples the same array."""
+    """Maximum; for samples the same array as `low`."""
 
 
 @dataclass(eq=False)
 class _Tier:
-    """Least and greatest values in bins of one length; new ones take the places of old ones."""
+    """Ring buffer of minima and maxima in bins of one length."""
 
     step: float
     count: int
@@ -80,37 +80,37 @@ class _Tier:
             low[0] = np.fmin(low[0], self.low[place])
             high[0] = np.fmax(high[0], self.high[place])
         self.newest = int(numbers[-1])
-        kept = slice(max(numbers.size - self.count, 0), None)
-        places = numbers[kept] % self.count
-        self.numbers[places] = numbers[kept]
-        self.low[places], self.high[places] = low[kept], high[kept]
+        newest_bins = slice(max(numbers.size - self.count, 0), None)
+        places = numbers[newest_bins] % self.count
+        self.numbers[places] = numbers[newest_bins]
+        self.low[places], self.high[places] = low[newest_bins], high[newest_bins]
 
     def between(self, begin: float, end: float) -> tuple[Array, Array, Array]:
-        """Return middles, least and greatest of the bins that have a part between two times."""
+        """Return centres, minima and maxima of the bins that overlap a time interval."""
         first = max(math.floor(begin / self.step), self.newest - self.count + 1, 0)
         last = min(math.floor(end / self.step), self.newest)
         numbers = np.arange(first, last + 1)
         places = numbers % self.count
-        held = self.numbers[places] == numbers
-        places = places[held]
-        middles = (numbers[held].astype(np.float64) + 0.5) * self.step
+        is_valid = self.numbers[places] == numbers
+        places = places[is_valid]
+        middles = (numbers[is_valid].astype(np.float64) + 0.5) * self.step
         return middles, self.low[places], self.high[places]
 
 
 class LiveHistory:
-    """What channels read over hours, for pages that show windows of it; any thread may use it.
+    """Values of channels over hours, for pages that show windows; it is safe for threads.
 
-    The newest 65 536 samples stay as they came. Of all others the least and the greatest value in
-    bins of some lengths are kept, so that a window of any length has enough points and no more.
+    The history has the newest 65 536 samples, and the minimum and maximum of all samples in bins
+    of several lengths. A window of any length therefore has enough points and no more.
 
     Parameters
     ----------
     channels
-        What is read, by different names.
+        The channels, with different names.
     rate_hz
-        How often, about [Hz].
+        Approximate sample rate [Hz].
     hours
-        How much is kept [h].
+        Length of the history [h].
 
     Examples
     --------
@@ -126,13 +126,13 @@ class LiveHistory:
         self.channels = tuple(channels)
         self.rate_hz = rate_hz
         self.seconds = 3600.0 * hours
-        # by which pages ask for it
+        # key of the history in requests of pages
         self.key = secrets.token_hex(8)
-        # of the points that a page has already
+        # tag of the points that a page has already
         self.generation = secrets.randbits(32)
         self._lock = threading.Lock()
         width, step = len(self.channels), max(_FACTOR / self.rate_hz, self.seconds / _BINS)
-        # twice as long as what is kept: what stands in the second half moves to the first at times
+        # twice the retained length: a full buffer moves its second half to the first
         self._times = np.empty(2 * _SAMPLES)
         self._values = np.empty((2 * _SAMPLES, width))
         self._filled = self._total = 0
@@ -143,60 +143,60 @@ class LiveHistory:
             step *= _FACTOR
 
     def append(self, times_s: ArrayLike, values: ArrayLike) -> None:
-        """Take samples.
+        """Append samples.
 
         Parameters
         ----------
         times_s
-            Their times, rising and after all before, shape (n,) [s].
+            Times, increasing and later than all earlier ones, shape (n,) [s].
         values
-            Their values, shape (n, channels); NaN where a channel has none.
+            Values, shape (n, channels); NaN for a channel without value.
 
         Raises
         ------
         ModelError
-            They are not of these shapes, or go back in time.
+            The shapes are wrong, or the times do not increase.
         """
         times = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
-        read = np.asarray(values, dtype=np.float64)
+        samples = np.asarray(values, dtype=np.float64)
         shape = (times.size, len(self.channels))
-        if times.ndim != 1 or read.shape != shape:
-            raise ModelError(f"samples of a history have shape {shape}, got {read.shape}")
+        if times.ndim != 1 or samples.shape != shape:
+            raise ModelError(f"samples of a history have shape {shape}, got {samples.shape}")
         if not times.size:
             return
         with self._lock:
             last = self._times[self._filled - 1] if self._filled else -math.inf
             if not (np.isfinite(times).all() and times[0] > last and (np.diff(times) > 0.0).all()):
                 raise ModelError(
-                    f"times of samples rise: {times[0]:g} s to {times[-1]:g} s came after "
+                    f"times of samples must increase: {times[0]:g} s to {times[-1]:g} s came after "
                     f"{last:g} s"
                 )
             if not self._total:
                 self._origin = float(times[0])
             self._total += times.size
             for tier in self._tiers:
-                tier.add(times - self._origin, read)
-            self._keep(times[-_SAMPLES:], read[-_SAMPLES:])
+                tier.add(times - self._origin, samples)
+            self._keep(times[-_SAMPLES:], samples[-_SAMPLES:])
 
     def _keep(self, times: Array, values: Array) -> None:
         if self._filled + times.size > 2 * _SAMPLES:
-            rest = _SAMPLES - times.size
-            kept = slice(self._filled - rest, self._filled)
-            self._times[:rest], self._values[:rest] = self._times[kept], self._values[kept]
-            self._filled = rest
+            length = _SAMPLES - times.size
+            source = slice(self._filled - length, self._filled)
+            self._times[:length], self._values[:length] = self._times[source], self._values[source]
+            self._filled = length
         new = slice(self._filled, self._filled + times.size)
         self._times[new], self._values[new] = times, values
         self._filled = new.stop
 
     @property
     def span(self) -> tuple[float, float] | None:
-        """Times of the first sample that ever came and of the newest [s]; None where none came."""
+        """Times of the first and the newest sample [s]; None without samples."""
         with self._lock:
             return (self._origin, float(self._times[self._filled - 1])) if self._filled else None
 
     @property
     def newest(self) -> Array:
-        """Values of the newest sample, NaN where none came."""
+        """Values of the newest sample; NaN without samples."""
         with self._lock:
             if not self._filled:
                 return np.full(len(self.channels), np.nan)
@@ -210,26 +210,26 @@ class LiveHistory:
         *,
         known: tuple[int, float] | None = None,
     ) -> HistoryWindow:
-        """Return samples where they are few enough and still kept, or else bins.
+        """Return samples if they are few enough and still available, else bins.
 
         Parameters
         ----------
         begin, end
-            Between which times [s].
+            Interval of time [s].
         points
-            How many of a channel at most.
+            Largest number of points of a channel.
         known
-            A tier, and the time after which points of it are wanted, for one who has those before.
+            Tier and newest time of the points that the caller has: only later points are returned.
         """
         points = max(points, _FEWEST)
         with self._lock:
-            held = self._held(begin, end)
-            few = max((end - begin) * self.rate_hz, held.stop - held.start) <= points
-            whole = self._total <= _SAMPLES or self._times[self._first] <= begin
-            if few and whole:
+            available = self._slice(begin, end)
+            is_short = max((end - begin) * self.rate_hz, available.stop - available.start) <= points
+            is_complete = self._total <= _SAMPLES or self._times[self._first] <= begin
+            if is_short and is_complete:
                 if known is not None and known[0] == 0:
-                    held = self._held(max(begin, np.nextafter(known[1], math.inf)), end)
-                return self._samples(held, 0, 1)
+                    available = self._slice(max(begin, np.nextafter(known[1], math.inf)), end)
+                return self._samples(available, 0, 1)
             level, tier = next(
                 (level, tier)
                 for level, tier in enumerate(self._tiers, start=1)
@@ -245,30 +245,30 @@ class LiveHistory:
     def samples(
         self, begin: float, end: float, points: int | None = None, *, after: float = -math.inf
     ) -> HistoryWindow:
-        """Return the samples between two times that are still kept; of many every n-th."""
+        """Return the available samples of a time interval; of many, every n-th."""
         with self._lock:
             every = 1
             if points is not None:
-                held = self._held(begin, end)
-                most = max((end - begin) * self.rate_hz, held.stop - held.start)
-                every = max(math.ceil(most / points), 1)
-            held = self._held(max(begin, np.nextafter(after, math.inf)), end)
-            return self._samples(held, -every, every)
+                window = self._slice(begin, end)
+                count = max((end - begin) * self.rate_hz, window.stop - window.start)
+                every = max(math.ceil(count / points), 1)
+            window = self._slice(max(begin, np.nextafter(after, math.inf)), end)
+            return self._samples(window, -every, every)
 
     @property
     def _first(self) -> int:
         return max(self._filled - _SAMPLES, 0)
 
-    def _held(self, begin: float, end: float) -> slice:
+    def _slice(self, begin: float, end: float) -> slice:
         times = self._times[self._first : self._filled]
         first, last = np.searchsorted(times, begin), np.searchsorted(times, end, side="right")
         return slice(self._first + int(first), self._first + int(max(first, last)))
 
-    def _samples(self, held: slice, tier: int, every: int) -> HistoryWindow:
-        # always the same ones of all that ever came, whatever the window
-        skipped = -(self._total - self._filled + held.start) % every
-        taken = slice(held.start + skipped, held.stop, every)
-        values = self._values[taken].copy()
+    def _samples(self, window: slice, tier: int, every: int) -> HistoryWindow:
+        # the same samples in every window
+        skipped = -(self._total - self._filled + window.start) % every
+        selected = slice(window.start + skipped, window.stop, every)
+        values = self._values[selected].copy()
         return HistoryWindow(
-            tier=tier, step=0.0, times=self._times[taken].copy(), low=values, high=values
+            tier=tier, step=0.0, times=self._times[selected].copy(), low=values, high=values
         )

@@ -1,4 +1,4 @@
-"""The gate of the front panel: nobody comes in without a session, and no other page through it."""
+"""Access control of the front panel: sessions, login, and requests of other sites."""
 
 import logging
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -23,8 +23,8 @@ label {{ display: grid; gap: .2rem; }}
 """
 
 
-def page_of_entrance() -> str:
-    """Return the page that goes on to the panel."""
+def redirect_page() -> str:
+    """Return the page that redirects to the panel."""
     return _PAGE.format(
         title="flexstage",
         head='<meta http-equiv="refresh" content="0; url=/">',
@@ -32,9 +32,9 @@ def page_of_entrance() -> str:
     )
 
 
-def page_of_password(action: str, said: str = "") -> str:
-    """Return the page that asks for the password, with what was wrong before."""
-    alert = f'<p role="alert">{escape(said.capitalize())}.</p>' if said else ""
+def login_page(action: str, message: str = "") -> str:
+    """Return the page with the password form, and the message of a failed attempt."""
+    alert = f'<p role="alert">{escape(message.capitalize())}.</p>' if message else ""
     return _PAGE.format(
         title="flexstage: password",
         head="",
@@ -44,23 +44,23 @@ def page_of_password(action: str, said: str = "") -> str:
     )
 
 
-def page_of_refusal(reason: str, enter: str | None = None) -> str:
-    """Return the page that says why a request was refused, and how to come in."""
-    way = (
-        f'<p><a href="{enter}">Enter the password</a>.</p>'
-        if enter
-        else "<p>Open the newest address that <code>flexstage serve</code> printed; each opens the "
+def refusal_page(reason: str, login: str | None = None) -> str:
+    """Return the page with the reason of a refusal, and the way to log in."""
+    hint = (
+        f'<p><a href="{login}">Enter the password</a>.</p>'
+        if login
+        else "<p>Open the newest address that <code>flexstage serve</code> printed. Each opens the "
         "panel once, in one browser.</p>"
     )
     return _PAGE.format(
-        title="flexstage: refused", head="", body=f"<p>Refused: {escape(reason)}.</p>{way}"
+        title="flexstage: refused", head="", body=f"<p>Refused: {escape(reason)}.</p>{hint}"
     )
 
 
-#: Refusals are logged here.
+#: Log of refusals.
 LOG = logging.getLogger("flexstage.web")
 
-#: Where the session of a request stands in its scope.
+#: Key of the session in the scope of a request.
 SESSION = "flexstage.session"
 
 Scope = MutableMapping[str, Any]
@@ -68,19 +68,19 @@ Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 
 _PASSWORD_PAGE = "/enter"
-_LONGEST_FORM = 4096
+_MAX_FORM = 4096
 _METHODS = frozenset({"GET", "HEAD", "POST"})
 
-# NiceGUI builds its pages of inline scripts, and its `nicegui.js` evaluates what the server sends:
-# properties, handlers and calls (`eval`, `new Function`); there is no build of it without. Nothing
-# comes from elsewhere, and no other page may frame this one.
+# NiceGUI builds its pages from inline scripts, and its `nicegui.js` evaluates properties, handlers
+# and calls from the server (`eval`, `new Function`); no build works without. The policy forbids
+# resources of other sites, and frames in other sites.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
     "media-src 'self' blob:; worker-src 'self' blob:; frame-src 'self' blob:; object-src 'none'; "
     "base-uri 'none'; form-action 'self'; frame-ancestors 'self'"
 )
-# the pages of the gate have no script
+# the pages of this module have no script
 _PLAIN_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'"
@@ -95,27 +95,27 @@ _HEADERS = (
 )
 
 
-class Refused(Exception):  # noqa: N818 - no error of the program: a request that is not let in
-    """A request is not let in: a status and the reason, in a sentence."""
+class AccessDenied(Exception):  # noqa: N818 - not an error of the program
+    """A refused request: its HTTP status and the reason."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
         self.status, self.reason = status, reason
 
 
-class Gate:
-    """An ASGI application before the panel: it lets requests of a session through, of its own page.
+class AccessControl:
+    """An ASGI application in front of the panel that passes requests of its own pages in a session.
 
     Parameters
     ----------
     app
         The panel.
     options
-        By which names it may be called, and how large a request may be.
+        Accepted host names, and largest size of a request.
     access
         Tokens, sessions and the password.
-    opened
-        Called when a token was used, to make the next one.
+    on_login
+        Called after the use of a token, to issue the next one.
     """
 
     def __init__(
@@ -123,130 +123,134 @@ class Gate:
         app: Callable[[Scope, Receive, Send], Awaitable[None]],
         options: PanelOptions,
         access: Access,
-        opened: Callable[[], object] = lambda: None,
+        on_login: Callable[[], object] = lambda: None,
     ) -> None:
-        self.app, self._options, self._access, self._opened = app, options, access, opened
+        self.app, self._options, self._access, self._on_login = app, options, access, on_login
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
         try:
-            if await self._entered(scope, receive, send):
+            if await self._check(scope, receive, send):
                 return
             scope[SESSION] = self._session(scope)
-        except Refused as refused:
-            await self._refuse(scope, send, refused)
+        except AccessDenied as refusal:
+            await self._refuse(scope, send, refusal)
             return
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
         else:
             await self._limited(scope, receive, send)
 
-    async def _entered(self, scope: Scope, receive: Receive, send: Send) -> bool:
-        """Check what every request must have; answer those that come to be let in."""
+    async def _check(self, scope: Scope, receive: Receive, send: Send) -> bool:
+        """Check a request; answer it if it is a login, and return whether it was one."""
         _require_plain_path(scope)
         self._require_own_host(scope)
         _require_own_origin(scope)
         if scope["type"] != "http":
             return False
         if scope["method"] not in _METHODS:
-            raise Refused(405, f"the method {scope['method'][:20]} is none that the panel has")
+            raise AccessDenied(405, f"the method {scope['method'][:20]} is not supported")
         self._require_length(scope)
         path = scope["path"]
         token = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
         if path == "/" and token and scope["method"] == "GET":
-            if not self._access.spend(token[0]):
+            if not self._access.redeem(token[0]):
                 if self._access.session(_secret(scope)):
                     return False
-                raise Refused(401, "this address was opened before, or is not of this server")
-            self._opened()
-            await self._let_in(scope, send)
+                raise AccessDenied(
+                    401, "this address was used before, or belongs to another server"
+                )
+            self._on_login()
+            await self._log_in(scope, send)
             return True
         if path == _PASSWORD_PAGE and self._access.has_password:
             if scope["method"] == "POST":
-                await self._by_password(scope, receive, send)
+                await self._check_password(scope, receive, send)
             else:
-                await _page(send, 200, page_of_password(_PASSWORD_PAGE))
+                await _page(send, 200, login_page(_PASSWORD_PAGE))
             return True
         return False
 
-    async def _by_password(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _check_password(self, scope: Scope, receive: Receive, send: Send) -> None:
         body = b""
-        while len(body) <= _LONGEST_FORM:
+        while len(body) <= _MAX_FORM:
             message = await receive()
             body += message.get("body", b"")
             if not message.get("more_body"):
                 break
-        given = parse_qs(body[:_LONGEST_FORM].decode("utf-8", "replace")).get("password", [""])[0]
-        right = self._access.is_password(given, _client(scope))
-        if right:
-            await self._let_in(scope, send)
+        password = parse_qs(body[:_MAX_FORM].decode("utf-8", "replace")).get("password", [""])[0]
+        is_valid = self._access.is_password(password, _client(scope))
+        if is_valid:
+            await self._log_in(scope, send)
             return
-        said = "too many wrong passwords: wait a minute" if right is None else "wrong password"
-        LOG.warning("refused %s: %s", _told(scope), said)
-        status = 429 if right is None else 401
-        await _page(send, status, page_of_password(_PASSWORD_PAGE, said))
+        message = (
+            "too many wrong passwords: wait a minute" if is_valid is None else "wrong password"
+        )
+        LOG.warning("refused %s: %s", _log_text(scope), message)
+        status = 429 if is_valid is None else 401
+        await _page(send, status, login_page(_PASSWORD_PAGE, message))
 
-    async def _let_in(self, scope: Scope, send: Send) -> None:
+    async def _log_in(self, scope: Scope, send: Send) -> None:
         secret = self._access.open_session()
         cookie = f"{_cookie_name(scope)}={secret}; HttpOnly; SameSite=Strict; Path=/"
         if scope.get("scheme") == "https":
             cookie += "; Secure"
-        # a page that goes on by itself: behind a redirect from a link in another page the browser
-        # would hold the strict cookie back
-        await _page(send, 200, page_of_entrance(), (b"set-cookie", cookie.encode()))
+        # a page that redirects itself: after an HTTP redirect from a link in another page, the
+        # browser would not send the strict cookie
+        await _page(send, 200, redirect_page(), (b"set-cookie", cookie.encode()))
 
     def _session(self, scope: Scope) -> object:
         session = self._access.session(_secret(scope))
         if session is None:
-            raise Refused(401, "no session: the front panel is opened by the address it printed")
+            raise AccessDenied(401, "no session: open the panel with the address that it printed")
         return session
 
     def _require_own_host(self, scope: Scope) -> None:
-        given = _all(scope, b"host")
+        hosts = _all(scope, b"host")
         try:
-            parts = urlsplit(f"//{given[0]}") if len(given) == 1 else None
+            parts = urlsplit(f"//{hosts[0]}") if len(hosts) == 1 else None
             name = parts.hostname if parts and not (parts.path or parts.query) else None
             port = parts.port if parts else None
         except ValueError:
             name = port = None
-        if not name or "@" in given[0]:
-            raise Refused(400, "the request does not say which host it is for")
+        if not name or "@" in hosts[0]:
+            raise AccessDenied(400, "the request names no host")
         own_port = (scope.get("server") or (None, None))[1]
-        usual = 443 if self._options.scheme == "https" else 80
-        behind = name.casefold() in {n.casefold() for n in self._options.host_name}
-        if not self._options.is_own_name(name) or not (behind or (port or usual) == own_port):
-            raise Refused(421, f"the front panel is not called '{given[0][:80]}'")
+        default = 443 if self._options.scheme == "https" else 80
+        is_alias = name.casefold() in {n.casefold() for n in self._options.host_name}
+        if not self._options.is_own_name(name) or not (is_alias or (port or default) == own_port):
+            raise AccessDenied(421, f"the front panel is not called '{hosts[0][:80]}'")
 
     def _require_length(self, scope: Scope) -> None:
-        given = _all(scope, b"content-length")
-        if any(not text.isascii() or not text.isdigit() for text in given) or len(given) > 1:
-            raise Refused(400, "the length of the request is no number")
-        if given and int(given[0]) > self._options.upload_limit:
-            raise Refused(413, self._too_large())
+        lengths = _all(scope, b"content-length")
+        if any(not text.isascii() or not text.isdigit() for text in lengths) or len(lengths) > 1:
+            raise AccessDenied(400, "the length of the request is not a number")
+        if lengths and int(lengths[0]) > self._options.upload_limit:
+            raise AccessDenied(413, self._too_large())
 
     def _too_large(self) -> str:
-        return f"a request may have {self._options.upload_limit / 2**20:.0f} MB at most"
+        return f"the limit of a request is {self._options.upload_limit / 2**20:.0f} MB"
 
     async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request whose body is cut off where it is too large, however it is sent."""
-        got, over, answered = 0, False, False
+        """Serve a request, and refuse a body above the limit in any transfer encoding."""
+        size, exceeded, answered = 0, False, False
 
         async def counted() -> MutableMapping[str, Any]:
-            nonlocal got, over, answered
+            nonlocal size, exceeded, answered
             message = await receive()
-            got += len(message.get("body", b""))
-            if got <= self._options.upload_limit:
+            size += len(message.get("body", b""))
+            if size <= self._options.upload_limit:
                 return message
-            if not over and not answered:
-                await self._refuse(scope, send, Refused(413, self._too_large()))
-            over = answered = True
+            if not exceeded and not answered:
+                await self._refuse(scope, send, AccessDenied(413, self._too_large()))
+            exceeded = answered = True
             return {"type": "http.disconnect"}
 
         async def guarded(message: MutableMapping[str, Any]) -> None:
             nonlocal answered
-            if over:
+            if exceeded:
                 return
             answered = True
             if message["type"] == "http.response.start":
@@ -259,41 +263,41 @@ class Gate:
         try:
             await self.app(scope, counted, guarded)
         except Exception:
-            if not over:
+            if not exceeded:
                 raise
 
-    async def _refuse(self, scope: Scope, send: Send, refused: Refused) -> None:
-        LOG.warning("refused %s: %s", _told(scope), refused.reason)
+    async def _refuse(self, scope: Scope, send: Send, refusal: AccessDenied) -> None:
+        LOG.warning("refused %s: %s", _log_text(scope), refusal.reason)
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
             return
-        enter = _PASSWORD_PAGE if self._access.has_password and refused.status == 401 else None
-        await _page(send, refused.status, page_of_refusal(refused.reason, enter))
+        login = _PASSWORD_PAGE if self._access.has_password and refusal.status == 401 else None
+        await _page(send, refusal.status, refusal_page(refusal.reason, login))
 
 
 def _require_plain_path(scope: Scope) -> None:
     raw = scope.get("raw_path") or scope["path"].encode("utf-8", "replace")
     path = raw.decode("latin-1")
-    for _ in range(3):  # also where it is encoded twice
+    for _ in range(3):  # also if it is encoded twice
         if "\\" in path or "\0" in path or ".." in path.split("/"):
-            raise Refused(400, "the path leaves the panel")
+            raise AccessDenied(400, "the path is outside the panel")
         path = unquote(path)
 
 
 def _require_own_origin(scope: Scope) -> None:
-    """Refuse what a page of another site sends: browsers say where a request comes from."""
+    """Refuse requests of pages of other sites, by the headers of the browser."""
     changes = scope["type"] == "websocket" or scope.get("method") not in {"GET", "HEAD"}
     origins, host = _all(scope, b"origin"), _all(scope, b"host")[0]
     for origin in origins:
         parts = urlsplit(origin)
         if parts.scheme not in {"http", "https"} or parts.netloc.casefold() != host.casefold():
-            raise Refused(403, f"another page sent it: '{origin[:80]}'")
+            raise AccessDenied(403, f"a page of another site sent the request: '{origin[:80]}'")
     if changes and not origins:
-        raise Refused(403, "it does not say which page sent it")
+        raise AccessDenied(403, "the request does not name its origin")
     sites, modes = _all(scope, b"sec-fetch-site"), _all(scope, b"sec-fetch-mode")
     foreign = any(site in {"cross-site", "same-site"} for site in sites)
     if foreign and (changes or modes != ["navigate"]):
-        raise Refused(403, "a page of another site sent it")
+        raise AccessDenied(403, "a page of another site sent the request")
 
 
 def _all(scope: Scope, name: bytes) -> list[str]:
@@ -301,7 +305,7 @@ def _all(scope: Scope, name: bytes) -> list[str]:
 
 
 def _cookie_name(scope: Scope) -> str:
-    # cookies do not tell ports apart: two panels on one computer have one each
+    # cookies are shared between ports: the port in the name separates two panels on one computer
     return f"flexstage-{(scope.get('server') or ('', 0))[1]}"
 
 
@@ -310,24 +314,28 @@ def _secret(scope: Scope) -> str:
         cookie = SimpleCookie("; ".join(_all(scope, b"cookie")))
     except CookieError:
         return ""
-    found = cookie.get(_cookie_name(scope))
-    return found.value if found else ""
+    morsel = cookie.get(_cookie_name(scope))
+    return morsel.value if morsel else ""
 
 
 def _client(scope: Scope) -> str:
     return str((scope.get("client") or ("unknown",))[0])
 
 
-def _told(scope: Scope) -> str:
-    """Say who asked for what, without what may be secret."""
-    what = scope.get("method", "websocket")
-    return f"{what} {scope['path'][:120]!a} of {_client(scope)}"
+def _log_text(scope: Scope) -> str:
+    """Return method, path and client of a request, without secrets."""
+    method = scope.get("method", "websocket")
+    return f"{method} {scope['path'][:120]!a} of {_client(scope)}"
 
 
-async def _page(send: Send, status: int, html: str, *more: tuple[bytes, bytes]) -> None:
+async def _page(send: Send, status: int, html: str, *extra_headers: tuple[bytes, bytes]) -> None:
     headers = [(b"content-type", b"text/html; charset=utf-8"), (b"cache-control", b"no-store")]
     headers.append((b"content-security-policy", _PLAIN_POLICY.encode()))
     await send(
-        {"type": "http.response.start", "status": status, "headers": [*headers, *_HEADERS, *more]}
+        {
+            "type": "http.response.start",
+            "status": status,
+            "headers": [*headers, *_HEADERS, *extra_headers],
+        }
     )
     await send({"type": "http.response.body", "body": html.encode()})

@@ -1,4 +1,4 @@
-"""What the button STOP of the front panel stops: every stage that is connected."""
+"""The STOP button of the front panel: it stops every connected stage."""
 
 import logging
 import threading
@@ -7,15 +7,15 @@ from collections.abc import Callable
 _LOG = logging.getLogger("flexstage.web")
 
 
-class Stops:
-    """The connected stages, and how each is stopped.
+class EmergencyStop:
+    """The connected stages, each with the function that stops it.
 
     Examples
     --------
-    >>> stops = Stops()
-    >>> stops.add("twin", lambda: print("stopped")); stops.active
+    >>> emergency_stop = EmergencyStop()
+    >>> emergency_stop.add("twin", lambda: print("stopped")); emergency_stop.active
     True
-    >>> stops.stop()
+    >>> emergency_stop.stop()
     stopped
     """
 
@@ -25,23 +25,23 @@ class Stops:
         self.active = False
 
     def add(self, name: str, stop: Callable[[], object]) -> None:
-        """Put a stage under the button; `stop` may come at any time, from any thread."""
+        """Add a stage; `stop` may be called at any time, from any thread."""
         with self._lock:
             self._stops[name] = stop
             self.active = True
 
     def remove(self, name: str) -> None:
-        """Take a stage away that is no longer connected."""
+        """Remove a stage that is no longer connected."""
         with self._lock:
             self._stops.pop(name, None)
             self.active = bool(self._stops)
 
     def stop(self) -> None:
-        """Stop all of them, also where one fails."""
+        """Stop all stages; the failure of one does not keep the others from being stopped."""
         with self._lock:
-            stops = dict(self._stops)
-        for name, stop in stops.items():
+            functions = dict(self._stops)
+        for name, stop in functions.items():
             try:
                 stop()
-            except Exception:  # noqa: BLE001 - the others are stopped in any case
+            except Exception:  # noqa: BLE001 - the other stages are stopped in any case
                 _LOG.exception("stopping '%s' failed", name)
