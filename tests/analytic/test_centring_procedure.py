@@ -26,8 +26,14 @@ from flexstage.centring.procedure import (
     table_reading,
 )
 from flexstage.stage.designs import design
-from flexstage.virtual.positioner import TableMounting, VirtualPositioner
-from flexstage.virtual.table import ScaleErrors, VirtualBench, VirtualTable, scale_errors
+from flexstage.virtual.table import (
+    ScaleErrors,
+    TableMounting,
+    VirtualBench,
+    VirtualPositioner,
+    VirtualTable,
+    scale_errors,
+)
 from tests.tiers import limits, sizes
 
 PIEZO, SCREW = design("vgtu-piezo"), design("vgtu-mechanical")

@@ -8,9 +8,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.signal import lsim
 
 from flexstage.base.errors import ModelError
-from flexstage.export.diagram.graph import Block, Diagram, SignalLine
+from flexstage.export.diagram.graph import Block, Diagram, SignalLine, diagram_state_space
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor, dynamic_model
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.lumped import lumped_system, mechanism, symbolic_model

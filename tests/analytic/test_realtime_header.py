@@ -15,8 +15,13 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.export.realtime.comment import command_span, operations, rounding_bound
-from flexstage.export.realtime.files import amalgamated, realtime_files
+from flexstage.export.realtime.files import (
+    amalgamated,
+    command_span,
+    operations,
+    realtime_files,
+    rounding_bound,
+)
 from flexstage.hysteresis import DynamicModel, LogCreep, PrandtlIshlinskii, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design

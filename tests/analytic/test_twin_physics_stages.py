@@ -19,8 +19,7 @@ from flexstage.system.characteristics import axis_mode
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.build import largest_slope, virtual_stage
 from flexstage.virtual.piezo_stage import PiezoStage
-from flexstage.virtual.screw_stage import ScrewStage
-from flexstage.virtual.stage import VirtualStage
+from flexstage.virtual.stage import ScrewStage, VirtualStage
 from tests.twin_parts import small_signal_response
 
 PIEZO, SCREWS = design("vgtu-piezo"), design("vgtu-mechanical")

@@ -8,9 +8,14 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from flexstage.export.control_object import linear_part
-from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
+from flexstage.export.diagram.graph import (
+    Block,
+    BlockGroup,
+    Diagram,
+    SignalLine,
+    diagram_state_space,
+)
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.simulink.files import simulink_files
 from flexstage.hysteresis import Amplifier, BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system

@@ -12,10 +12,15 @@ if TYPE_CHECKING:
     from flexstage.virtual.as_built import AsBuilt, as_built
     from flexstage.virtual.build import virtual_stage
     from flexstage.virtual.imperfections import Scatter
-    from flexstage.virtual.positioner import TableMounting, VirtualPositioner
     from flexstage.virtual.stack import VirtualStack, virtual_stack
     from flexstage.virtual.stage import VirtualStage
-    from flexstage.virtual.table import VirtualBench, VirtualTable, scale_errors
+    from flexstage.virtual.table import (
+        TableMounting,
+        VirtualBench,
+        VirtualPositioner,
+        VirtualTable,
+        scale_errors,
+    )
 
 __all__ = [
     "AsBuilt",

@@ -39,11 +39,9 @@ from flexstage.virtual.imperfections import (
 from flexstage.virtual.laboratory import Hammer
 from flexstage.virtual.piezo_loop import amplifier_of, sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage, stack_of
-from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
-from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
-from flexstage.virtual.stack_stepping import ChargeDrive
-from flexstage.virtual.stage import Conditions
+from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, ChargeDrive, matched_stacks, virtual_stack
+from flexstage.virtual.stage import Conditions, ScrewAxis, ScrewStage
 
 #: Part of the stroke that is kept free at each end.
 _KEPT_FREE = 0.015

@@ -21,7 +21,7 @@ from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.chain.modal import UnitStep, unit_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.virtual.stack_stepping import StackArrays, StackState, step_stack
+from flexstage.virtual.stack import StackArrays, StackState, step_stack
 
 Flags = NDArray[np.bool_]
 

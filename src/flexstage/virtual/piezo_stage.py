@@ -32,8 +32,7 @@ from flexstage.virtual.sensors import (
     readings_beside,
     sources,
 )
-from flexstage.virtual.stack import VirtualStack
-from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
+from flexstage.virtual.stack import ChargeDrive, VirtualStack, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, commands
 
 

@@ -8,11 +8,14 @@ from typing import NamedTuple
 from flexstage.base.version import __version__
 from flexstage.export.drawing.canvas import MEDIUM, PAPER, THICK, THIN, Box, Canvas, millimetres
 from flexstage.export.drawing.contours import PlateContours, plate_contours
-from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
-from flexstage.export.drawing.plate_view import (
+from flexstage.export.drawing.views import (
+    CELL,
     View,
+    draw_detail,
     draw_view,
     hinge_marks,
+    notch_kinds,
+    ratio,
     round_openings,
     scale_bar,
 )

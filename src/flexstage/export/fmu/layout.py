@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from flexstage.export.simulink.matlab_text import plain
-from flexstage.export.source.variables import c_variables
+from flexstage.export.source.render import c_variables
 from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 

@@ -6,15 +6,13 @@ import numpy as np
 
 from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
-from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.export.diagram.graph import Block, Diagram, diagram_state_space
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.request import StageExport
 from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, mat_file, plain, valid_name
-from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.structure import modal, structure
-from flexstage.export.simulink.system import Node, System, Wiring
+from flexstage.export.simulink.system import Node, System, Wiring, build_script
 from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.model import Array

@@ -1,12 +1,14 @@
 """Blocks and lines as Simulink has them: systems within systems, before they become a script."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 from flexstage.base.errors import ModelError
+from flexstage.base.version import __version__
 from flexstage.export.diagram.graph import wiring_faults
+from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.files.names import free_name
 
 #: Where each type of block comes from; these paths are those of every release since 2006.
@@ -162,3 +164,320 @@ class Wiring:
             wires=tuple(self._wires),
             notes=tuple(notes),
         )
+
+
+_INDENT = "    "
+_WIDTH = 96
+#: Left, top, right and bottom [pixels].
+Box = tuple[int, int, int, int]
+_SIZES = {
+    "Inport": (30, 14),
+    "Outport": (30, 14),
+    "Gain": (60, 40),
+    "Integrator": (44, 40),
+    "FromWorkspace": (150, 26),
+    "ToWorkspace": (190, 26),
+    "Scope": (36, 36),
+    "StateSpace": (110, 50),
+    "MatlabFunction": (120, 50),
+    "TransferFcn": (90, 44),
+    "Saturate": (44, 36),
+    "Mux": (6, 44),
+    "Demux": (6, 44),
+}
+_PITCH = 24  # between the ports of a block
+_ACROSS, _DOWN, _MARGIN = 110, 46, 60  # room for lines, and for names below blocks
+_MANY = 8  # subsystems from which a system is a web rather than a chain
+
+
+def build_script(
+    name: str, top: System, *, settings: Mapping[str, str], notes: tuple[str, ...]
+) -> str:
+    """Return the script: the function ``NAME_build``, which loads ``NAME_data.mat``.
+
+    It has a local function for each subsystem; settings are parameters of the model, such as those
+    of its solver, and the notes are written into its description.
+    """
+    systems = list(_walk(top))
+    # systems hold mappings, so that they are told apart by what they are, not by what they hold
+    names = {
+        id(system): f"fill_{i}_{identifier(system.title)[:36]}" if i else "fill_model"
+        for i, system in enumerate(systems)
+    }
+    text = _head(name, top, notes) + _main(name, top, settings, notes)
+    text += "".join(_fill(system, names) for system in systems)
+    return text + _helpers(with_functions=_has_function(top))
+
+
+def _walk(system: System) -> Iterator[System]:
+    yield system
+    for node in system.nodes:
+        if node.inside is not None:
+            yield from _walk(node.inside)
+
+
+def _has_function(system: System) -> bool:
+    return any(
+        node.function or (node.inside is not None and _has_function(node.inside))
+        for node in system.nodes
+    )
+
+
+def _arguments(system: System, at: str) -> str:
+    return f"({at}, here)" if _has_function(system) else f"({at})"
+
+
+def _head(name: str, top: System, notes: tuple[str, ...]) -> str:
+    text = f"function {name}_build()\n"
+    text += comment(f"{name.upper()}_BUILD Builds the Simulink model '{name}': {top.title}.")
+    text += "%\n" + comment(
+        f"Run it where {name}_data.mat and the functions of the hysteresis lie beside it. It draws "
+        "every block with add_block, add_line and set_param, which every release of Simulink has, "
+        "puts the numbers into the workspace of the model, and saves the model beside itself. It "
+        "needs no toolbox. README.txt says how it was tested."
+    )
+    for note in notes:
+        text += "%\n" + comment(note)
+    text += "%\n" + comment(f"Written by flexstage {__version__}. SI units throughout.")
+    return text + "\n"
+
+
+def _main(name: str, top: System, settings: Mapping[str, str], notes: tuple[str, ...]) -> str:
+    words = " ".join([f"{top.title}.", *notes, f"Written by flexstage {__version__}."])
+    parameters = _pairs([(key, quoted(value)) for key, value in settings.items()], 2 * _INDENT)
+    return f"""model = '{name}';
+here = fileparts(mfilename('fullpath'));
+data = fullfile(here, '{name}_data.mat');
+if exist('new_system') == 0
+    error('flexstage:simulink', 'Simulink is not installed here: {name}_build needs it.');
+end
+if exist(data, 'file') ~= 2
+    error('flexstage:data', ['{name}_data.mat is missing: put it beside {name}_build.m, ' ...
+        'with which it was written.']);
+end
+if bdIsLoaded(model)
+    error('flexstage:open', ['A model named {name} is open: save what you want to keep, ' ...
+        'close it with close_system(''{name}'', 0), then run {name}_build again.']);
+end
+load_system('simulink');
+new_system(model);
+try
+    set_param(model, 'Description', ...
+        {_long(words, 2 * _INDENT)});
+    set_param(model, {parameters});
+    fill_workspace(model, data);
+    fill_model{_arguments(top, "model")};
+catch problem
+    % nothing half-built stays behind
+    close_system(model, 0);
+    rethrow(problem);
+end
+open_system(model);
+if exist(fullfile(here, [model '.slx']), 'file') || exist(fullfile(here, [model '.mdl']), 'file')
+    warning('flexstage:saved', ['{name} is built but not saved, since a file of that name ' ...
+        'is there already: save it under another name, or remove that file.']);
+else
+    save_system(model, fullfile(here, model));
+end
+end
+
+function fill_workspace(model, data)
+% The numbers of all blocks, in the workspace that is saved with the model.
+numbers = load(data);
+names = fieldnames(numbers);
+space = get_param(model, 'ModelWorkspace');
+for k = 1:numel(names)
+    assignin(space, names{{k}}, numbers.(names{{k}}));
+end
+end
+"""
+
+
+def _fill(system: System, names: Mapping[int, str]) -> str:
+    places = positions(system)
+    text = f"\nfunction {names[id(system)]}{_arguments(system, 'at')}\n" + comment(system.title)
+    for note in system.notes:
+        text += comment(note)
+    for node in system.nodes:
+        text += _block(node, places[node.name])
+        path = f"[at '/{node.name}']"
+        if node.inside is not None:
+            text += f"{names[id(node.inside)]}{_arguments(node.inside, path)};\n"
+        if node.function:
+            text += f"write_function({path}, fullfile(here, '{node.function}.m'));\n"
+    named: set[tuple[str, int]] = set()
+    for w in system.wires:
+        signal = "" if (w.source, w.output) in named else w.signal
+        named |= {(w.source, w.output)} if signal else set()
+        ends = f"'{w.source}/{w.output}', '{w.target}/{w.port}'"
+        text += f"wire(at, {ends}, {quoted(signal)});\n"
+    return text + "end\n"
+
+
+def _block(node: Node, place: Box) -> str:
+    pairs = [("Position", "[" + " ".join(map(str, place)) + "]")]
+    pairs += [(key, quoted(value)) for key, value in node.settings.items()]
+    if node.meaning:
+        pairs.append(("Description", quoted(node.meaning)))
+    label = plain(node.label).replace("%", "").replace("\\", "")
+    if label:
+        pairs.append(("AttributesFormatString", quoted(label)))
+    return f"add_block('{LIBRARY[node.kind]}', [at '/{node.name}'], {_pairs(pairs)});\n"
+
+
+def _pairs(pairs: list[tuple[str, str]], indent: str = _INDENT) -> str:
+    """Return names and values of parameters, each pair on a line of its own."""
+    return f"...\n{indent}" + f", ...\n{indent}".join(f"'{k}', {v}" for k, v in pairs)
+
+
+def _long(text: str, indent: str) -> str:
+    """Return a long text as a string in pieces."""
+    *pieces, last = wrapped(plain(text), _WIDTH - len(indent) - 7)
+    strings = ["'" + s.replace("'", "''") + "'" for s in (*(f"{p} " for p in pieces), last)]
+    return "[" + f" ...\n{indent}".join(strings) + "]"
+
+
+def _helpers(*, with_functions: bool) -> str:
+    text = """
+function wire(at, from, to, signal)
+% A line between two blocks, with the name of what it carries.
+line = add_line(at, from, to, 'autorouting', 'on');
+if ~isempty(signal)
+    set_param(line, 'Name', signal);
+end
+end
+"""
+    if with_functions:
+        text += """
+function write_function(block, file)
+% The text of a MATLAB Function block.
+if exist(file, 'file') ~= 2
+    error('flexstage:function', '%s is missing: put it beside the script.', file);
+end
+text = fileread(file);
+try
+    chart = find(sfroot, '-isa', 'Stateflow.EMChart', 'Path', block);
+    chart.Script = text;
+catch problem
+    error('flexstage:script', ['The text of block %s cannot be set in this release (%s): ' ...
+        'open the block, and paste the text of %s into it.'], block, problem.message, file);
+end
+end
+"""
+    return text
+
+
+def positions(system: System) -> dict[str, Box]:
+    """Return where blocks stand, from left to right as signals go; no two overlap."""
+    nodes = {n.name: n for n in system.nodes}
+    layer = _layers(system)
+    columns: dict[int, list[str]] = {}
+    for name in nodes:
+        columns.setdefault(layer[name], []).append(name)
+    before: dict[str, list[str]] = {name: [] for name in nodes}
+    for w in system.wires:
+        if layer[w.source] < layer[w.target]:
+            before[w.target].append(w.source)
+    made: dict[str, Box] = {}
+    x = _MARGIN
+    for at in sorted(columns):
+        sizes = {name: _size(nodes[name]) for name in columns[at]}
+        order = {name: i for i, name in enumerate(columns[at])}
+
+        def height(name: str, order: dict[str, int] = order) -> tuple[float, int]:
+            seen = [made[s] for s in before[name] if s in made]
+            middle = sum(b[1] + b[3] for b in seen) / (2 * len(seen)) if seen else _MARGIN
+            return (middle, order[name])
+
+        free = _MARGIN
+        for name in sorted(columns[at], key=height):
+            wide, tall = sizes[name]
+            top = max(free, round(height(name)[0] - tall / 2))
+            made[name] = (x, top, x + wide, top + tall)
+            free = top + tall + _DOWN
+        x += max(wide for wide, _ in sizes.values()) + _ACROSS
+    return made
+
+
+def _size(node: Node) -> tuple[int, int]:
+    ports = max(node.inputs, node.outputs)
+    if node.kind == "Sum":
+        return (28, 28) if ports <= 3 else (28, _PITCH * ports)
+    if node.kind == "SubSystem":
+        return (180, max(56, _PITCH * ports + 16))
+    wide, tall = _SIZES.get(node.kind, (70, 40))
+    return (wide, max(tall, _PITCH * ports if node.kind in ("Mux", "Demux") else 0))
+
+
+def _layers(system: System) -> dict[str, int]:
+    """Return the column of each block: how far it is from the inputs."""
+    after: dict[str, list[str]] = {n.name: [] for n in system.nodes}
+    for w in system.wires:
+        after[w.source].append(w.target)
+    if sum(n.kind == "SubSystem" for n in system.nodes) > _MANY:
+        layer = _shortest(system, after)
+    else:
+        back = _backward_lines(_starts(system), after)
+        layer = _longest_ways(
+            {s: [t for t in targets if (s, t) not in back] for s, targets in after.items()}
+        )
+    last = max((layer[n.name] for n in system.nodes if n.kind != "Outport"), default=0)
+    layer |= {n.name: 0 for n in system.nodes if n.kind == "Inport"}
+    layer |= {n.name: last + 1 for n in system.nodes if n.kind == "Outport"}
+    return layer
+
+
+def _backward_lines(names: Iterable[str], after: Mapping[str, list[str]]) -> set[tuple[str, str]]:
+    """Lines that close a loop, in a walk along the lines from the first block on."""
+    done: set[str] = set()
+    back: set[tuple[str, str]] = set()
+    for start in names:
+        if start in done:
+            continue
+        path = [(start, iter(after[start]))]
+        on_path = {start}
+        while path:
+            name, rest = path[-1]
+            step = next(rest, None)
+            if step is None:
+                path.pop()
+                on_path.discard(name)
+                done.add(name)
+            elif step in on_path:
+                back.add((name, step))
+            elif step not in done:
+                path.append((step, iter(after[step])))
+                on_path.add(step)
+    return back
+
+
+def _longest_ways(forward: Mapping[str, list[str]]) -> dict[str, int]:
+    """How many lines lie before each block, on the longest way; lines form no loop."""
+    found = dict.fromkeys(forward, 0)
+    changed = True
+    while changed:
+        changed = False
+        for name, targets in forward.items():
+            for target in targets:
+                if found[target] <= found[name]:
+                    found[target] = found[name] + 1
+                    changed = True
+    return found
+
+
+def _starts(system: System) -> list[str]:
+    named = [n.name for n in system.nodes if n.inputs == 0]
+    return named + [n.name for n in system.nodes if n.inputs > 0]
+
+
+def _shortest(system: System, after: dict[str, list[str]]) -> dict[str, int]:
+    layer: dict[str, int] = {}
+    sources = [n.name for n in system.nodes if n.inputs == 0]
+    for start in [*([sources] if sources else []), *([n] for n in _starts(system))]:
+        front = [n for n in start if n not in layer]
+        depth = 0
+        while front:
+            layer |= dict.fromkeys(front, depth)
+            front = list(dict.fromkeys(t for s in front for t in after[s] if t not in layer))
+            depth += 1
+    return layer

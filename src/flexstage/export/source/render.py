@@ -1,11 +1,16 @@
 """A dynamic model as C: the core that all models share, and the numbers of this one."""
 
+import math
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass
 from importlib.resources import files
+from typing import Literal
 
 from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
 from flexstage.export.source.model_numbers import form_of, model_data
-from flexstage.hysteresis.dynamic_model import DynamicModel
+from flexstage.hysteresis import Sensor
+from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelProbe
 from flexstage.hysteresis.models.registry import hysteresis_code
 from flexstage.hysteresis.models.source_code import HysteresisCode, source_file
 
@@ -109,3 +114,207 @@ def _switch(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
             lines += [f"    case {i}:", f"        return {call}FS_PIECES_MAX, value);"]
         lines += ["    default:", "        return -1;", "    }", "}", ""]
     return "\n".join([*lines, "#endif"]) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class CVariable:
+    """A variable of a model in C."""
+
+    name: str
+    """Its name, in parts with dots between them."""
+    unit: str
+    """Its unit; ``1`` for none."""
+    causality: Literal["input", "output", "parameter", "local"]
+    """``input``, ``output``, ``parameter`` or ``local``."""
+    start: float
+    """Its value at first: as exported, settled at zero commands."""
+    description: str
+    """What it is."""
+    expression: str
+    """Where it is in C: of an instance ``s``, or ``commands[i]`` and ``readings[i]`` of the arrays
+    that are handed to the functions.
+    """
+    _: KW_ONLY
+    prepare: bool = False
+    """Whether `fs_prepare` must follow a change."""
+
+
+def c_variables(model: DynamicModel) -> tuple[CVariable, ...]:
+    """Return what can be commanded, read and tuned in the C of a model.
+
+    ===============================  =============================================================
+    name                             what it is
+    ===============================  =============================================================
+    ``DRIVE.command``                command of a drive (input)
+    ``PROBE.reading``                what a probe reads, through its sensor (output)
+    ``DRIVE.voltage``                voltage behind the amplifier, of a drive with one (local)
+    ``DRIVE.free_displacement``      free displacement; ``DRIVE.force`` of a pure force (local)
+    ``PROBE.motion``                 motion before the sensor, of a probe with one (local)
+    ``DRIVE.gain``                   free displacement over command, without hysteresis
+    ``DRIVE.hysteresis.NAME``        a parameter of the hysteresis
+    ``DRIVE.amplifier.NAME``         ``bandwidth_hz``, ``gain``, ``largest_rate``,
+                                     ``lowest_voltage``, ``highest_voltage``
+    ``DRIVE.creep.rate_per_decade``  rise of the creep in a decade of time over the step
+    ``mode.N.frequency_hz``          undamped natural frequency, N from 1; what the probes read at
+                                     rest stays
+    ``mode.N.damping_ratio``         damping ratio
+    ``sensor.PROBE.NAME``            ``gain``, ``offset``, ``bandwidth_hz`` (0: no lag),
+                                     ``quantisation``, ``mains_amplitude``,
+                                     ``mains_frequency_hz``, ``mains_phase``
+    ===============================  =============================================================
+
+    Limits that are infinite have no variable, nor have parameters that tables depend on which are
+    not made in C (the exponent of a Bouc-Wen model, say).
+
+    Examples
+    --------
+    >>> from flexstage.stage.designs import design
+    >>> from flexstage.hysteresis import dynamic_model
+    >>> from flexstage.lumped import lumped_system
+    >>> stage = design("vgtu-piezo")
+    >>> found = c_variables(dynamic_model(stage, lumped_system(stage)))
+    >>> [v.name for v in found[:4]]
+    ['x.command', 'y.command', 'x.reading', 'y.reading']
+    """
+    drives, probes = list(enumerate(model.drives)), list(enumerate(model.probes))
+    found = [_command(i, d) for i, d in drives]
+    readings = _settled_readings(model)
+    found += [_reading(i, p, readings[p.name]) for i, p in probes]
+    for i, d in drives:
+        found += _locals(i, d)
+    for i, p in probes:
+        if p.sensor is not None:
+            what = f"motion that the sensor of probe {p.name} sees"
+            found.append(
+                CVariable(f"{p.name}.motion", p.unit, "local", 0.0, what, f"s->motion[{i}]")
+            )
+    for i, d in drives:
+        found += _drive_parameters(i, d)
+    found += _mode_parameters(model)
+    for i, p in probes:
+        if p.sensor is not None:
+            found += _sensor_parameters(i, p, p.sensor)
+    return tuple(found)
+
+
+def _settled_readings(model: DynamicModel) -> dict[str, float]:
+    """Readings at rest at zero commands: offset, quantisation and mains of the sensors."""
+    found = {}
+    for p in model.probes:
+        value = 0.0
+        if p.sensor is not None:
+            s = p.sensor
+            value = s.offset
+            if s.mains_amplitude != 0.0:
+                turn = 2.0 * math.pi * s.mains_frequency_hz * -model.step + s.mains_phase
+                value += s.mains_amplitude * math.sin(turn)
+            if s.quantisation > 0.0:
+                value = s.quantisation * round(value / s.quantisation)
+        found[p.name] = value
+    return found
+
+
+def _command(i: int, d: ModelDrive) -> CVariable:
+    allowed = ""
+    if d.input_range is not None:
+        allowed = f", {d.input_range[0]:g} to {d.input_range[1]:g} {d.unit}"
+    what = f"command of drive {d.name} ({d.kind}){allowed}"
+    return CVariable(f"{d.name}.command", d.unit, "input", 0.0, what, f"commands[{i}]")
+
+
+def _reading(i: int, p: ModelProbe, start: float) -> CVariable:
+    through = "" if p.sensor is None else ", through its sensor"
+    what = f"reading of probe {p.name}{through}"
+    return CVariable(f"{p.name}.reading", p.unit, "output", start, what, f"readings[{i}]")
+
+
+def _locals(i: int, d: ModelDrive) -> list[CVariable]:
+    at, found = f"s->drive[{i}]", []
+    if d.amplifier is not None:
+        what = f"voltage behind the amplifier of drive {d.name}"
+        found.append(CVariable(f"{d.name}.voltage", "V", "local", 0.0, what, f"{at}.voltage"))
+    name, unit, what = "free_displacement", "m", "free displacement, without creep,"
+    if d.stiffness == 0.0:
+        name, unit, what = "force", "N", "force"
+    what = f"{what} of drive {d.name}"
+    found.append(CVariable(f"{d.name}.{name}", unit, "local", 0.0, what, f"{at}.free"))
+    return found
+
+
+# a parameter: name, unit, start, what it is, member of its struct, whether `fs_prepare` follows
+_Row = tuple[str, str, float, str, str, bool]
+
+
+def _parameters(owner: str, of: str, at: str, rows: Iterable[_Row]) -> list[CVariable]:
+    return [
+        CVariable(
+            f"{owner}.{name}",
+            unit,
+            "parameter",
+            start,
+            f"{what} of {of}",
+            f"{at}.{member}",
+            prepare=prepare,
+        )
+        for name, unit, start, what, member, prepare in rows
+    ]
+
+
+def _drive_parameters(i: int, d: ModelDrive) -> list[CVariable]:
+    rows: list[_Row] = []
+    if d.hysteresis is None:
+        unit = "m/V" if d.unit == "V" else "1"
+        rows.append(("gain", unit, d.gain, "output over command", "gain", False))
+    else:
+        for t in hysteresis_code(d.hysteresis).tunable:
+            if t.index is not None:
+                what, member = f"{t.description}, hysteresis", f"parameters[{t.index}]"
+                rows.append((f"hysteresis.{t.name}", t.unit, t.value, what, member, False))
+        if d.creep is not None:
+            rate, what = d.creep.rate_per_decade, "rise of the creep in a decade of time"
+            rows.append(("creep.rate_per_decade", "1", rate, what, "creep_rate", True))
+    a = d.amplifier
+    if a is not None:
+        low, high = a.voltage_range or (-math.inf, math.inf)
+        for name, unit, start, what, member in (
+            ("bandwidth_hz", "Hz", a.bandwidth_hz, "bandwidth of the amplifier", "bandwidth_hz"),
+            ("gain", "1", a.gain, "gain of the amplifier", "amplifier_gain"),
+            ("largest_rate", "V/s", a.largest_rate, "largest rate of the voltage", "largest_rate"),
+            ("lowest_voltage", "V", low, "lowest voltage", "lowest"),
+            ("highest_voltage", "V", high, "highest voltage", "highest"),
+        ):
+            if math.isfinite(start):
+                rows.append((f"amplifier.{name}", unit, start, what, member, True))
+    return _parameters(d.name, f"drive {d.name}", f"s->drive[{i}]", rows)
+
+
+_NATURAL = "undamped natural frequency"
+
+
+def _mode_parameters(model: DynamicModel) -> list[CVariable]:
+    found = []
+    modes = zip(model.omega.tolist(), model.damping_ratio.tolist(), strict=True)
+    for i, (omega, zeta) in enumerate(modes):
+        frequency, at = omega / (2.0 * math.pi), f"[{i}]"
+        rows: list[_Row] = [
+            ("frequency_hz", "Hz", frequency, _NATURAL, f"frequency_hz{at}", True),
+            ("damping_ratio", "1", zeta, "damping ratio", f"damping_ratio{at}", True),
+        ]
+        of = f"mode {i + 1}, drives in place"
+        found += _parameters(f"mode.{i + 1}", of, "s->modes", rows)
+    return found
+
+
+def _sensor_parameters(i: int, p: ModelProbe, sensor: Sensor) -> list[CVariable]:
+    numbers = (
+        ("gain", "1", sensor.gain, "gain"),
+        ("offset", p.unit, sensor.offset, "offset"),
+        ("bandwidth_hz", "Hz", sensor.bandwidth_hz or 0.0, "bandwidth (0: no lag)"),
+        ("quantisation", p.unit, sensor.quantisation, "smallest step of the reading (0: none)"),
+        ("mains_amplitude", p.unit, sensor.mains_amplitude, "amplitude of the mains pick-up"),
+        ("mains_frequency_hz", "Hz", sensor.mains_frequency_hz, "frequency of the mains"),
+        ("mains_phase", "rad", sensor.mains_phase, "phase of the mains at the first sample"),
+    )
+    rows = [(*row, row[0], row[0] == "bandwidth_hz") for row in numbers]
+    of = f"the sensor of probe {p.name}"
+    return _parameters(f"sensor.{p.name}", of, f"s->sensor[{i}]", rows)
