@@ -131,7 +131,7 @@ def test_a_stage_is_what_is_asked_of_a_virtual_stage() -> None:
         assert typed.axes == ("x", "y")
         assert set(typed.limits) == {"x", "y"}
         assert typed.stage is (PIEZO if typed.kind == "piezo" else SCREWS)
-        assert any("drawn, not measured" in note for note in typed.notes)
+        assert any("simulated with random deviations, not measured" in note for note in typed.notes)
 
 
 @pytest.mark.slow
@@ -351,7 +351,7 @@ def test_stages_that_no_twin_can_drive_are_refused() -> None:
     )  # fmt: skip
     with pytest.raises(ModelError, match="screws on all axes, or piezo stacks"):
         virtual_stage(replace(PIEZO, drives=(x, screw)), model="lumped")
-    with pytest.raises(ModelError, match="names no axis"):
+    with pytest.raises(ModelError, match="has no axis"):
         virtual_stage(replace(PIEZO, axes=()), model="lumped")
 
 

@@ -95,8 +95,8 @@ class ServoState(NamedTuple):
 class LoopState(NamedTuple):
     """State of the loop but for the stacks; changed in place."""
 
-    held: Array
-    """Voltage that the converter holds [V], shape (axes,)."""
+    output: Array
+    """Voltage that the converter puts out now [V], shape (axes,)."""
     next: Array
     """Voltage that the converter puts out next [V], shape (axes,)."""
     voltage: Array
@@ -150,7 +150,7 @@ def run_loop(
     for k in range(n):
         for a in range(axes):
             u = _amplify(
-                state.held[a], state.voltage[a], drives.step_ratio[a], drives.slew_threshold[a]
+                state.output[a], state.voltage[a], drives.step_ratio[a], drives.slew_threshold[a]
             )
             state.voltage[a] = signals.voltage[a, k] = u
             free = step_stack(stacks, stack_state, a, u)
@@ -182,7 +182,7 @@ def run_loop(
             if step > 0.0:
                 u = low + step * np.round((u - low) / step)
             signals.requested[a, k] = u
-            state.held[a] = state.next[a]
+            state.output[a] = state.next[a]
             state.next[a] = u
             state.reading[a] = signals.reading[a, k]
 

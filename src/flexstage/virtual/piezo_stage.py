@@ -1,4 +1,4 @@
-"""A simulated stage driven by piezo stacks, its position control inside."""
+"""A simulated stage with piezo stacks and position control."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
-from flexstage.virtual.laboratory import Blow
+from flexstage.virtual.laboratory import HammerImpact
 from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopSignals,
@@ -28,10 +28,10 @@ from flexstage.virtual.piezo_loop import (
     run_loop,
 )
 from flexstage.virtual.sensors import (
+    error_motion_sources,
     neighbour,
     polynomial,
-    readings_beside,
-    sources,
+    read_error_motions,
 )
 from flexstage.virtual.stack import ChargeDrive, VirtualStack, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, commands
@@ -39,22 +39,22 @@ from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, comm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PiezoAxis:
-    """One axis of a piezo stage as it was made."""
+    """One axis of a manufactured piezo stage."""
 
     name: str
     """Name of the axis."""
     drive: str
-    """Name of the drive of its system."""
+    """Name of its drive in the system."""
     probe: str
-    """Name of the probe of its system."""
+    """Name of its probe in the system."""
     limits: AxisLimits
-    """What may be commanded; its voltage range is that of the converter."""
+    """Limits of the commands; the voltage range is that of the converter."""
     guide: GuideErrors | None = None
-    """What its guide does beside it; nothing where not given."""
+    """Error motions of its guide; None for none."""
     low: float = 0.0
-    """Position of the low end of its stroke [m], at which the guide's curves begin."""
+    """Position of the low end of its stroke [m], where the curves of the guide begin."""
     settings: ServoSettings = field(default_factory=ServoSettings)
-    """Settings of its control as delivered."""
+    """Default settings of its servo."""
 
 
 def _drive_arrays(model: DynamicModel, parts: Sequence[PiezoAxis], *, quiet: bool) -> DriveArrays:
@@ -96,19 +96,19 @@ _FILTERS = 8
 
 
 class PiezoStage(VirtualStage):
-    """A piezo stage sample by sample, as `VirtualStage` says: its `DynamicModel` in a loop.
+    """A piezo stage sample by sample, a `VirtualStage`: its `DynamicModel` in a loop.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
-    amplifier of one pole and limited current, to a stack with hysteresis and creep; all modes of
-    the stage with its stacks in place follow. Sensors add their errors.
+    amplifier of one pole and limited current, to a stack with hysteresis and creep, and to all
+    modes of the stage with its stacks in place. Sensors add their errors.
 
     Notes
     -----
-    Validity: small motion; voltage and free displacement are straight between samples, which is
-    off by less than 1e-4 of the stroke up to 50 Hz at 10 kHz; hysteresis does not depend on the
-    force of the stack, and its capacitance is one number. Guide errors are curves of the position
-    alone. The sensors across an axis read the motion along the other axis, from a place of their
-    own; those out of the plane and of rotations see what their own axis does.
+    Validity: small motion; voltage and free displacement are straight between samples, an error
+    below 1e-4 of the stroke up to 50 Hz at 10 kHz. Hysteresis does not depend on the force of the
+    stack, and its capacitance is constant. Guide errors depend on the position alone. The sensors
+    across an axis read the motion along the other axis; those out of the plane and of rotations
+    read the error motions of their own axis.
     """
 
     kind = "piezo"
@@ -123,7 +123,7 @@ class PiezoStage(VirtualStage):
         conditions: Conditions,
     ) -> None:
         super().__init__(stage, {a.name: a.limits for a in axes}, conditions)
-        #: What guides each axis; what is stepped, at the rate of the loop.
+        #: The axes, and the dynamic model at the loop rate.
         self.parts, self.model = tuple(axes), replace(model, step=1.0 / self.sample_rate_hz)
         drives = [model.drive(part.drive) for part in self.parts]
         self._modes = _mode_arrays(self.model, self.parts)
@@ -133,7 +133,9 @@ class PiezoStage(VirtualStage):
         )  # fmt: skip
         self._drives = _drive_arrays(self.model, self.parts, quiet=conditions.quiet)
         guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self.parts}
-        self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self.parts})
+        self._source, self._rows = error_motion_sources(
+            self.axes, guides, {a.name: a.low for a in self.parts}
+        )
         self._guide_motion = self._guide_polynomials(guides)
         self._servo = ServoArrays(
             on=np.zeros(len(axes), dtype=np.bool_),
@@ -155,7 +157,7 @@ class PiezoStage(VirtualStage):
         sections = settings.sections(self.sample_rate_hz)
         if len(sections) > _FILTERS:
             raise ModelError(
-                f"the control of an axis has room for {_FILTERS} filters, got {len(sections)}"
+                f"the servo of an axis has at most {_FILTERS} filters, got {len(sections)}"
             )
         if len(sections) != self._servo.filters[a]:
             self._state.servo.filters[a] = 0.0
@@ -190,7 +192,7 @@ class PiezoStage(VirtualStage):
             self._state,
             LoopSignals(command, forward, drift, noise, reading, position, voltage, requested),
         )  # fmt: skip
-        readings_beside(
+        read_error_motions(
             self._source, self._rows, position, drift, noise, self._disturbances.gain,
             self._disturbances.step, reading,
         )  # fmt: skip
@@ -200,12 +202,12 @@ class PiezoStage(VirtualStage):
             time=time, reading=reading, position=position, voltage=voltage, command=requested
         )
 
-    def strike(self, axis: str) -> Blow:
+    def strike(self, axis: str) -> HammerImpact:
         self._number(axis)
         return super().strike(axis)
 
     def reset(self) -> None:
-        """Relax the stage: time and all memory back to 0, settings as delivered."""
+        """Relax the stage: time 0, no history, default settings."""
         axes = len(self.parts)
         self._count = 0
         self._disturbances = self.conditions.disturbances(self.channels)
