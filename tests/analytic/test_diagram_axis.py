@@ -143,7 +143,7 @@ def test_names_are_unlike_each_other_and_short() -> None:
 def test_a_sum_of_nothing_is_refused() -> None:
     builder = DiagramBuilder()
     builder.add("f", "sum", "+", "forces on nothing [N]")
-    with pytest.raises(ModelError, match="nothing is added in 'f'"):
+    with pytest.raises(ModelError, match="sum 'f' has no terms"):
         builder.diagram("empty", ())
 
 

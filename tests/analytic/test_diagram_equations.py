@@ -37,7 +37,7 @@ def in_first_order(
     vectors = {d.name: d.vector for d in system.drives}
     every = {n: s.stiffness * np.outer(vectors[n], vectors[n]) for n, s in springs.items()}
     stiffness = system.K + sum(every.values())
-    damped = system.K + sum(k for n, k in every.items() if not springs[n].stands_in)
+    damped = system.K + sum(k for n, k in every.items() if not springs[n].replaces_imposed)
     inverse = np.linalg.inv(system.M)
     viscous = damping.alpha * system.M + damping.beta * damped
     n = system.order

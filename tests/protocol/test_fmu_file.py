@@ -99,7 +99,7 @@ def test_the_archive_holds_what_it_should_and_is_the_same_again(version: str) ->
     assert {i.date_time for i in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
     assert "free" in archive.read("documentation/licenses/license.txt").decode()
     page = archive.read("documentation/index.html").decode()
-    assert "There is no library inside" in page
+    assert "This FMU has no compiled library" in page
     made = model("bare")
     for text in (f"FMI {version}", "x.command", "whole multiple", *made.notes[:1]):
         assert text[:40] in " ".join(page.split())

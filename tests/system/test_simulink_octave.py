@@ -155,7 +155,7 @@ def test_structure_follows_mass_damping_and_stiffness(built: Built) -> None:
         port, spring = system.drive(d.name), springs[d.name]
         stiff = spring.stiffness * np.outer(port.vector, port.vector)
         K = K + stiff
-        if not spring.stands_in:
+        if not spring.replaces_imposed:
             C = C + rayleigh.beta * stiff
         force[:, j] = d.gain * (spring.stiffness or 1.0) * port.vector
     n, h = system.order, t[1] - t[0]

@@ -1,4 +1,4 @@
-"""Blocks and lines as Simulink has them: systems within systems, before they become a script."""
+"""Nested systems of Simulink blocks and lines, and the script that builds a model of them."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -11,7 +11,7 @@ from flexstage.export.diagram.graph import wiring_faults
 from flexstage.export.simulink.matlab_text import comment, identifier, plain, quoted, wrapped
 from flexstage.files.names import free_name
 
-#: Where each type of block comes from; these paths are those of every release since 2006.
+#: Library paths of block types, valid in every release since 2006.
 LIBRARY: Mapping[str, str] = {
     "Inport": "simulink/Sources/In1",
     "Outport": "simulink/Sinks/Out1",
@@ -40,15 +40,15 @@ class SimulinkLine:
     """A line between two blocks of one system."""
 
     source: str
-    """Name of the block that it comes from."""
+    """Name of its source block."""
     target: str
-    """Name of the block that it leads to."""
+    """Name of its target block."""
     output: int = 1
     """Output of the source, counted from 1."""
     port: int = 1
     """Input of the target, counted from 1."""
     signal: str = ""
-    """What it carries; empty where the blocks say it."""
+    """Its signal; empty where the blocks make it clear."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,24 +56,24 @@ class Node:
     """A block."""
 
     name: str
-    """Its name, unlike every other of its system."""
+    """Name, unique in its system."""
     kind: str
-    """Its type, a key of `LIBRARY`."""
+    """Type, a key of `LIBRARY`."""
     settings: Mapping[str, str] = field(default_factory=dict)
-    """Its parameters by name, as Simulink takes them."""
+    """Parameters of Simulink by name."""
     meaning: str = ""
-    """What it is, with its unit."""
+    """Description with unit."""
     _: KW_ONLY
     label: str = ""
-    """What is written below it."""
+    """Caption below the block."""
     inputs: int = 1
-    """Number of its inputs."""
+    """Number of inputs."""
     outputs: int = 1
-    """Number of its outputs."""
+    """Number of outputs."""
     inside: "System | None" = None
-    """What a ``SubSystem`` holds."""
+    """Content of a ``SubSystem``."""
     function: str = ""
-    """Of a ``MatlabFunction``: name of the function whose text it takes."""
+    """Name of the function of a ``MatlabFunction``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +81,13 @@ class System:
     """Blocks and lines of one window."""
 
     title: str
-    """What it holds."""
+    """Title."""
     nodes: tuple[Node, ...]
-    """The blocks; ports first and last, in the order of their numbers."""
+    """Blocks; ports first and last, in the order of their numbers."""
     wires: tuple[SimulinkLine, ...]
-    """The lines."""
+    """Lines."""
     notes: tuple[str, ...] = ()
-    """What is written beside the blocks."""
+    """Notes on the system."""
 
     def ports(self, kind: str) -> tuple[str, ...]:
         """Return the names of the ``Inport`` or ``Outport`` blocks, by their numbers."""
@@ -95,7 +95,7 @@ class System:
 
 
 class Wiring:
-    """Collects the blocks and lines of one system."""
+    """Builder of one system from blocks and lines."""
 
     __slots__ = ("_nodes", "_wires", "title")
 
@@ -105,9 +105,9 @@ class Wiring:
         self._wires: list[SimulinkLine] = []
 
     def add(self, node: Node) -> str:
-        """Add a block and return its name; a number is put behind one that is taken.
+        """Add a block and return its name, with a number if the name is taken.
 
-        An ``Inport`` or ``Outport`` gets its own number here.
+        An ``Inport`` or ``Outport`` gets its port number.
         """
         name = free_name(node.name, self._nodes.__contains__)
         if node.kind in ("Inport", "Outport"):
@@ -122,11 +122,11 @@ class Wiring:
         return name
 
     def block(self, name: str, kind: str, *described: Any, **more: Any) -> str:
-        """Add the block that a `Node` of these describes, and return its name."""
+        """Add a `Node` with these arguments, and return its name."""
         return self.add(Node(name, kind, *described, **more))
 
     def nest(self, name: str, inside: System, meaning: str = "") -> str:
-        """Add a subsystem and return its name; it means what its title says, where not given."""
+        """Add a subsystem and return its name; its title is the default meaning."""
         return self.add(
             Node(
                 name,
@@ -147,7 +147,7 @@ class Wiring:
         )
 
     def chain(self, *names: str) -> str:
-        """Connect blocks one behind the other, first output to first input; return the last."""
+        """Connect blocks in series, first output to first input; return the last."""
         for source, target in pairwise(names):
             self.connect(source, target)
         return names[-1]
@@ -186,8 +186,8 @@ _SIZES = {
     "Demux": (6, 44),
 }
 _PITCH = 24  # between the ports of a block
-_ACROSS, _DOWN, _MARGIN = 110, 46, 60  # room for lines, and for names below blocks
-_MANY = 8  # subsystems from which a system is a web rather than a chain
+_ACROSS, _DOWN, _MARGIN = 110, 46, 60  # space for lines, and for names below blocks
+_MANY = 8  # with more subsystems a system is a network rather than a chain
 
 
 def build_script(
@@ -195,11 +195,11 @@ def build_script(
 ) -> str:
     """Return the script: the function ``NAME_build``, which loads ``NAME_data.mat``.
 
-    It has a local function for each subsystem; settings are parameters of the model, such as those
-    of its solver, and the notes are written into its description.
+    It has a local function for each subsystem. Settings are parameters of the model, such as those
+    of its solver; notes become its description.
     """
     systems = list(_walk(top))
-    # systems hold mappings, so that they are told apart by what they are, not by what they hold
+    # systems contain mappings and are not hashable: the key is their identity
     names = {
         id(system): f"fill_{i}_{identifier(system.title)[:36]}" if i else "fill_model"
         for i, system in enumerate(systems)
@@ -231,10 +231,10 @@ def _head(name: str, top: System, notes: tuple[str, ...]) -> str:
     text = f"function {name}_build()\n"
     text += comment(f"{name.upper()}_BUILD Builds the Simulink model '{name}': {top.title}.")
     text += "%\n" + comment(
-        f"Run it where {name}_data.mat and the functions of the hysteresis lie beside it. It draws "
-        "every block with add_block, add_line and set_param, which every release of Simulink has, "
-        "puts the numbers into the workspace of the model, and saves the model beside itself. It "
-        "needs no toolbox. README.txt says how it was tested."
+        f"Run it in the folder with {name}_data.mat and the functions of the hysteresis. It adds "
+        "all blocks with add_block, add_line and set_param, which exist in every release of "
+        "Simulink, loads the parameters into the workspace of the model, and saves the model in "
+        "this folder. It needs no toolbox. README.txt describes its tests."
     )
     for note in notes:
         text += "%\n" + comment(note)
@@ -249,14 +249,14 @@ def _main(name: str, top: System, settings: Mapping[str, str], notes: tuple[str,
 here = fileparts(mfilename('fullpath'));
 data = fullfile(here, '{name}_data.mat');
 if exist('new_system') == 0
-    error('flexstage:simulink', 'Simulink is not installed here: {name}_build needs it.');
+    error('flexstage:simulink', 'Simulink is not installed: {name}_build needs it.');
 end
 if exist(data, 'file') ~= 2
-    error('flexstage:data', ['{name}_data.mat is missing: put it beside {name}_build.m, ' ...
-        'with which it was written.']);
+    error('flexstage:data', ['{name}_data.mat is missing: put it into the folder of ' ...
+        '{name}_build.m.']);
 end
 if bdIsLoaded(model)
-    error('flexstage:open', ['A model named {name} is open: save what you want to keep, ' ...
+    error('flexstage:open', ['A model named {name} is open: save it under another name, ' ...
         'close it with close_system(''{name}'', 0), then run {name}_build again.']);
 end
 load_system('simulink');
@@ -268,21 +268,21 @@ try
     fill_workspace(model, data);
     fill_model{_arguments(top, "model")};
 catch problem
-    % nothing half-built stays behind
+    % discard the incomplete model
     close_system(model, 0);
     rethrow(problem);
 end
 open_system(model);
 if exist(fullfile(here, [model '.slx']), 'file') || exist(fullfile(here, [model '.mdl']), 'file')
-    warning('flexstage:saved', ['{name} is built but not saved, since a file of that name ' ...
-        'is there already: save it under another name, or remove that file.']);
+    warning('flexstage:saved', ['{name} is built but not saved, since a file of this name ' ...
+        'exists: save it under another name, or remove that file.']);
 else
     save_system(model, fullfile(here, model));
 end
 end
 
 function fill_workspace(model, data)
-% The numbers of all blocks, in the workspace that is saved with the model.
+% Parameters of all blocks, in the workspace that is saved with the model.
 numbers = load(data);
 names = fieldnames(numbers);
 space = get_param(model, 'ModelWorkspace');
@@ -305,10 +305,10 @@ def _fill(system: System, names: Mapping[int, str]) -> str:
             text += f"{names[id(node.inside)]}{_arguments(node.inside, path)};\n"
         if node.function:
             text += f"write_function({path}, fullfile(here, '{node.function}.m'));\n"
-    named: set[tuple[str, int]] = set()
+    labelled: set[tuple[str, int]] = set()
     for w in system.wires:
-        signal = "" if (w.source, w.output) in named else w.signal
-        named |= {(w.source, w.output)} if signal else set()
+        signal = "" if (w.source, w.output) in labelled else w.signal
+        labelled |= {(w.source, w.output)} if signal else set()
         ends = f"'{w.source}/{w.output}', '{w.target}/{w.port}'"
         text += f"wire(at, {ends}, {quoted(signal)});\n"
     return text + "end\n"
@@ -326,7 +326,7 @@ def _block(node: Node, place: Box) -> str:
 
 
 def _pairs(pairs: list[tuple[str, str]], indent: str = _INDENT) -> str:
-    """Return names and values of parameters, each pair on a line of its own."""
+    """Return names and values of parameters, each pair on its own line."""
     return f"...\n{indent}" + f", ...\n{indent}".join(f"'{k}', {v}" for k, v in pairs)
 
 
@@ -340,7 +340,7 @@ def _long(text: str, indent: str) -> str:
 def _helpers(*, with_functions: bool) -> str:
     text = """
 function wire(at, from, to, signal)
-% A line between two blocks, with the name of what it carries.
+% A line between two blocks, with the name of its signal.
 line = add_line(at, from, to, 'autorouting', 'on');
 if ~isempty(signal)
     set_param(line, 'Name', signal);
@@ -352,7 +352,7 @@ end
 function write_function(block, file)
 % The text of a MATLAB Function block.
 if exist(file, 'file') ~= 2
-    error('flexstage:function', '%s is missing: put it beside the script.', file);
+    error('flexstage:function', '%s is missing: put it into the folder of the script.', file);
 end
 text = fileread(file);
 try
@@ -368,7 +368,7 @@ end
 
 
 def positions(system: System) -> dict[str, Box]:
-    """Return where blocks stand, from left to right as signals go; no two overlap."""
+    """Return the positions of blocks, from left to right along the signals, without overlap."""
     nodes = {n.name: n for n in system.nodes}
     layer = _layers(system)
     columns: dict[int, list[str]] = {}
@@ -378,25 +378,25 @@ def positions(system: System) -> dict[str, Box]:
     for w in system.wires:
         if layer[w.source] < layer[w.target]:
             before[w.target].append(w.source)
-    made: dict[str, Box] = {}
+    boxes: dict[str, Box] = {}
     x = _MARGIN
     for at in sorted(columns):
         sizes = {name: _size(nodes[name]) for name in columns[at]}
         order = {name: i for i, name in enumerate(columns[at])}
 
         def height(name: str, order: dict[str, int] = order) -> tuple[float, int]:
-            seen = [made[s] for s in before[name] if s in made]
-            middle = sum(b[1] + b[3] for b in seen) / (2 * len(seen)) if seen else _MARGIN
+            placed = [boxes[s] for s in before[name] if s in boxes]
+            middle = sum(b[1] + b[3] for b in placed) / (2 * len(placed)) if placed else _MARGIN
             return (middle, order[name])
 
         free = _MARGIN
         for name in sorted(columns[at], key=height):
             wide, tall = sizes[name]
             top = max(free, round(height(name)[0] - tall / 2))
-            made[name] = (x, top, x + wide, top + tall)
+            boxes[name] = (x, top, x + wide, top + tall)
             free = top + tall + _DOWN
         x += max(wide for wide, _ in sizes.values()) + _ACROSS
-    return made
+    return boxes
 
 
 def _size(node: Node) -> tuple[int, int]:
@@ -410,7 +410,7 @@ def _size(node: Node) -> tuple[int, int]:
 
 
 def _layers(system: System) -> dict[str, int]:
-    """Return the column of each block: how far it is from the inputs."""
+    """Return the column of each block: its distance from the inputs."""
     after: dict[str, list[str]] = {n.name: [] for n in system.nodes}
     for w in system.wires:
         after[w.source].append(w.target)
@@ -418,7 +418,7 @@ def _layers(system: System) -> dict[str, int]:
         layer = _shortest(system, after)
     else:
         back = _backward_lines(_starts(system), after)
-        layer = _longest_ways(
+        layer = _longest_paths(
             {s: [t for t in targets if (s, t) not in back] for s, targets in after.items()}
         )
     last = max((layer[n.name] for n in system.nodes if n.kind != "Outport"), default=0)
@@ -428,46 +428,46 @@ def _layers(system: System) -> dict[str, int]:
 
 
 def _backward_lines(names: Iterable[str], after: Mapping[str, list[str]]) -> set[tuple[str, str]]:
-    """Lines that close a loop, in a walk along the lines from the first block on."""
-    done: set[str] = set()
+    """Return the lines that close a loop, by depth-first search from the first block."""
+    finished: set[str] = set()
     back: set[tuple[str, str]] = set()
     for start in names:
-        if start in done:
+        if start in finished:
             continue
         path = [(start, iter(after[start]))]
         on_path = {start}
         while path:
-            name, rest = path[-1]
-            step = next(rest, None)
+            name, targets = path[-1]
+            step = next(targets, None)
             if step is None:
                 path.pop()
                 on_path.discard(name)
-                done.add(name)
+                finished.add(name)
             elif step in on_path:
                 back.add((name, step))
-            elif step not in done:
+            elif step not in finished:
                 path.append((step, iter(after[step])))
                 on_path.add(step)
     return back
 
 
-def _longest_ways(forward: Mapping[str, list[str]]) -> dict[str, int]:
-    """How many lines lie before each block, on the longest way; lines form no loop."""
-    found = dict.fromkeys(forward, 0)
+def _longest_paths(forward: Mapping[str, list[str]]) -> dict[str, int]:
+    """Return the length of the longest path to each block; lines have no loops."""
+    lengths = dict.fromkeys(forward, 0)
     changed = True
     while changed:
         changed = False
         for name, targets in forward.items():
             for target in targets:
-                if found[target] <= found[name]:
-                    found[target] = found[name] + 1
+                if lengths[target] <= lengths[name]:
+                    lengths[target] = lengths[name] + 1
                     changed = True
-    return found
+    return lengths
 
 
 def _starts(system: System) -> list[str]:
-    named = [n.name for n in system.nodes if n.inputs == 0]
-    return named + [n.name for n in system.nodes if n.inputs > 0]
+    sources = [n.name for n in system.nodes if n.inputs == 0]
+    return sources + [n.name for n in system.nodes if n.inputs > 0]
 
 
 def _shortest(system: System, after: dict[str, list[str]]) -> dict[str, int]:
