@@ -538,7 +538,9 @@ def test_bad_input_is_refused_in_words() -> None:
     model = _model("vgtu-mechanical", keep_modes=2)
     with pytest.raises(ModelError, match="double or single, got 'half'"):
         realtime_files(model, precision="half")  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="no prefix of names in C: begin with a letter"):
+    with pytest.raises(
+        ModelError, match="not a valid prefix of names in C: it must begin with a letter"
+    ):
         realtime_files(model, name="two stages")
     with pytest.raises(ValueError, match=r"a\.h includes b\.h, which does not stand before it"):
         amalgamated({"a.h": b'#include "b.h"\n'})

@@ -67,7 +67,7 @@ class Amount:
 
     @property
     def noun(self) -> str:
-        """Its quantity with an article, such as ``a length``."""
+        """Quantity with an article, such as ``a length``."""
         return noun_of(self.powers)
 
 
@@ -103,13 +103,13 @@ class QuantityExpression:
     """A parsed expression."""
 
     text: str
-    """Its text."""
+    """Text."""
     tree: ast.expr
-    """Its tree of operations."""
+    """Tree of operations."""
     constants: Mapping[str, Amount]
-    """Its numbers and quantities, by their names in the tree."""
+    """Numbers and quantities, by their names in the tree."""
     names: frozenset[str]
-    """Its names."""
+    """Names."""
     units: frozenset[str]
     """Units of its quantities."""
 

@@ -29,7 +29,7 @@ class Range:
 
     @property
     def is_share(self) -> bool:
-        """Whether its numbers are shares, which may be written in per cent."""
+        """True if its numbers are shares, which may be written in per cent."""
         return self.low >= 0.0 and self.high <= 1.0
 
     def holds(self, value: float) -> bool:

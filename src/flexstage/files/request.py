@@ -97,12 +97,12 @@ class RequestField:
 
     @property
     def repeated(self) -> bool:
-        """Whether its option is repeated for several values."""
+        """True if its option is repeated for several values."""
         return self.many and not self.written.commas
 
     @property
     def holds_tuple(self) -> bool:
-        """Whether its value is a tuple."""
+        """True if its value is a tuple."""
         annotated = typing.get_origin(self.kind) is Annotated
         bare = typing.get_args(self.kind)[0] if annotated else self.kind
         return typing.get_origin(bare) is tuple
@@ -241,7 +241,7 @@ class RequestField:
 
     @property
     def is_share(self) -> bool:
-        """Whether it is a share."""
+        """True if it is a share."""
         return self.range is not None and self.range.is_share
 
     @property

@@ -68,9 +68,9 @@ class ServoArrays(NamedTuple):
     """Settings of the servos."""
 
     on: Flags
-    """Whether the servo is on, shape (axes,)."""
+    """Servo on, shape (axes,)."""
     begins: Flags
-    """Whether it was off in the sample before; the loop clears it, shape (axes,)."""
+    """Servo off in the sample before; the loop clears it, shape (axes,)."""
     proportional: Array
     """Proportional gain [V/m], shape (axes,)."""
     integral: Array

@@ -68,9 +68,9 @@ class Conditions:
     scatter: bool = True
     """With random gain errors of its sensors."""
     sensors: SensorBench = field(default_factory=SensorBench)
-    """Its sensors."""
+    """Sensors."""
     hammer: Hammer | None = None
-    """Its hammer."""
+    """Hammer."""
     notes: tuple[str, ...] = ()
     """Notes on random, adjusted and neglected properties, as sentences."""
 
@@ -94,7 +94,7 @@ class VirtualStage(ABC):
     limits: Mapping[str, AxisLimits]
     """Limits of the commands by axis."""
     channels: tuple[ChannelDescription, ...]
-    """Its sensors; those of the axes come first."""
+    """Sensors; those of the axes come first."""
     conditions: Conditions
     """Settings of the simulation."""
     sample_rate_hz: float

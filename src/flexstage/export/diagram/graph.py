@@ -77,7 +77,7 @@ class SignalLine:
     port: int = 0
     """Input of the target, counted from 0."""
     signal: str = ""
-    """Its signal with unit: ``q_P1 [m, m, rad]``; empty where the blocks make it clear."""
+    """Signal with unit: ``q_P1 [m, m, rad]``; empty where the blocks make it clear."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,7 +22,7 @@ class PlacedLabel:
     text: str
     """Name."""
     x: float
-    """Its beginning, or its end [px]."""
+    """Beginning, or end [px]."""
     y: float
     """Base line [px]."""
     end: bool = False

@@ -122,7 +122,7 @@ def _lines(used: set[SignalKind]) -> tuple[str, float, float]:
             out.append(text(words, 54.0, y + 8.0))
             y += _ROW
     out.append(element("circle", cx=22.0, cy=y + 4.0, r=3.0, fill="#333333"))
-    last = "branch; crossing lines without a dot are not connected"
+    last = "branch; crossing lines are not joined"
     out.append(text(last, 54.0, y + 8.0))
     return "".join(out), 54.0 + text_width(last, BASE), y + _ROW
 

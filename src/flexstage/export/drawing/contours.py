@@ -22,9 +22,9 @@ class NeckLine(NamedTuple):
     hinge: str
     """Name of the hinge."""
     right: Pair
-    """Its end right of the hinge's direction [m], a corner of a contour."""
+    """End on the right of the hinge's direction [m], a vertex of a contour."""
     left: Pair
-    """Its end left of the hinge's direction [m], a corner of a contour."""
+    """End on the left of the hinge's direction [m], a vertex of a contour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

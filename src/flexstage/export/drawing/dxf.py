@@ -255,8 +255,8 @@ def _notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -
         lines.append("No wire path: the workshop sets the wire offset.")
     else:
         lines += [
-            f"WIRE_PATH is the path of the wire centre, {millimetres(0.5 * kerf)} mm from the "
-            f"contour, for a kerf of {millimetres(kerf)} mm (wire and both spark gaps).",
+            f"WIRE_PATH is the path of the wire centre in the waste, {millimetres(0.5 * kerf)} mm "
+            f"from the contour, for a kerf of {millimetres(kerf)} mm (wire and both spark gaps).",
             f"Internal corners have a fillet of {millimetres(0.5 * kerf)} mm.",
             f"Start holes: diameter {millimetres(start_hole)} mm, one for each closed contour.",
             f"Cutting order: {order}.",

@@ -93,8 +93,8 @@ def _too_wide(contour: Contour, i: int, radius: float, d: float) -> StageError:
     what = f"the notch of hinge '{hinge}'" if hinge else f"an edge of body '{contour.bodies[i]}'"
     return StageError(
         f"a kerf of {2e3 * d:.6g} mm does not fit into {what}, which has a radius of "
-        f"{radius * 1e3:.6g} mm at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: use a kerf below "
-        f"{2e3 * radius:.6g} mm, or a larger radius"
+        f"{radius * 1e3:.6g} mm at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: use a wire with a "
+        f"kerf below {2e3 * radius:.6g} mm, or a larger radius"
     )
 
 

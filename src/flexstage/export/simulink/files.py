@@ -116,7 +116,7 @@ def _matched(blocks: list[Block], names: list[str], prefix: str, what: str) -> d
     if len(matches) < len(names) and what == "inputs":
         raise ModelError(
             f"the {what} of the diagram are {', '.join(b.name for b in blocks)}, those of the "
-            f"model {', '.join(names)}: both must belong to one stage"
+            f"model {', '.join(names)}: give a diagram and a model of the same stage"
         )
     return matches
 

@@ -48,7 +48,7 @@ class SimulinkLine:
     port: int = 1
     """Input of the target, counted from 1."""
     signal: str = ""
-    """Its signal; empty where the blocks make it clear."""
+    """Signal; empty where the blocks make it clear."""
 
 
 @dataclass(frozen=True, slots=True)
