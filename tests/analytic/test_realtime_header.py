@@ -428,7 +428,7 @@ def test_it_opens_with_what_an_engineer_needs() -> None:
         assert note[:30] in " ".join(comment.replace("*", " ").split())
     assert max(map(len, comment.splitlines())) <= 99
     single = realtime_files(model, precision="single")["vgtu_piezo.h"].decode()
-    assert "single precision. Rounding errors" in single
+    assert "single precision. Accumulated rounding errors" in single
     assert f"x {rounding_bound(model)[0]:.2g} m" in single
 
 
@@ -542,5 +542,5 @@ def test_bad_input_is_refused_in_words() -> None:
         ModelError, match="not a valid prefix of names in C: it must begin with a letter"
     ):
         realtime_files(model, name="two stages")
-    with pytest.raises(ValueError, match=r"a\.h includes b\.h, which does not stand before it"):
+    with pytest.raises(ValueError, match=r"a\.h includes b\.h, which is not before it"):
         amalgamated({"a.h": b'#include "b.h"\n'})

@@ -155,9 +155,7 @@ class RequestField:
             if fault := next(filter(None, map(self._fault, value)), ""):
                 return fault
             return (
-                ""
-                if value[0] < value[1] or (alone and value[0] == value[1])
-                else "a rising range"
+                "" if value[0] < value[1] or (alone and value[0] == value[1]) else "a rising range"
             )
         if self.many:
             if not isinstance(value, tuple):
@@ -343,19 +341,19 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
 
 def _read_parts(kind: type[Request], text: str) -> Request:
     """Return the request of a text such as "a=1,b=2"; a comma within a value is part of it."""
-    known, values = request_fields(kind), {}
+    fields, values = request_fields(kind), {}
     for part in re.split(r",\s*(?=[a-z][a-z_-]*\s*=)", text) if text.strip() else ():
         name, equals, value = part.partition("=")
         name = name.strip().replace("-", "_")
         if not equals:
-            raise kind.refused_as(f"must be NAME=VALUE of {', '.join(known)}, got '{part[:40]}'")
-        if name not in known:
-            raise kind.refused_as(unknown("name", name, known))
+            raise kind.refused_as(f"must be NAME=VALUE of {', '.join(fields)}, got '{part[:40]}'")
+        if name not in fields:
+            raise kind.refused_as(unknown("name", name, fields))
         try:
-            part_value = known[name].read(value.strip())
+            part_value = fields[name].read(value.strip())
         except FlexstageError as error:
             raise kind.refused_as(f"{name} {error}") from None
-        values[name] = (part_value,) if known[name].repeated else part_value
+        values[name] = (part_value,) if fields[name].repeated else part_value
     return kind(**values)
 
 
@@ -371,18 +369,18 @@ def _parts_text(request: Request) -> str:
 
 
 def request_of(
-    kind: type[RequestT], request: RequestT | None, named: Mapping[str, Any]
+    kind: type[RequestT], request: RequestT | None, changes: Mapping[str, Any]
 ) -> RequestT:
     """Return a request with named fields replaced; without a request, with other fields default.
 
     A text is parsed like that of an option; a field of several values accepts a single one.
     """
-    known = request_fields(kind)
+    fields = request_fields(kind)
     groups = [name for name, _ in request_groups(kind)]
-    for name in named:
-        if name not in known and name not in groups:
-            raise kind.refused_as(unknown("option", name, [*known, *groups]))
-    values = {n: _field_value(kind, known[n], v) if n in known else v for n, v in named.items()}
+    for name in changes:
+        if name not in fields and name not in groups:
+            raise kind.refused_as(unknown("option", name, [*fields, *groups]))
+    values = {n: _field_value(kind, fields[n], v) if n in fields else v for n, v in changes.items()}
     return kind(**values) if request is None else replace(request, **values)
 
 

@@ -296,7 +296,7 @@ class HammerBench:
     """
 
     def __init__(self, built: AsBuilt, laboratory: Laboratory) -> None:
-        self._built = built
+        self._stage = built
         self._laboratory = laboratory
         self._block = int(laboratory.hammer_rate_hz * laboratory.hammer_time)
         bare = modes(built.system, drives="removed", count=None)
@@ -316,7 +316,7 @@ class HammerBench:
     def record(self, axis: str, *, seed: int = 0) -> Record:
         """Strike along an axis; return force, and acceleration along every axis."""
         lab = self._laboratory
-        names = [a.name for a in self._built.axes]
+        names = [a.name for a in self._stage.axes]
         rng = stream(seed, 60 + names.index(axis))
         rest = np.zeros(1024)  # after the decay of the last response
         time = np.arange(lab.hits * self._block + rest.size) / lab.hammer_rate_hz
@@ -345,7 +345,7 @@ class HammerBench:
         for name in names:
             reading = clean[name] + noise * rng.standard_normal(time.size)
             channels[f"acceleration {name}"] = (reading, "m/s^2")
-        return virtual_record(self._built, channels, time)
+        return virtual_record(self._stage, channels, time)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -222,7 +222,7 @@ def identifier(text: str) -> str:
 class DiagramBuilder:
     """Builder of a diagram from blocks, lines and groups with unique names."""
 
-    __slots__ = ("_blocks", "_groups", "_late", "_lines", "_names", "_terms", "_units")
+    __slots__ = ("_blocks", "_groups", "_last_terms", "_lines", "_names", "_terms", "_units")
 
     def __init__(self) -> None:
         self._blocks: list[Block] = []
@@ -230,7 +230,7 @@ class DiagramBuilder:
         self._groups: list[BlockGroup] = []
         self._names: set[str] = set()
         self._terms: dict[str, list[tuple[str, int, str]]] = {}
-        self._late: dict[str, list[tuple[str, int, str]]] = {}
+        self._last_terms: dict[str, list[tuple[str, int, str]]] = {}
         self._units: dict[str, str] = {}
 
     def group(self, base: str, **described: Any) -> "GroupBuilder":
@@ -267,7 +267,7 @@ class DiagramBuilder:
 
         A last term follows all others, like the feedbacks of a body.
         """
-        terms = self._late if last else self._terms
+        terms = self._last_terms if last else self._terms
         terms.setdefault(total, []).append((source, sign, signal))
 
     def diagram(self, title: str, notes: tuple[str, ...]) -> Diagram:
@@ -276,7 +276,7 @@ class DiagramBuilder:
         for block in self._blocks:
             complete = block
             if block.kind == "sum":
-                terms = self._terms.get(block.name, []) + self._late.get(block.name, [])
+                terms = self._terms.get(block.name, []) + self._last_terms.get(block.name, [])
                 if not terms:
                     raise ModelError(f"sum '{block.name}' has no terms: {block.meaning}")
                 complete = replace(block, signs=tuple(sign for _, sign, _ in terms))
@@ -405,12 +405,12 @@ class _Walk:
         integrators = [b for b in diagram.blocks if b.kind == "integrator"]
         self.state_count = sum(b.width for b in integrators)
         self.size = self.state_count + sum(b.width for b in self.sources)
-        self._known: dict[str, Array] = {}
+        self._outputs: dict[str, Array] = {}
         first = 0
         for b in (*integrators, *self.sources):
             rows = np.zeros((b.width, self.size))
             rows[:, first : first + b.width] = np.eye(b.width)
-            self._known[b.name] = rows
+            self._outputs[b.name] = rows
             first += b.width
         self._order()
 
@@ -430,13 +430,13 @@ class _Walk:
             while path:
                 name = path[-1]
                 block = self._blocks[name]
-                if name in self._known or block.kind == "output":
+                if name in self._outputs or block.kind == "output":
                     on_path.discard(path.pop())
                     continue
                 fed = self._feeds.get(name, {}).values()
-                missing = next((s for s in fed if s not in self._known), None)
+                missing = next((s for s in fed if s not in self._outputs), None)
                 if missing is None:
-                    self._known[name] = self._value(block)
+                    self._outputs[name] = self._value(block)
                 elif missing in on_path:
                     raise ModelError(
                         f"the lines through '{missing}' form a loop without an integrator"
@@ -452,10 +452,10 @@ class _Walk:
         if block.kind == "sum":
             feeds = self._feeds[block.name]
             return sum(
-                (sign * self._known[feeds[port]] for port, sign in enumerate(block.signs)),
+                (sign * self._outputs[feeds[port]] for port, sign in enumerate(block.signs)),
                 start=np.zeros((block.width, self.size)),
             )
-        rows = self._known[self._feeds[block.name][0]]
+        rows = self._outputs[self._feeds[block.name][0]]
         if block.kind == "gain":
             assert block.matrix is not None
             return block.matrix @ rows
@@ -463,4 +463,4 @@ class _Walk:
 
     def into(self, block: Block) -> Array:
         """Return the input of a block, as rows over the states and inputs."""
-        return self._known[self._feeds[block.name][0]]
+        return self._outputs[self._feeds[block.name][0]]

@@ -322,10 +322,10 @@ class _Page:
                 sum_ = self.placed[target]
                 enters = sum_.pin("out")[1] + _AT.below
                 self.lead(
-                    source, target, *self.leaving(tail, kind), at, low, track, enters,
+                    source, target, *self.exit_turns(tail, kind), at, low, track, enters,
                     sum_.x - _AT.turn,
                 )  # fmt: skip
-                self.exit(tail.frame, source, target, self.leaves(tail, kind))
+                self.exit(tail.frame, source, target, self.exit_height(tail, kind))
                 self.entry(lever, source, target, enters)
         for kind, to in (("motion", "motion_ratio"), ("rate", "rate_ratio")):
             self.entry(lever, f"input_{kind}", f"transmission_{to}")
@@ -336,11 +336,11 @@ class _Page:
         """Return the source of the first input of a block."""
         return next(s for (s, t), x in self.lines.items() if t == target and x.port == 0)
 
-    def leaves(self, mass: _Mass, kind: str) -> float:
+    def exit_height(self, mass: _Mass, kind: str) -> float:
         """Return the height of the outgoing motion or rate of a mass."""
         return mass.axis if kind == "motion" else mass.rate_y
 
-    def leaving(self, mass: _Mass, kind: str) -> tuple[float, ...]:
+    def exit_turns(self, mass: _Mass, kind: str) -> tuple[float, ...]:
         """Return the turns inside a mass: a rate leaves above or below the blocks."""
         return () if kind == "motion" else (mass.rate_x, mass.rate_y)
 
@@ -358,7 +358,7 @@ class _Page:
             ("motion", right, y, "compression", left),
             ("rate", right + _AT.apart, y + _AT.apart, "damper", left + _AT.apart),
         ):
-            way = (*self.leaving(head, kind), at, low, track)
+            way = (*self.exit_turns(head, kind), at, low, track)
             source, target = f"input_{kind}", f"drive_{to}"
             if kind == "motion" and (source, target) in self.lines:
                 sum_ = self.placed[target]
@@ -371,7 +371,7 @@ class _Page:
             self.lead(source, f"transmission_{kind}_ratio", *way)
             outside = [t for s, t in self.lines if s == source and not t.startswith("input_")]
             if outside:
-                self.exit(head.frame, source, outside[0], self.leaves(head, kind))
+                self.exit(head.frame, source, outside[0], self.exit_height(head, kind))
 
     def to_probe(self, source: str, mass: _Mass) -> None:
         """Route the motion of a mass straight to the probe."""

@@ -215,12 +215,12 @@ class Functions:
 
     def add(self, model: HysteresisModel, base: str) -> str:
         """Return the name of the function of a model, based on a name."""
-        for known, name in self._models:
-            if known is model:
+        for existing, name in self._models:
+            if existing is model:
                 return name
         suffix = identifier(base.removesuffix("_hysteresis"), longest=63)
         room = 63 - len(self._prefix) - 3
-        used = {known.lower() for known in self.texts}
+        used = {existing.lower() for existing in self.texts}
         name = free_name(f"{self._prefix}{suffix[:room]}", lambda n: n.lower() in used)
         self.texts[name] = hysteresis_function(model, name)
         self._models.append((model, name))

@@ -155,7 +155,7 @@ class Variables:
     def add(self, base: str, value: ArrayLike, meaning: str) -> str:
         """Add a number or a matrix and return its name, with a number if the name is taken."""
         # leaves space for a number, and for names of files with this name
-        used = {*_RESERVED, *(known.lower() for known in self.values)}
+        used = {*_RESERVED, *(existing.lower() for existing in self.values)}
         name = free_name(identifier(base, longest=58), lambda n: n.lower() in used)
         self.values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
         self.meanings[name] = meaning

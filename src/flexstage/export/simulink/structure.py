@@ -50,18 +50,18 @@ class _Places:
         self._blocks = {b.name: b for b in diagram.blocks}
         self._names: dict[str, str] = {}
         # by group: blocks whose output leaves it, and blocks whose output enters it
-        self._leaving: dict[str, list[str]] = {g: [] for g in inner}
-        self._coming: dict[str, list[str]] = {g: [] for g in inner}
+        self._outgoing: dict[str, list[str]] = {g: [] for g in inner}
+        self._incoming: dict[str, list[str]] = {g: [] for g in inner}
         self._signals: dict[str, str] = {}
         for line in diagram.lines:
             if line.signal:
                 self._signals.setdefault(line.source, line.signal)
             source_group, target_group = self._group(line.source), self._group(line.target)
             if source_group != target_group:
-                if source_group and line.source not in self._leaving[source_group]:
-                    self._leaving[source_group].append(line.source)
-                if target_group and line.source not in self._coming[target_group]:
-                    self._coming[target_group].append(line.source)
+                if source_group and line.source not in self._outgoing[source_group]:
+                    self._outgoing[source_group].append(line.source)
+                if target_group and line.source not in self._incoming[target_group]:
+                    self._incoming[target_group].append(line.source)
 
     def _group(self, name: str) -> str:
         # inputs and outputs are ports of the top level
@@ -79,12 +79,12 @@ class _Places:
     def wire(self) -> None:
         ports: dict[tuple[str, str], str] = {}
         for group, w in self._inner.items():
-            for source in self._coming[group]:
+            for source in self._incoming[group]:
                 width = self._blocks[source].width
                 ports[group, source] = w.block(
                     source, "Inport", {"PortDimensions": str(width)}, self._blocks[source].meaning
                 )
-            for source in self._leaving[group]:
+            for source in self._outgoing[group]:
                 out = w.block(f"{source}_out", "Outport", meaning=self._blocks[source].meaning)
                 w.connect(self._names[source], out, signal=self._signals.get(source, ""))
         for line in self._diagram.lines:
@@ -113,10 +113,10 @@ class _Places:
             group = self._group(source)
             if not group:
                 return self._names[source], 1
-            return nested[group], 1 + self._leaving[group].index(source)
+            return nested[group], 1 + self._outgoing[group].index(source)
 
         for group, name in nested.items():
-            for port, source in enumerate(self._coming[group], 1):
+            for port, source in enumerate(self._incoming[group], 1):
                 at, output = at_top(source)
                 signal = self._signals.get(source, "")
                 self._top.connect(at, name, output=output, port=port, signal=signal)

@@ -153,7 +153,7 @@ def _memory(codes: dict[str, HysteresisCode]) -> int:
 
 def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     drives, h, k = model.drives, model.step, model.omega.size
-    named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
+    drive_names = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
     drive_codes = [codes.get(d.name) for d in drives]
     readers = [d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h))) for d in drives]
     rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.initial_state() for d in drives]
@@ -161,7 +161,7 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     by = ("FS_DRIVES", "FS_PROBES", "FS_MODES")
     return "\n".join(
         [
-            f"/* Drives: {c_comment(named)} */",
+            f"/* Drives: {c_comment(drive_names)} */",
             c_flags(
                 "fs_data_form", by[0], [form_of(c) for c in drive_codes], "form between samples"
             ),
@@ -343,10 +343,10 @@ def _creep(model: DynamicModel) -> str:
 
 
 def _sensors(model: DynamicModel) -> str:
-    named = ", ".join(f"{i}: {p.name} [{p.unit}]" for i, p in enumerate(model.probes))
+    probe_names = ", ".join(f"{i}: {p.name} [{p.unit}]" for i, p in enumerate(model.probes))
     return "\n".join(
         [
-            f"/* Probes: {c_comment(named)} */",
+            f"/* Probes: {c_comment(probe_names)} */",
             c_flags(
                 "fs_data_has_sensor",
                 "FS_PROBES",

@@ -56,7 +56,7 @@ class Cache:
         self._entries: OrderedDict[str, Entry] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
-        self._written = False
+        self._untrimmed = False
         self._silent = False
 
     def load(self, key: str) -> Entry | None:
@@ -90,7 +90,7 @@ class Cache:
                 _LOG.warning("the cache in %s cannot be written: %s", self.directory, error)
                 self._silent = True
             return
-        self._written = True
+        self._untrimmed = True
 
     @staticmethod
     def _write(write: Callable[[bytes], object], data: bytes) -> None:
@@ -101,9 +101,9 @@ class Cache:
 
         The least recently used entries and the files of dead processes are removed.
         """
-        if not self._written:
+        if not self._untrimmed:
             return
-        self._written = False
+        self._untrimmed = False
         files: list[tuple[float, int, Path]] = []
         now = time.time()
         with contextlib.suppress(OSError):

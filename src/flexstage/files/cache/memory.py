@@ -53,7 +53,7 @@ class Memory:
         return tuple(self._computed)
 
     def recall(
-        self, name: str, work: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs
+        self, name: str, work: Callable[_P, _T], *arguments: _P.args, **keywords: _P.kwargs
     ) -> _T:
         """Return the result of a function of this package, from the cache where it is there.
 
@@ -62,26 +62,26 @@ class Memory:
         not stored.
         """
         if self.cache is None:
-            return work(*arguments, **named)
+            return work(*arguments, **keywords)
         try:
-            key = content_hash((_surroundings(), work, arguments, named))
+            key = content_hash((_surroundings(), work, arguments, keywords))
         except TypeError as error:
             _LOG.info("%s is not in the cache: %s", name, error)
-            return work(*arguments, **named)
+            return work(*arguments, **keywords)
         entry = self.cache.load(key)
         if entry is not None:
             self._read[name] = None
 
             @functools.cache
             def functions() -> tuple[Any, ...]:
-                return pack(work(*arguments, **named))[1]
+                return pack(work(*arguments, **keywords))[1]
 
             def substitute(place: int) -> Callable[..., Any]:
                 return functools.partial(_called, functions, place)
 
             return unpack(entry, substitute)
         self._computed[name] = None
-        result = work(*arguments, **named)
+        result = work(*arguments, **keywords)
         try:
             entry, _ = pack(result)
         except NotPlainError as error:
@@ -163,7 +163,7 @@ class _Packer:
     def __init__(self) -> None:
         self.arrays: list[NDArray] = []
         self.omitted: list[Any] = []
-        self._seen: dict[int, int] = {}
+        self._numbers: dict[int, int] = {}
 
     def node(self, value: Any) -> Any:
         if type(value) in _SCALARS:
@@ -172,11 +172,11 @@ class _Packer:
             return self.node(value.item())
         if isinstance(value, complex):
             return ["complex", value.real, value.imag]
-        if (place := self._seen.get(id(value))) is not None:
+        if (place := self._numbers.get(id(value))) is not None:
             return ["same", place]
         packed = self._node(value)
         # numbered when complete, as in reading
-        self._seen[id(value)] = len(self._seen)
+        self._numbers[id(value)] = len(self._numbers)
         return packed
 
     def _node(self, value: Any) -> list[Any]:
