@@ -452,16 +452,17 @@ class Decoder:
 
 
 def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
-    """Read a YAML file; return what stands in it after its head, and what decodes it."""
+    """Return the decoder of a YAML file and its content after the version key."""
     return read(read_text(path, format.noun, format.error), str(path), format)
 
 
 def read(
     text: str, source: str, format: Format, settings: Mapping | None = None
 ) -> tuple[Decoder, Mapping]:
-    """Read a text in YAML, which messages call `source`, as `read_file` does.
+    """Return the decoder of a YAML text and its content, like `read_file`.
 
-    `settings` stand in place of its parameters; those of other names stay with the decoder.
+    `source` is its name in messages. `settings` replace its parameters; those of other names remain
+    in the decoder.
     """
     decoder = Decoder(source, format, settings=settings or Mapping(None))
     root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
@@ -469,7 +470,7 @@ def read(
 
 
 def read_json(kind: Any, text: str | bytes, source: str, format: Format) -> Any:
-    """Read a description of a type from the JSON that a program wrote."""
+    """Return a description of a type from JSON of a program."""
     decoder = Decoder(source, format)
     root = parse_json(text, source, format)
     return decoder.decode(kind, decoder.head(root) if format.key else root, "")

@@ -340,7 +340,7 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
 
 
 def _read_parts(kind: type[Request], text: str) -> Request:
-    """Return the request of a text such as "a=1,b=2"; a comma within a value is part of it."""
+    """Return the request of a text such as "a=1,b=2", whose values may have commas."""
     fields, values = request_fields(kind), {}
     for part in re.split(r",\s*(?=[a-z][a-z_-]*\s*=)", text) if text.strip() else ():
         name, equals, value = part.partition("=")

@@ -1,4 +1,4 @@
-"""A diagram as data: blocks, lines and groups, its builder, and the equations that it holds."""
+"""A diagram as data: blocks, lines and groups, its builder, and its equations."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace

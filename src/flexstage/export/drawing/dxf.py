@@ -96,7 +96,7 @@ def _document() -> Any:
 
 
 def _view(document: Any, space: Any) -> None:
-    """Set the extents of the drawing, and a view of all of it."""
+    """Set the extents of the drawing, and a view of the entire drawing."""
     from ezdxf import bbox
 
     box = bbox.extents(space, fast=True)
