@@ -206,7 +206,7 @@ def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
     assert error < said
     assert error > 0.003 * said
     text = " ".join(files["sf.h"].decode()[:9000].replace("*", " ").split())
-    assert "N steps all one way put it off by up to N u/2 of itself" in text
+    assert "N steps in one direction cause a relative error of up to N u/2" in text
     assert "N steps" not in files["st.h"].decode()[:9000]
 
 
