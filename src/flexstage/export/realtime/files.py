@@ -57,7 +57,7 @@ def opening(model: DynamicModel, prefix: str, *, single: bool) -> str:
         "",
         *_wrapped(
             "No memory allocation, no input or output, no recursion, no library but libm, no "
-            "global variables: instances are independent. A byte copy of an instance is a saved "
+            "mutable global data: instances are independent. A byte copy of an instance is a saved "
             "state. C99 or C++11."
         ),
         "",

@@ -24,7 +24,7 @@ def render_source(model: DynamicModel) -> dict[str, bytes]:
     """Return a model as headers of C99: core, hysteresis and data.
 
     Include ``stage.h``, which documents the functions. They need no library but libm, allocate no
-    memory and have no global variables; a byte copy of an instance is a saved state. With
+    memory and have no mutable global data; a byte copy of an instance is a saved state. With
     ``FS_SINGLE`` defined they are in single precision.
 
     Validity: in double precision, compiled without contraction of products and sums and without
