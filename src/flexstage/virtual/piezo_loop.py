@@ -71,10 +71,8 @@ class ServoArrays(NamedTuple):
     """Servo on, shape (axes,)."""
     begins: Flags
     """Servo off in the sample before; the loop clears it, shape (axes,)."""
-    proportional: Array
-    """Proportional gain [V/m], shape (axes,)."""
-    integral: Array
-    """Integral gain times the time step [V/m], shape (axes,)."""
+    gains: Array
+    """Proportional gain, and integral gain times the time step [V/m], shape (axes, 2)."""
     filters: NDArray[np.int64]
     """Number of filters, shape (axes,)."""
     sections: Array
@@ -253,6 +251,7 @@ def _control(
 
     `last` is the voltage that is put out next, `low` and `high` are the limits [V].
     """
+    proportional, integral_gain = servo.gains[a]
     filters = state.filters[a]
     first = servo.begins[a]
     if first:
@@ -268,12 +267,12 @@ def _control(
     forward = 0.0 if np.isnan(feedforward) else feedforward
     if first:
         # bumpless: the first voltage is the last one
-        integral = last - forward - (servo.proportional[a] + servo.integral[a]) * e
+        integral = last - forward - (proportional + integral_gain) * e
         state.integral[a] = integral
     elif np.isnan(feedforward) != np.isnan(before):
         state.integral[a] += (0.0 if np.isnan(before) else before) - forward
-    integral = state.integral[a] + servo.integral[a] * e
-    u = forward + servo.proportional[a] * e + integral
+    integral = state.integral[a] + integral_gain * e
+    u = forward + proportional * e + integral
     # anti-windup: at a limit the integral stops, but it may return
     if not ((u > high and e > 0.0) or (u < low and e < 0.0)):
         state.integral[a] = integral

@@ -140,8 +140,7 @@ class PiezoStage(VirtualStage):
         self._servo = ServoArrays(
             on=np.zeros(len(axes), dtype=np.bool_),
             begins=np.zeros(len(axes), dtype=np.bool_),
-            proportional=np.zeros(len(axes)),
-            integral=np.zeros(len(axes)),
+            gains=np.zeros((len(axes), 2)),
             filters=np.zeros(len(axes), dtype=np.int64),
             sections=np.zeros((len(axes), _FILTERS, 5)),
         )
@@ -163,8 +162,7 @@ class PiezoStage(VirtualStage):
             self._state.servo.filters[a] = 0.0
         self._servo.filters[a] = len(sections)
         self._servo.sections[a, : len(sections)] = sections
-        self._servo.proportional[a] = settings.proportional
-        self._servo.integral[a] = settings.integral / self.sample_rate_hz
+        self._servo.gains[a] = settings.proportional, settings.integral / self.sample_rate_hz
         self._settings[axis] = settings
 
     def run(
