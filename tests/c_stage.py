@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.export.source.render import render_source
-from flexstage.export.source.variables import c_variables
+from flexstage.export.source.render import c_variables, render_source
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelState
 from tests.c_compiler import EXACT, load_library
 

@@ -11,7 +11,7 @@ from flexstage.base.errors import ModelError
 from flexstage.stage.designs import design
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
-from flexstage.virtual.laboratory import Blow
+from flexstage.virtual.laboratory import HammerImpact
 from flexstage.virtual.sensors import ChannelDescription
 from flexstage.virtual.stage import StageSamples, VirtualStage
 
@@ -98,11 +98,11 @@ class SimpleStage(VirtualStage):
             time=time, reading=reading, position=position, voltage=volts, command=volts
         )
 
-    def strike(self, axis: str) -> Blow:
+    def strike(self, axis: str) -> HammerImpact:
         rate = 8192.0
         time = np.arange(4096) / rate
         force = pulse(time - 0.051, 9.0)
-        return Blow(time=time, force=force, response=ring(time, axis), sample_rate_hz=rate)
+        return HammerImpact(time=time, force=force, response=ring(time, axis), sample_rate_hz=rate)
 
 
 def pulse(since: Array, height: float) -> Array:

@@ -24,13 +24,14 @@ from flexstage.system.servo import ServoSettings
 from flexstage.virtual.piezo_loop import sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage
 from flexstage.virtual.sensors import SensorBench
-from flexstage.virtual.stack import VirtualStack, virtual_stack
-from flexstage.virtual.stack_stepping import (
+from flexstage.virtual.stack import (
     ChargeDrive,
     StackArrays,
     StackState,
+    VirtualStack,
     relaxed_stacks,
     step_stack,
+    virtual_stack,
 )
 from flexstage.virtual.stage import Conditions
 

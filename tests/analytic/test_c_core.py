@@ -352,7 +352,7 @@ def test_what_cannot_be_stepped_is_said(full: DynamicModel, tmp_path: Path) -> N
     assert bytes(made.bytes) == before
     # a way so long that its exponential would take thousands of parts
     other = CStage(tmp_path / "other", piezo(bandwidth=None, current=None))
-    assert "too far in one step" in (other.message([[1e6, 0.0]]) or "")
+    assert "too much in one step" in (other.message([[1e6, 0.0]]) or "")
 
 
 def test_hysteresis_that_runs_away_is_said(tmp_path: Path) -> None:

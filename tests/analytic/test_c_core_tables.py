@@ -8,8 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from flexstage.export.source.render import render_source
-from flexstage.export.source.variables import c_variables
+from flexstage.export.source.render import c_variables, render_source
 from flexstage.hysteresis import (
     BoucWen,
     Creep,

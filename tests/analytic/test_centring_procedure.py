@@ -30,8 +30,14 @@ from flexstage.centring.procedure import (
     table_reading,
 )
 from flexstage.stage.designs import design
-from flexstage.virtual.positioner import TableMounting, VirtualPositioner
-from flexstage.virtual.table import ScaleErrors, VirtualBench, VirtualTable, scale_errors
+from flexstage.virtual.table import (
+    ScaleErrors,
+    TableMounting,
+    VirtualBench,
+    VirtualPositioner,
+    VirtualTable,
+    scale_errors,
+)
 from tests.tiers import limits, sizes
 
 PIEZO, SCREW = design("vgtu-piezo"), design("vgtu-mechanical")
@@ -407,7 +413,7 @@ def test_stages_and_benches_that_cannot_be() -> None:
         VirtualPositioner(PIEZO, start=(0.0, 1.2))
     with pytest.raises(ModelError, match="must be within"):
         VirtualPositioner(PIEZO).move_to(0.0, 40e-6)
-    with pytest.raises(RecordError, match="needs a reference"):
+    with pytest.raises(RecordError, match="needs two heads or more"):
         VirtualBench(VirtualTable(radius=0.05), VirtualPositioner(SCREW), method="heads alone")
     with pytest.raises(ModelError, match="trial move"):
         planned_move(unknown_moves((1e-5, 0.0), TINY), VirtualPositioner(SCREW))

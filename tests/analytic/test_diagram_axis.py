@@ -7,9 +7,8 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.export.diagram.axis_diagram import axis_chain
-from flexstage.export.diagram.graph import DiagramBuilder, identifier
+from flexstage.export.diagram.graph import DiagramBuilder, diagram_state_space, identifier
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design
@@ -144,7 +143,7 @@ def test_names_are_unlike_each_other_and_short() -> None:
 def test_a_sum_of_nothing_is_refused() -> None:
     builder = DiagramBuilder()
     builder.add("f", "sum", "+", "forces on nothing [N]")
-    with pytest.raises(ModelError, match="nothing is added in 'f'"):
+    with pytest.raises(ModelError, match="sum 'f' has no terms"):
         builder.diagram("empty", ())
 
 

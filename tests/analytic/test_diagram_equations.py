@@ -11,9 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.signal import lsim
 
 from flexstage.base.errors import ModelError
-from flexstage.export.diagram.graph import Block, Diagram, SignalLine
+from flexstage.export.diagram.graph import Block, Diagram, SignalLine, diagram_state_space
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.hysteresis import BoucWen, DriveModel, LogCreep, Sensor, dynamic_model
 from flexstage.hysteresis.dynamic_model import ModelDrive
 from flexstage.lumped import lumped_system, mechanism, symbolic_model
@@ -41,7 +40,7 @@ def in_first_order(
     vectors = {d.name: d.vector for d in system.drives}
     every = {n: s.stiffness * np.outer(vectors[n], vectors[n]) for n, s in springs.items()}
     stiffness = system.K + sum(every.values())
-    damped = system.K + sum(k for n, k in every.items() if not springs[n].stands_in)
+    damped = system.K + sum(k for n, k in every.items() if not springs[n].replaces_imposed)
     inverse = np.linalg.inv(system.M)
     viscous = damping.alpha * system.M + damping.beta * damped
     n = system.order

@@ -280,9 +280,9 @@ def test_the_same_stage_gives_the_same_files() -> None:
 
 
 def test_what_is_no_axis_has_no_drawing() -> None:
-    with pytest.raises(ModelError, match="no axis that one drive moves"):
+    with pytest.raises(ModelError, match="no axis with a single drive"):
         diagram_files(design("three-rrr"))
-    with pytest.raises(ModelError, match="only the diagram of one axis"):
+    with pytest.raises(ModelError, match="only the diagram of a single axis"):
         layout(stage_diagram(design("parallelogram")))
 
 

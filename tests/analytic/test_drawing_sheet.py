@@ -12,8 +12,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from flexstage.export.drawing.contours import plate_contours
-from flexstage.export.drawing.notch_details import notch_kinds, ratio
 from flexstage.export.drawing.sheet import drawing_svg
+from flexstage.export.drawing.views import notch_kinds, ratio
 from flexstage.export.svg import text_width, wrapped
 from flexstage.hinges import RightCircular
 from flexstage.quantities.quantity import round_below

@@ -75,7 +75,7 @@ def test_a_slot_as_wide_as_the_cut_is_passed_and_a_narrower_one_is_refused() -> 
     # there and back along one line
     assert path.loop.integrals().area == pytest.approx(0.0, abs=1e-15)
     assert sum(c.length for c in curves(path.loop)) == pytest.approx(2.0 * 12.6e-3, rel=1e-9)
-    with pytest.raises(StageError, match=r"0\.42 mm wide does not fit between the edges"):
+    with pytest.raises(StageError, match=r"a kerf of 0\.42 mm does not fit between the edges"):
         offset_contours(plate, 0.21e-3)
 
 
@@ -187,7 +187,9 @@ def test_sweeping_a_disc_along_the_path_leaves_the_part(name: str) -> None:
 
 def test_a_cut_wider_than_a_notch_is_refused_by_name_and_radius() -> None:
     plate = plate_contours(guide(NOTCHES["circular"]))
-    expected = r"3\.6 mm wide does not fit into the notch of hinge 'h\d\d', .* radius of 1\.7 mm"
+    expected = (
+        r"a kerf of 3\.6 mm does not fit into the notch of hinge 'h\d\d', .* radius of 1\.7 mm"
+    )
     with pytest.raises(StageError, match=expected):
         offset_contours(plate, 1.8e-3)
     with pytest.raises(StageError, match="must be positive and finite, got 0"):
@@ -198,7 +200,7 @@ def test_a_cut_as_wide_as_a_leaf_is_long_does_not_reach_its_neck() -> None:
     short = Leaf(neck_thickness=0.4e-3, leaf_length=0.5e-3, notch_depth=3e-3)
     plate = plate_contours(guide(short))
     assert offset_contours(plate, 0.24e-3)
-    with pytest.raises(StageError, match=r"0\.54 mm wide does not (fit|reach)"):
+    with pytest.raises(StageError, match=r"a kerf of 0\.54 mm does not (fit|reach)"):
         offset_contours(plate, 0.27e-3)
 
 
@@ -212,7 +214,9 @@ def test_corners_of_chords_keep_the_wire_off_a_neck_and_arcs_do_not() -> None:
         distances=tuple((ellipse.half_length * np.sin(angles)).tolist()),
         depths=tuple((ellipse.notch_depth * (1.0 - np.cos(angles))).tolist()),
     )
-    with pytest.raises(StageError, match=r"neck of hinge 'h00' .* or arcs where .* in chords"):
+    with pytest.raises(
+        StageError, match=r"neck of hinge 'h00' .* or arcs for a notch .* in chords"
+    ):
         offset_contours(plate_contours(guide(chords)), 0.5 * KERF)
     assert offset_contours(plate_contours(guide(ellipse)), 0.5 * KERF)
 
@@ -282,9 +286,9 @@ def test_contours_are_cut_from_inside_outwards(name: str) -> None:
 
 def test_a_start_hole_that_does_not_fit_is_refused() -> None:
     plate, paths = made("circular")
-    with pytest.raises(StageError, match=r"at least as wide as the cut, 0\.31 mm, got 0\.2 mm"):
+    with pytest.raises(StageError, match=r"at least as wide as the kerf, 0\.31 mm, got 0\.2 mm"):
         cuts(plate, paths, 0.5 * KERF, 0.2e-3)
-    with pytest.raises(StageError, match=r"start hole of 50 mm does not fit .* room for \d"):
+    with pytest.raises(StageError, match=r"start hole of 50 mm does not fit .* space for \d"):
         cuts(plate, paths, 0.5 * KERF, 50e-3)
 
 

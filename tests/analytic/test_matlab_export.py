@@ -216,7 +216,7 @@ def test_the_same_stage_gives_the_same_bytes_and_no_date() -> None:
 
 def test_a_name_that_matlab_refuses_is_refused_in_words() -> None:
     stage, system = _STAGES["vgtu-mechanical"], _SYSTEMS["vgtu-mechanical"]
-    with pytest.raises(ModelError, match="no name in MATLAB: begin with a letter"):
+    with pytest.raises(ModelError, match="not a valid name in MATLAB: it must begin with a letter"):
         matlab_files(stage, system, name="2nd stage")
     assert matlab_name("vgtu-piezo") == "vgtu_piezo"
     assert matlab_name("ÄÖ") == "stage"

@@ -291,7 +291,7 @@ def test_names_are_plain_text_of_80_characters_and_the_file_is_the_same_each_tim
 
 
 def test_what_cannot_be_written_is_refused_in_one_sentence() -> None:
-    with pytest.raises(ModelError, match="two frequencies or more, got 1"):
+    with pytest.raises(ModelError, match="two or more frequencies, got 1"):
         frf_file(STAGE, [frequency_response(SYSTEM, 3.0, "x", "x")])
     with pytest.raises(ModelError, match="number of modes must be 1 or more"):
         universal_files(STAGE, SYSTEM, count=0)

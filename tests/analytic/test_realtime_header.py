@@ -18,8 +18,13 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import ModelError
-from flexstage.export.realtime.comment import command_span, operations, rounding_bound
-from flexstage.export.realtime.files import amalgamated, realtime_files
+from flexstage.export.realtime.files import (
+    amalgamated,
+    command_span,
+    operations,
+    realtime_files,
+    rounding_bound,
+)
 from flexstage.hysteresis import DynamicModel, LogCreep, PrandtlIshlinskii, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design
@@ -204,7 +209,7 @@ def test_a_slow_ramp_of_hysteresis_rounds_in_every_step(tmp_path: Path) -> None:
     assert error < said
     assert error > 0.003 * said
     text = " ".join(files["sf.h"].decode()[:9000].replace("*", " ").split())
-    assert "N steps all one way put it off by up to N u/2 of itself" in text
+    assert "N steps in one direction cause a relative error of up to N u/2" in text
     assert "N steps" not in files["st.h"].decode()[:9000]
 
 
@@ -426,7 +431,7 @@ def test_it_opens_with_what_an_engineer_needs() -> None:
         assert note[:30] in " ".join(comment.replace("*", " ").split())
     assert max(map(len, comment.splitlines())) <= 99
     single = realtime_files(model, precision="single")["vgtu_piezo.h"].decode()
-    assert "single precision. Rounding errors" in single
+    assert "single precision. Accumulated rounding errors" in single
     assert f"x {rounding_bound(model)[0]:.2g} m" in single
 
 
@@ -536,7 +541,9 @@ def test_bad_input_is_refused_in_words() -> None:
     model = _model("vgtu-mechanical", keep_modes=2)
     with pytest.raises(ModelError, match="double or single, got 'half'"):
         realtime_files(model, precision="half")  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="no prefix of names in C: begin with a letter"):
+    with pytest.raises(
+        ModelError, match="not a valid prefix of names in C: it must begin with a letter"
+    ):
         realtime_files(model, name="two stages")
-    with pytest.raises(ValueError, match=r"a\.h includes b\.h, which does not stand before it"):
+    with pytest.raises(ValueError, match=r"a\.h includes b\.h, which is not before it"):
         amalgamated({"a.h": b'#include "b.h"\n'})

@@ -197,9 +197,9 @@ def test_what_is_joined_of_path_scatter_and_bending() -> None:
 
 def test_what_cannot_be_computed_is_refused() -> None:
     stage = design("parallelogram")
-    with pytest.raises(ModelError, match="at least 1 sample"):
+    with pytest.raises(ModelError, match="samples must be at least 1"):
         draw_deviations(stage, Scatter(), 0)
-    with pytest.raises(ModelError, match="names no axis"):
+    with pytest.raises(ModelError, match="has no axis"):
         motion_rates(replace(stage, axes=()))
     with pytest.raises(ModelError, match="lean must be 0 or more"):
         Scatter(lean=math.nan)

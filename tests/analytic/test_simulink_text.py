@@ -64,7 +64,7 @@ def test_files_are_what_is_promised(files: dict[str, bytes]) -> None:
     ]  # fmt: skip
     readme = files["README.txt"].decode("ascii")
     assert "straight lines between samples" not in " ".join(readme.split())
-    for said in ("sim('stage')", "not run in MATLAB or Simulink", "half a sample", "at rest"):
+    for said in ("sim('stage')", "not tested in MATLAB or Simulink", "half a sample", "at rest"):
         assert said in " ".join(readme.split()), said
     variables = loadmat(io.BytesIO(files["stage_data.mat"]))
     for name in (n for n in variables if not n.startswith("__")):
@@ -157,7 +157,7 @@ def one(kind: str = "gain", **more: object) -> Diagram:
 
 @pytest.mark.parametrize("name", ["2x", "a-b", "end", "", "x" * 31, "é"])
 def test_names_that_matlab_does_not_take_are_refused(name: str) -> None:
-    with pytest.raises(ModelError, match=r"take '[A-Za-z]\w*'"):
+    with pytest.raises(ModelError, match=r"use '[A-Za-z]\w*'"):
         simulink_files(one(), name=name)
 
 
@@ -177,7 +177,7 @@ def test_a_diagram_without_ends_is_refused() -> None:
 def test_a_diagram_of_another_stage_is_refused() -> None:
     stage = design("vgtu-piezo")
     model = dynamic_model(stage, lumped_system(stage))
-    with pytest.raises(ModelError, match="make both of one stage"):
+    with pytest.raises(ModelError, match="give a diagram and a model of the same stage"):
         simulink_files(one(), name="x", model=model)
 
 

@@ -35,10 +35,10 @@ from flexstage.hysteresis.loops import loop_width
 from flexstage.system import modes, static_forces
 from flexstage.system.servo import Notch, ServoSettings
 from flexstage.virtual.piezo_stage import PiezoStage
-from flexstage.virtual.stack import virtual_stack
-from flexstage.virtual.stack_stepping import (
+from flexstage.virtual.stack import (
     ChargeDrive,
     stack_arrays,
+    virtual_stack,
 )
 from tests.twin_parts import (
     SLOPES,

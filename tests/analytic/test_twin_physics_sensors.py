@@ -18,7 +18,7 @@ BENCH = SensorBench(
     ),
     mains_frequency_hz=60.0,
 )
-KINDS = ["along", "along", "beside", "angle"]
+KINDS = ["along", "along", "transverse", "angle"]
 
 
 def still(bench: SensorBench, seed: int, seconds: float = 4.0) -> Array:

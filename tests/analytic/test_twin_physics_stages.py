@@ -23,8 +23,7 @@ from flexstage.system.characteristics import axis_mode
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.build import largest_slope, virtual_stage
 from flexstage.virtual.piezo_stage import PiezoStage
-from flexstage.virtual.screw_stage import ScrewStage
-from flexstage.virtual.stage import VirtualStage
+from flexstage.virtual.stage import ScrewStage, VirtualStage
 from tests.twin_parts import small_signal_response
 
 PIEZO, SCREWS = design("vgtu-piezo"), design("vgtu-mechanical")
@@ -136,7 +135,7 @@ def test_a_stage_is_what_is_asked_of_a_virtual_stage() -> None:
         assert typed.axes == ("x", "y")
         assert set(typed.limits) == {"x", "y"}
         assert typed.stage is (PIEZO if typed.kind == "piezo" else SCREWS)
-        assert any("drawn, not measured" in note for note in typed.notes)
+        assert any("simulated with random deviations, not measured" in note for note in typed.notes)
 
 
 @pytest.mark.slow
@@ -356,7 +355,7 @@ def test_stages_that_no_twin_can_drive_are_refused() -> None:
     )  # fmt: skip
     with pytest.raises(ModelError, match="screws on all axes, or piezo stacks"):
         virtual_stage(replace(PIEZO, drives=(x, screw)), model="lumped")
-    with pytest.raises(ModelError, match="names no axis"):
+    with pytest.raises(ModelError, match="has no axis"):
         virtual_stage(replace(PIEZO, axes=()), model="lumped")
 
 

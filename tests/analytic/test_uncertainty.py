@@ -458,7 +458,7 @@ def test_a_budget_file_is_read_in_si():
         ("unit: um", "unit: furlong", "line 3.*unknown unit"),
         ("d * p", "d * q", "line 4.*no influence"),
         ("d * p", "d", "line 4.*does not use the influence 'p'"),
-        ("d * p", "d.p", "line 4.*a name has no parts"),
+        ("d * p", "d.p", "line 4.*names in an expression have no parts"),
         ("d * p", "True", "line 4.*'True', which is no influence"),
         ("d * p", "d * p - 3 mm", "line 4.*'mm', is an influence of its own"),
         ("equation:", "formula:", "."),

@@ -240,8 +240,8 @@ def test_the_title_block_names_stage_material_thickness_and_cut() -> None:
         "Title: Guide <with> any notch & corners",
         "Material: Al 7075-T6",
         "Thickness: 6.3 mm",
-        "Cut: 0.31 mm wide",
-        "Re-entrant corners keep a fillet of 0.155 mm.",
+        "Kerf: 0.31 mm",
+        "Internal corners have a fillet of 0.155 mm.",
     ):
         assert words in text
 

@@ -367,5 +367,5 @@ def test_what_cannot_be_drawn_is_refused_in_one_sentence() -> None:
     model, _ = plane()
     with pytest.raises(ModelError, match="0 or 2 to 360 frames"):
         field_files(PIEZO, analysis, frames=1)
-    with pytest.raises(ModelError, match="give the mesh that was analysed"):
+    with pytest.raises(ModelError, match="give the mesh of the analysis"):
         field_files(PIEZO, analysis, mesh=model)

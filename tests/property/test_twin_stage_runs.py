@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from flexstage.stage.designs import design
 from flexstage.virtual.build import virtual_stage
 from flexstage.virtual.piezo_stage import PiezoStage
-from flexstage.virtual.screw_stage import ScrewStage
-from flexstage.virtual.stage import StageSamples, VirtualStage
+from flexstage.virtual.stage import ScrewStage, StageSamples, VirtualStage
 
 FIELDS = ("time", "reading", "position", "voltage", "command")
 # past the end of a block of drawn noise

@@ -81,12 +81,12 @@ def test_a_file_by_a_name_that_is_nearly_right_is_suggested(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (b"stage:\n\tname: x\n", "line 2: this is not YAML: a tab stands where spaces must"),
-        (b"stage: 1\n\tname: x\n", "line 2: this is not YAML: a tab stands where spaces must"),
+        (b"stage:\n\tname: x\n", "line 2: this is not YAML: a tab is used for indentation"),
+        (b"stage: 1\n\tname: x\n", "line 2: this is not YAML: a tab is used for indentation"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "is a picture or another binary file, expected a stage"),
         (
             b"flexstage: 1\ndesign: {name: parallelogram, thickness: 0,5}\n",
-            "decimal sign as a point",
+            "the decimal sign of a number must be a point",
         ),
         (b"flexstage: 1\ndesign:\n  name: parallelogram\n  thickness: 0,5 mm\n", "must be a point"),
         (None, "is called 'stack.yaml': the designs are "),
@@ -160,7 +160,7 @@ def test_a_file_of_another_kind_is_called_by_its_name(
 ) -> None:
     (elsewhere / "part.yaml").write_text(begins)
     assert run("check", "part.yaml") == 2
-    assert f"part.yaml is {what}, where a text in YAML is expected" in capsys.readouterr().err
+    assert f"part.yaml is {what}, expected a YAML file" in capsys.readouterr().err
 
 
 def test_help_has_a_short_option(capsys: pytest.CaptureFixture[str]) -> None:
@@ -307,7 +307,7 @@ def test_show_names_its_file_after_the_stage(elsewhere: Path) -> None:
             "did you mean 'solid'",
         ),
         (["study", "vgtu-piezo", "--model", "magic"], "got 'magic'"),
-        (["study", "vgtu-piezo", "--model", ","], "must name one at least of lumped"),
+        (["study", "vgtu-piezo", "--model", ","], "must name at least one of lumped"),
         (["study", "vgtu-piezo", "--plane", "flat"], "auto, stress or strain"),
         (["study", "vgtu-piezo", "--nonsense"], "--nonsense"),
         (["study", "."], "directory"),

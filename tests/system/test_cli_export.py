@@ -112,7 +112,7 @@ def test_the_model_of_a_measured_drive_is_taken(tmp_path: Path, capsys) -> None:
         (["vgtu-piezo", "--to", "fmu", "--fmi", "1.0"], "2.0, 3.0 or both"),
         (["vgtu-piezo", "--to", "c", "--time-step", "-1 ms"], "'--time-step': must be from 1e-12"),
         (["vgtu-piezo", "--to", "c", "--time-step", "3 mm"], "not a unit of time"),
-        (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis is usual, none"),
+        (["vgtu-piezo", "--to", "c", "--hysteresis", "big"], "--hysteresis must be usual, none"),
         (["vgtu-piezo", "--to", "c", "--hysteresis", "x=missing.yaml"], "no file missing.yaml"),
         (["vgtu-piezo", "--to", "c", "--current", "0.1 A", "--model", "lumped"], "bandwidth"),
         (["vgtu-piezo", "--to", "dxf", "--kerf", "9 mm"], "wire"),
@@ -138,7 +138,7 @@ def test_all_leaves_out_what_the_stage_does_not_allow(tmp_path: Path, capsys) ->
     words = [str(file), "--to", "all", "--folder", str(out), "--model", "lumped", "--source-only"]
     assert _run(*words, "--json") == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
-    left = {note.split(" was left out: ")[0] for note in notes if " was left out: " in note}
+    left = {note.split(" was skipped: ")[0] for note in notes if " was skipped: " in note}
     written = {p.name for p in out.iterdir()}
     assert left | written == set(FORMATS)
     assert left & written == set()

@@ -58,7 +58,7 @@ def test_a_place_that_takes_no_file_is_refused_at_once(
     if os.name == "posix":
         # where even the system's own user makes no file
         status, said = refused(capsys, *words, "/proc/result.svg")
-        assert (status, "'/proc': no file can be made there" in said) == (1, True)
+        assert (status, "'/proc': no file can be created there" in said) == (1, True)
 
 
 @pytest.mark.parametrize("words", [w for w in WRITING if w[-1] == "--figure"] + [WRITING[1]])

@@ -140,7 +140,7 @@ def test_a_dry_run_of_what_cannot_be_done_fails(capsys, plan):
         (("PLAN", "--instrument", "gsc://x"), "gcs://HOST:PORT"),
         (("PLAN", "--instrument", TWIN, "--resume"), "--resume needs --folder"),
         (("PLAN", "--instrument", TWIN, "--only", "motions"), "no step 'motions'"),
-        (("PLAN", "--instrument", TWIN, "--only", ","), "'--only': must name one at least"),
+        (("PLAN", "--instrument", TWIN, "--only", ","), "'--only': must name at least one"),
         (("PLAN", "--instrument", TWIN, "--stage", "vgtu"), "no built-in design"),
     ],
 )

@@ -147,7 +147,7 @@ def test_the_same_is_done_once(tmp_path: Path) -> None:
     for turn in range(3):
         memo = memory(tmp_path)
         assert memo.recall("work", work, ROW, times=3.0) == (ROW, 3.0)
-        assert (memo.made, memo.read) == ((), ("work",)) if turn else (("work",), ())
+        assert (memo.computed, memo.read) == ((), ("work",)) if turn else (("work",), ())
     assert len(CALLS) == 1
 
 
@@ -215,7 +215,7 @@ def test_without_a_cache_all_is_done(tmp_path: Path) -> None:
     for _ in range(2):
         memo.recall("work", work, ROW)
     assert len(CALLS) == 2
-    assert (memo.made, memo.read) == ((), ())
+    assert (memo.computed, memo.read) == ((), ())
 
 
 def test_what_cannot_be_kept_or_told_apart_is_done_each_time(tmp_path: Path) -> None:
@@ -344,16 +344,16 @@ def test_pictures_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     study = run_study(design("parallelogram"))
     memo = memory(tmp_path)
     page = report_html(study, memo)
-    assert len(memo.made) > 3
+    assert len(memo.computed) > 3
     with monkeypatch.context() as patch:
         patch.setattr("flexstage.report.page.draw_picture", None)
         again = memory(tmp_path)
         assert report_html(study, again) == page
-    assert (again.made, again.read) == ((), memo.made)
+    assert (again.computed, again.read) == ((), memo.computed)
     other = memory(tmp_path)
     changed = run_study(neck_changed(design("parallelogram"), 1e-3))
     without_figures(report_html, changed, other)
-    assert "drawing of parallelogram" in other.made
+    assert "drawing of parallelogram" in other.computed
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -12,9 +12,14 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from flexstage.export.control_object import linear_part
-from flexstage.export.diagram.graph import Block, BlockGroup, Diagram, SignalLine
+from flexstage.export.diagram.graph import (
+    Block,
+    BlockGroup,
+    Diagram,
+    SignalLine,
+    diagram_state_space,
+)
 from flexstage.export.diagram.stage_diagram import drive_springs, fitted_damping, stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.simulink.files import simulink_files
 from flexstage.hysteresis import Amplifier, BoucWen, DynamicModel, LogCreep, Sensor, dynamic_model
 from flexstage.lumped import lumped_system
@@ -154,7 +159,7 @@ def test_structure_follows_mass_damping_and_stiffness(built: Built) -> None:
         port, spring = system.drive(d.name), springs[d.name]
         stiff = spring.stiffness * np.outer(port.vector, port.vector)
         K = K + stiff
-        if not spring.stands_in:
+        if not spring.replaces_imposed:
             C = C + rayleigh.beta * stiff
         force[:, j] = d.gain * (spring.stiffness or 1.0) * port.vector
     n, h = system.order, t[1] - t[0]
@@ -505,7 +510,7 @@ def test_script_says_that_simulink_is_missing(tmp_path: Path) -> None:
     write(tmp_path, simulink_files(small(), name="small"))
     done = octave(tmp_path, f"rmpath('{Path(__file__).parents[1] / 'octave'}'); small_build();")
     assert done.returncode == 1
-    assert "Simulink is not installed here" in done.stderr
+    assert "Simulink is not installed: " in done.stderr
 
 
 @pytest.mark.parametrize(

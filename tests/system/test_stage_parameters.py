@@ -132,17 +132,19 @@ def test_a_field_that_names_a_parameter_has_it_to_the_bit() -> None:
          "got '= t', which is an angle (t is on line 6)"),
         ("t: 0.5 mm,", "t: -0.5 mm,", "which is -500 um (t is on line 6)"),
         ("gap: = 2*R", "gap: = 2*r", "line 6, parameters.gap: there is no parameter 'r'"),
-        ("gap: = 2*R", "gap: = gap", "line 6, parameters.gap: a circle: 'gap' needs 'gap'"),
-        ("R: 1.5 mm", "R: = gap/2", "parameters.R: a circle: 'R' needs 'gap' needs 'R'"),
-        ("gap: = 2*R", "gap: = 2*R + 3", "parameters.gap: a sum needs values of one dimension, "
-         "got a length and a number (R is on line 6)"),
+        ("gap: = 2*R", "gap: = gap", "line 6, parameters.gap: circular reference: "
+         "'gap' needs 'gap'"),
+        ("R: 1.5 mm", "R: = gap/2", "parameters.R: circular reference: 'R' needs 'gap' needs 'R'"),
+        ("gap: = 2*R", "gap: = 2*R + 3", "parameters.gap: a sum needs values of the same "
+         "dimension, got a length and a number (R is on line 6)"),
         ("gap: = 2*R", "gap-y: = 2*R", "letters, digits and underscores"),
         ("gap: = 2*R", "max: = 2*R", "'max' is a function of expressions"),
-        ("gap: = 2*R", "gap: [1, 2]", "a parameter is a number, a quantity"),
-        ("gap: = 2*R", "gap: true", "a parameter is a number, a quantity"),
+        ("gap: = 2*R", "gap: [1, 2]", "a parameter must be a number, a quantity"),
+        ("gap: = 2*R", "gap: true", "a parameter must be a number, a quantity"),
         ("gap: = 2*R", "gap: 1e999 mm", "is too large to be a number"),
         ("gap: = 2*R", "gap: 3 mn", "unknown unit 'mn'"),
-        ("= 6 mm + R", "= 6 mm + ", "hinges.foot-left.at[1]: '= 6 mm +' is no arithmetic"),
+        ("= 6 mm + R", "= 6 mm + ", "hinges.foot-left.at[1]: '= 6 mm +' is not "
+         "an arithmetic expression"),
         ("direction: -20 deg", "direction: = t/R", "expected an angle, got '= t/R', which is a "
          "number (R is on line 6, t is on line 6)"),
         ("one_sided: true", "one_sided: = 1", "expected true or false"),
@@ -158,7 +160,7 @@ def test_what_is_set_is_said_to_be() -> None:
     assert "which is -500 um (t is set)" in refusal(HALF + MIRROR, set={"t": "-0.5 mm"})
     said = refusal(HALF + MIRROR, set={"tt": "1 mm"})
     assert said == "own.yaml has no parameter 'tt': did you mean 't'?"
-    assert "it has none, under 'parameters'" in refusal(HEAD, set={"t": "1 mm"})
+    assert "it has none under 'parameters'" in refusal(HEAD, set={"t": "1 mm"})
     assert "own.yaml, parameters.t: unknown unit" in refusal(HALF, set={"t": "1 mn"})
     assert "own.yaml, parameters.t: '1 +' is no" not in refusal(HALF, set={"t": "1 +"})
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 from flexstage.base.errors import FlexstageError, StageError
-from flexstage.files.ranges import POSITIVE, Range, Whole, Written
+from flexstage.files.ranges import POSITIVE, CountOrZero, Range, Written
 from flexstage.files.request import Request
 from flexstage.quantities.units import Length, parse
 
@@ -86,7 +86,7 @@ class PartRequest(Request):
     """Largest element, such as "2 mm"; a bare number is in millimetres."""
     thin: Annotated[float, Range(low=0.0, high=100.0)] = 1.5
     """Largest element in thin places, in local thicknesses."""
-    modes: Whole = 6
+    modes: CountOrZero = 6
     """Number of natural frequencies to compute."""
     force: bool = False
     """Continue although the memory may not suffice."""

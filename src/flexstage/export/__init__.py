@@ -1,10 +1,10 @@
-"""A stage for other programs: block diagram, Simulink, FMU, C, MATLAB, STEP, DXF, ParaView.
+"""Export of a stage: block diagram, Simulink, FMU, C, MATLAB, STEP, DXF, ParaView.
 
-What simulates a stage elsewhere is made from its `DynamicModel`: `fmu_files`, `realtime_files`,
-`simulink_files`, `matlab_files`, `control_system`. What is made of the stage itself: `step_files`,
-`dxf_files`; of its equations: `stage_diagram`, `diagram_files`; of an analysis: `field_files`,
-`universal_files`, `table_files`. Functions that end in ``_files`` return the content of each file
-by its name, and write nothing.
+Simulations come from its `DynamicModel`: `fmu_files`, `realtime_files`, `simulink_files`,
+`matlab_files`, `control_system`. Geometry comes from the stage: `step_files`, `dxf_files`;
+diagrams from its equations: `stage_diagram`, `diagram_files`; results from an analysis:
+`field_files`, `universal_files`, `table_files`. Functions that end in ``_files`` return the content
+of each file by its name, and write nothing.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The linear part of a stage as matrices, and as an object of python-control."""
+"""Linear state-space form of a stage, also for python-control."""
 
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 def linear_part(model: DynamicModel) -> StateSpace:
-    r"""Return the equations from the free displacements of all drives to the true motion.
+    r"""Return the state space from the free displacements of all drives to the true motion.
 
     States are the modes, their rates, then the lags of the drives in order. Inputs are free
-    displacements [m], or forces [N]; amplifier, hysteresis or gain, and sensors are left out.
+    displacements [m], or forces [N]; amplifier, hysteresis or gain, and sensors are not included.
 
-    With creep the lags l of each drive follow, :math:`f = w + a \sum_i l_i`, and each mode moves by
-    :math:`\eta'' + 2\zeta\omega\eta' + \omega^2\eta = \omega^2 g (f + t f')`; t is 0 but where the
-    displacement is imposed, and there the second state is :math:`\eta' - \omega^2 t g f`.
+    With creep and lags l of each drive, :math:`f = w + a \sum_i l_i`, the modes obey
+    :math:`\eta'' + 2\zeta\omega\eta' + \omega^2\eta = \omega^2 g (f + t f')`; t is 0 unless the
+    displacement is imposed; then the second state is :math:`\eta' - \omega^2 t g f`.
 
     Examples
     --------
@@ -49,13 +49,13 @@ def linear_part(model: DynamicModel) -> StateSpace:
             model.omega**2 * d.modal_gain - 2.0 * model.damping_ratio * model.omega * by_rate
         )
         feed[:, j] = d.feedthrough
-        own = slice(at, at + rate.size)
+        lag_rows = slice(at, at + rate.size)
         at += rate.size
         if d.creep is not None:
-            a[:, own] += d.creep.lag_gains * b[:, j : j + 1]
-            c[:, own] = d.creep.lag_gains * feed[:, j : j + 1]
-            a[own, own] = -np.diag(rate)
-            b[own, j] = rate
+            a[:, lag_rows] += d.creep.lag_gains * b[:, j : j + 1]
+            c[:, lag_rows] = d.creep.lag_gains * feed[:, j : j + 1]
+            a[lag_rows, lag_rows] = -np.diag(rate)
+            b[lag_rows, j] = rate
     return StateSpace(
         A=a,
         B=b,
@@ -69,7 +69,7 @@ def linear_part(model: DynamicModel) -> StateSpace:
 def rest_shape(model: DynamicModel) -> Array:
     """Return the states of `linear_part` at rest for a unit of each input, a column each.
 
-    It equals ``-inv(A) B``, without the loss of digits of so stiff an inverse.
+    It equals ``-inv(A) B``, without the rounding errors of this stiff inverse.
     """
     form = linear_part(model)
     k = model.omega.size
@@ -97,16 +97,16 @@ def state_names(model: DynamicModel) -> tuple[str, ...]:
 
 
 def control_system(model: DynamicModel | MechanicalSystem) -> "control.StateSpace":
-    """Return a stage as an object of the python-control library.
+    """Return a stage as a state space of the python-control library.
 
-    Of a dynamic model the `linear_part` is taken, of a system the drives are in place. It goes from
-    the free displacements of the drives [m], or forces [N], to the readings, with names, and needs
-    python-control.
+    For a dynamic model it is the `linear_part`, for a system it has the drives in place. Inputs are
+    the free displacements of the drives [m], or forces [N], outputs the readings, with names. The
+    package python-control is needed.
 
     Notes
     -----
-    Validity: hysteresis and gains from voltage to free displacement, amplifiers and sensors are no
-    part of it; put them in front and behind.
+    Validity: hysteresis, gains from voltage to free displacement, amplifiers and sensors are not
+    included; connect them in series.
     """
     form = linear_part(model) if isinstance(model, DynamicModel) else state_space(model)
     return form.to_control()

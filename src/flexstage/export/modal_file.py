@@ -1,6 +1,6 @@
 """Modes and frequency responses of a stage as universal files, for modal test programs.
 
-They are given at points of the stage, which lines join.
+They belong to points of the stage, which are joined by trace lines.
 """
 
 import math
@@ -31,14 +31,14 @@ from flexstage.system import (
 )
 from flexstage.system.response import default_frequencies_hz
 
-#: Numbers of kinds of quantities.
+#: Codes of quantities.
 DISPLACEMENT, FORCE = 8, 13
 _FREQUENCY = 18
-_FRF = 4  # a function that is a response over a reference
+_FRF = 4  # frequency response function
 _NAMES = {DISPLACEMENT: ("displacement", "m"), FORCE: ("force", "N")}
-# of every file, so that the same stage gives the same bytes
+# constant, so that the same stage gives the same bytes
 _TIME = "01-JAN-70 00:00:00"
-_LONGEST = 250  # points of a line
+_LONGEST = 250  # points of a trace line
 
 
 def _set(number: int, lines: Sequence[str]) -> str:
@@ -46,20 +46,20 @@ def _set(number: int, lines: Sequence[str]) -> str:
 
 
 def _text(words: str) -> str:
-    """Write a line of text: 80 characters of ASCII, never one that would end the data set."""
-    known = unicodedata.normalize("NFKD", words.replace("µ", "u"))
-    plain = "".join(c if c.isascii() and c.isprintable() else "" for c in known).strip()
+    """Return a line of text: 80 ASCII characters, never the end mark of a data set."""
+    ascii_text = unicodedata.normalize("NFKD", words.replace("µ", "u"))
+    plain = "".join(c if c.isascii() and c.isprintable() else "" for c in ascii_text).strip()
     return (re.sub(r"^-1\b", "- 1", plain) or "NONE")[:80]
 
 
 def _reals(values: Sequence[float], width: int, digits: int, in_line: int) -> list[str]:
-    """Write numbers in columns."""
+    """Return numbers in columns."""
     words = [f"{v:{width}.{digits}E}" for v in values]
     return ["".join(words[i : i + in_line]) for i in range(0, len(words), in_line)]
 
 
 def heading(name: str, description: str, program: str) -> str:
-    """Write data set 151, the heading of the file."""
+    """Return data set 151, the header of the file."""
     lines = (
         _text(name),
         _text(description),
@@ -73,14 +73,14 @@ def heading(name: str, description: str, program: str) -> str:
 
 
 def si_units() -> str:
-    """Write data set 164: metre and newton."""
+    """Return data set 164: metre and newton."""
     one = f"{1.0:25.17E}".replace("E", "D")
     none = f"{273.15:25.17E}".replace("E", "D")
     return _set(164, (f"{1:10d}{'SI: metre, newton':<20}{2:10d}", 3 * one, none))
 
 
 def point_list(numbers: Sequence[int], positions: Array) -> str:
-    """Write data set 2411, points [m] in double precision."""
+    """Return data set 2411: points [m] in double precision."""
     lines = []
     for number, position in zip(numbers, positions.tolist(), strict=True):
         lines.append(f"{number:10d}{1:10d}{1:10d}{11:10d}")
@@ -89,16 +89,16 @@ def point_list(numbers: Sequence[int], positions: Array) -> str:
 
 
 def trace_lines(first: int, name: str, points: Sequence[int]) -> str:
-    """Write data sets 82: a line through points, in parts of 250 at most, numbered from `first`."""
-    written = []
-    # each part begins where the one before it ends
+    """Return data sets 82: a trace line in parts of at most 250 points, numbered from `first`."""
+    parts = []
+    # each part begins at the end of the previous one
     for k, start in enumerate(range(0, max(len(points) - 1, 1), _LONGEST - 1)):
         part = points[start : start + _LONGEST]
         lines = [f"{first + k:10d}{len(part):10d}{7:10d}", _text(name)]
         for i in range(0, len(part), 8):
             lines.append("".join(f"{number:10d}" for number in part[i : i + 8]))
-        written.append(_set(82, lines))
-    return "".join(written)
+        parts.append(_set(82, lines))
+    return "".join(parts)
 
 
 def mode_shape(
@@ -109,10 +109,10 @@ def mode_shape(
     points: Sequence[int],
     shape: Array,
 ) -> str:
-    """Write data set 55: a normal mode of unit modal mass at points, in six directions.
+    """Return data set 55: a normal mode of unit modal mass at points, in six directions.
 
-    Its shape is displacement along x, y, z [m] and rotation about them [rad] for one unit of the
-    mode [kg^0.5 m], shape (n, 6); titles are five lines at most.
+    Its shape is displacement along x, y, z [m] and rotation about them [rad] for a modal coordinate
+    of 1 kg^0.5 m, shape (n, 6); titles are at most five lines.
     """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     # structural, normal mode, six directions, displacement, real numbers, six of them
@@ -135,12 +135,12 @@ def frequency_function(
     frequency_hz: Array,
     value: NDArray[np.complex128],
 ) -> str:
-    """Write data set 58: a frequency response function, complex, in double precision.
+    """Return data set 58: a complex frequency response function in double precision.
 
     Response and reference are name, number of the point and direction: 1 to 3 along x, y, z, 4 to 6
-    about them, negative the other way, 0 for another one. The unit is that of the response, m or
-    rad. The denominator is the kind of the reference, `FORCE` or `DISPLACEMENT`; of frequencies six
-    digits are written.
+    about them, negative for the opposite direction, 0 for any other. The unit of the response is m
+    or rad. The denominator is the quantity of the reference, `FORCE` or `DISPLACEMENT`. Frequencies
+    have six digits.
     """
     lines = [_text(title) for title in (*titles, "", "", "", "", "")[:5]]
     places = "".join(
@@ -169,17 +169,19 @@ def frequency_function(
 
 
 def _even(frequency_hz: Array) -> tuple[float, float]:
-    """Return start and step of frequencies that six digits of both give back; else a step of 0."""
+    """Return start and step of frequencies that six digits of both restore; else a step of 0."""
     if frequency_hz.size < 2:
         return 0.0, 0.0
     start, step = (float(f"{v:.5e}") for v in (frequency_hz[0], frequency_hz[1] - frequency_hz[0]))
-    again = start + step * np.arange(frequency_hz.size)
-    near = np.allclose(again, frequency_hz, rtol=1e-12, atol=1e-12 * abs(float(frequency_hz[-1])))
-    return (start, step) if near else (0.0, 0.0)
+    restored = start + step * np.arange(frequency_hz.size)
+    uniform = np.allclose(
+        restored, frequency_hz, rtol=1e-12, atol=1e-12 * abs(float(frequency_hz[-1]))
+    )
+    return (start, step) if uniform else (0.0, 0.0)
 
 
-_OUTLINE = 5e-5  # a chord lies within this of its arc [m]
-_ALONG = 1e-9  # a direction is that of an axis [rad]
+_OUTLINE = 5e-5  # distance of a chord from its arc [m]
+_ALONG = 1e-9  # tolerance of the direction of an axis [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,37 +189,37 @@ class ModalPoints:
     """Points of a stage, numbered from 1."""
 
     position: Array
-    """The points [m], shape (n, 3)."""
+    """Positions [m], shape (n, 3)."""
     body: tuple[str, ...]
-    """Body that each moves with."""
+    """Body of each point."""
     what: tuple[str, ...]
-    """What each is; one that is several things has them all."""
+    """Description of each point, which may be several things."""
     lines: tuple[tuple[str, tuple[int, ...]], ...]
-    """Name and numbers of the points of each closed line."""
+    """Name and point numbers of each closed line."""
     numbers: dict[tuple[str, str], int]
     """Number of a point by kind (``probe``, ``drive``, ``reaction`` or ``centre``) and name."""
 
     def shape(self, system: MechanicalSystem, q: Array) -> Array:
-        """Return how the points move, each with its body as a rigid one, shape (n, 6).
+        """Return the motion of the points with their rigid bodies, shape (n, 6).
 
-        Displacement along x, y, z [m] and rotation about them [rad]. Out of the plane there is what
-        the system reads of a body, where it does, and no tilt. Bodies that the system does not name
-        stand still.
+        It is displacement along x, y, z [m] and rotation about them [rad]. Displacement out of the
+        plane is that of a probe on the body, if there is one; tilt is 0. Bodies that are not in the
+        system do not move.
         """
-        found = np.zeros((len(self.body), 6))
+        motion = np.zeros((len(self.body), 6))
         lifts = {p.name: float(p.vector @ q) for p in system.probes}
         owner = np.array(self.body)
         for port in system.bodies:
-            own = owner == port.name
+            on_body = owner == port.name
             x, y, turn = port.matrix @ q
-            found[own, 0] = x - turn * (self.position[own, 1] - port.centre[1])
-            found[own, 1] = y + turn * (self.position[own, 0] - port.centre[0])
-            found[own, 2] = lifts.get(f"{port.name} out of plane", 0.0)
-            found[own, 5] = turn
-        return found
+            motion[on_body, 0] = x - turn * (self.position[on_body, 1] - port.centre[1])
+            motion[on_body, 1] = y + turn * (self.position[on_body, 0] - port.centre[0])
+            motion[on_body, 2] = lifts.get(f"{port.name} out of plane", 0.0)
+            motion[on_body, 5] = turn
+        return motion
 
     def table(self) -> bytes:
-        """Return the points as CSV: number, body, what it is, position [m]."""
+        """Return the points as CSV: number, body, description, position [m]."""
         heading = ("point", "body", "what", "x [m]", "y [m]", "z [m]")
         places = zip(self.body, self.what, self.position.tolist(), strict=True)
         rows = ((k, body, what, *at) for k, (body, what, at) in enumerate(places, 1))
@@ -235,12 +237,11 @@ def universal_files(
     """Return modes and frequency responses of a stage as universal files.
 
     ``NAME-modes.uff``: points, outlines and modes (see `modal_file`). ``NAME-frf.uff``: the
-    response of each probe of the stage to each drive (see `frf_file`), none with drives ``locked``.
-    ``NAME-points.csv``: what each point is.
+    response of each probe to each drive (see `frf_file`), none with drives ``locked``.
+    ``NAME-points.csv``: description of each point.
 
-    Frequencies [Hz] lie about the lowest modes where not given. They are rounded to the six digits
-    that the format has for them before the responses are found, so that each value belongs to its
-    frequency as it is written.
+    Default frequencies [Hz] are around the lowest modes. They are rounded to six digits, as in the
+    format, before the responses are computed, so that each value belongs to its written frequency.
 
     Examples
     --------
@@ -254,14 +255,14 @@ def universal_files(
     if count < 1:
         raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
     name, points = file_name(stage.name), modal_points(stage)
-    found = modes(system, drives=drives, count=count)
-    files = {f"{name}-modes.uff": modal_file(stage, system, found)}
+    shapes = modes(system, drives=drives, count=count)
+    files = {f"{name}-modes.uff": modal_file(stage, system, shapes)}
     if drives != "locked" and stage.drives and stage.probes:
-        wanted = default_frequencies_hz(found) if frequency_hz is None else frequency_hz
-        written = np.array([float(f"{f:.5e}") for f in np.atleast_1d(wanted).tolist()])
-        written = np.unique(written)
+        requested = default_frequencies_hz(shapes) if frequency_hz is None else frequency_hz
+        frequencies = np.array([float(f"{f:.5e}") for f in np.atleast_1d(requested).tolist()])
+        frequencies = np.unique(frequencies)
         responses = [
-            frequency_response(system, written, d.name, p.name, drives=drives)
+            frequency_response(system, frequencies, d.name, p.name, drives=drives)
             for d in stage.drives
             for p in stage.probes
         ]
@@ -270,7 +271,7 @@ def universal_files(
     return files
 
 
-def modal_file(stage: Stage, system: MechanicalSystem, found: Modes) -> bytes:
+def modal_file(stage: Stage, system: MechanicalSystem, shapes: Modes) -> bytes:
     """Return modes of a stage as a universal file.
 
     Data sets: heading (151), units (164, metre and newton), points (2411), outlines of the bodies
@@ -279,24 +280,24 @@ def modal_file(stage: Stage, system: MechanicalSystem, found: Modes) -> bytes:
 
     Notes
     -----
-    Validity: points move with their bodies as rigid ones. Out of the plane there is the motion of
-    bodies that a probe reads, at the probe, in models that have it (solid), without tilt; other
-    bodies have 0 there. The format has six digits for shapes and frequencies, and 17 for points.
+    Validity: points move with their rigid bodies. Motion out of the plane is that of a probe on the
+    body, in models that have it (solid), without tilt; for other bodies it is 0. The format has six
+    digits for shapes and frequencies, and 17 for points.
     """
     points = modal_points(stage)
     parts = [_opening(stage, f"modes by the {system.model} model"), _geometry(points)]
     numbers = range(1, len(points.body) + 1)
     for k, (frequency, ratio) in enumerate(
-        zip(found.frequency_hz.tolist(), found.damping_ratio.tolist(), strict=True), start=1
+        zip(shapes.frequency_hz.tolist(), shapes.damping_ratio.tolist(), strict=True), start=1
     ):
         titles = (
             f"{stage.name}: mode {k} at {frequency:.6g} Hz",
-            f"{system.model} model, drives {found.drives}",
+            f"{system.model} model, drives {shapes.drives}",
             "NONE",
             "unit modal mass; displacement in m, rotation in rad, for 1 kg^0.5 m",
             f"flexstage {__version__}",
         )
-        shape = points.shape(system, found.shapes[:, k - 1])
+        shape = points.shape(system, shapes.shapes[:, k - 1])
         parts.append(mode_shape(titles, k, frequency, ratio, numbers, shape))
     return "".join(parts).encode("ascii")
 
@@ -305,17 +306,16 @@ def frf_file(stage: Stage, responses: Iterable[FrequencyResponse]) -> bytes:
     """Return frequency responses of a stage as a universal file.
 
     Data sets: heading (151), units (164), points (2411), outlines (82), and each response (58),
-    complex in double precision: displacement of the probe's point, or rotation of its body, over
-    the force of the drive on the point that it pushes, or over its free displacement.
+    complex in double precision: displacement at the probe, or rotation of its body, over the force
+    of the drive or over its free displacement.
 
     Notes
     -----
-    Validity: a drive pushes one body and reacts on another, and a probe may read one against
-    another; the format names one point of each, and the titles say the rest. Directions other than
-    along x and y have the number 0, and a rotation has 6. The format has 13 digits for values, and
-    six for frequencies that are not evenly spaced: give frequencies of six digits, as
-    `universal_files` does, else values near a resonance seem to be up to 1e-6 times its quality
-    off.
+    Validity: a drive pushes one body and reacts on another, and a probe may be relative; the format
+    has one point of each, and the titles name both bodies. Directions other than along x and y have
+    code 0, a rotation has 6. The format has 13 digits for values, and six for frequencies that are
+    not equally spaced: use frequencies of six digits, as `universal_files` does; otherwise values
+    near a resonance have an apparent relative error of up to 1e-6 times its quality factor.
     """
     points = modal_points(stage)
     parts = [_opening(stage, "frequency responses"), _geometry(points)]
@@ -332,19 +332,19 @@ def _opening(stage: Stage, what: str) -> str:
 
 
 def _geometry(points: ModalPoints) -> str:
-    written = [point_list(range(1, len(points.body) + 1), points.position)]
+    parts = [point_list(range(1, len(points.body) + 1), points.position)]
     number = 1
     for name, line in points.lines:
-        written.append(trace_lines(number, name, line))
+        parts.append(trace_lines(number, name, line))
         number += max(1, math.ceil((len(line) - 1) / 249))
-    return "".join(written)
+    return "".join(parts)
 
 
 def _function(stage: Stage, points: ModalPoints, number: int, response: FrequencyResponse) -> str:
     probe, drive = stage.probe(response.probe), stage.drive(response.drive)
     if response.frequency_hz.size < 2:
         raise ModelError(
-            f"the response of '{probe.name}' to '{drive.name}' must have two frequencies or more, "
+            f"the response of '{probe.name}' to '{drive.name}' must have two or more frequencies, "
             f"got {response.frequency_hz.size}"
         )
     along = probe.direction
@@ -375,9 +375,10 @@ def _degrees(angle: float) -> str:
 
 
 def direction_code(angle: float | None) -> int:
-    """Return the number that universal files have for a direction in the plane [rad].
+    """Return the code of a direction in the plane [rad] in universal files.
 
-    1 along x, 2 along y, negative the other way; 0 for any other; 6 about z, without an angle.
+    It is 1 along x, 2 along y, negative for opposite directions, 0 for any other, and 6 for a
+    rotation about z, which has no angle.
 
     Examples
     --------
@@ -398,26 +399,26 @@ def direction_code(angle: float | None) -> int:
 def modal_points(stage: Stage) -> ModalPoints:
     """Return the points of a stage: probes, drives, centres of mass, outlines with notches.
 
-    A point of one body that is several of these has one number.
+    A point of one body with several roles has one number.
     """
     position: list[tuple[float, float]] = []
     body: list[str] = []
     what: list[str] = []
-    known: dict[tuple[str, float, float], int] = {}
+    numbered: dict[tuple[str, float, float], int] = {}
     numbers: dict[tuple[str, str], int] = {}
 
     def add(owner: str, at: Iterable[float], words: str) -> int:
         x, y = at
         # to a picometre
         key = (owner, round(x, 12), round(y, 12))
-        if key not in known:
+        if key not in numbered:
             position.append((x, y))
             body.append(owner)
             what.append(words)
-            known[key] = len(position)
-        elif words not in (had := what[known[key] - 1].split("; ")):
-            what[known[key] - 1] = "; ".join((*had, words))
-        return known[key]
+            numbered[key] = len(position)
+        elif words not in (words_before := what[numbered[key] - 1].split("; ")):
+            what[numbered[key] - 1] = "; ".join((*words_before, words))
+        return numbered[key]
 
     for p in stage.probes:
         numbers["probe", p.name] = add(p.body, p.at, f"probe {p.name}")
@@ -443,6 +444,6 @@ def modal_points(stage: Stage) -> ModalPoints:
     )
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return universal_files(given.stage, given.analysis.system)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return universal_files(stage_export.stage, stage_export.analysis.system)

@@ -1,4 +1,4 @@
-"""A stage for other programs: the formats, what is asked, and the models that are made for it."""
+"""Export of a stage: formats, request, and the models of an export."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A format."""
+    """An export format."""
 
     about: str
-    """What it is, in a few words."""
+    """Short description."""
     writer: str
-    """Function of this room that writes it: from a `StageExport` the content of its files by
-    name. Its module is imported when it is first used.
+    """Function of this package that returns the content of its files by name, from a `StageExport`.
+    Its module is imported on first use.
     """
     in_time: bool = False
-    """Whether it runs in time, by the hysteresis of the stacks."""
+    """Simulated in time, with the hysteresis of the stacks."""
 
 
-#: The formats by name.
+#: Formats by name.
 FORMATS: Mapping[str, ExportFormat] = {
     "diagram": ExportFormat(
         "structural diagram of each axis, SVG", "diagram.svg.export", in_time=True
@@ -65,7 +65,7 @@ _ALL = "all"
 
 
 def read_formats(text: str) -> tuple[str, ...]:
-    """Return the formats of a list, each once, in the order of the list; or ``all`` alone."""
+    """Return the formats of a list without duplicates, in order; or ``all`` alone."""
     names = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
     for name in names:
         if name not in FORMATS and names != (_ALL,):
@@ -78,9 +78,9 @@ def read_formats(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeRequest(DynamicRequest):
-    """A stage that runs in time, with what its stacks and sensors do."""
+    """Options of formats that are simulated in time."""
 
-    heading: ClassVar[str] = "Formats that run in time (diagram, simulink, fmu, mat, c)"
+    heading: ClassVar[str] = "Time-domain formats (diagram, simulink, fmu, mat, c)"
 
     hysteresis: Annotated[tuple[str, ...], Written("usual|none|NAME=FILE")] = ()
     """Hysteresis of the piezo stacks: a Bouc-Wen loop of usual width, none, or the model file of
@@ -94,12 +94,12 @@ class TimeRequest(DynamicRequest):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportRequest(Request):
-    """A stage for other programs."""
+    """Export of a stage for other programs."""
 
     to: Annotated[tuple[str, ...], Written("|".join(FORMATS), read=read_formats, write=",".join)]
-    """Format; several separated by commas; 'all' writes every format that the stage allows."""
+    """Formats separated by commas; 'all' writes every format that is possible for the stage."""
     model: ModelName = "superelement"
-    """The model."""
+    """Model of the stage."""
     plane: Plane = "auto"
     """Plane state of the notches."""
     fmi: Literal["2.0", "3.0", "both"] = "both"
@@ -111,7 +111,7 @@ class ExportRequest(Request):
     kerf: Annotated[Size, Written(bare="m")] | None = None
     """Kerf of wire cutting, such as "0.28 mm"; adds the wire path to the DXF."""
     time: TimeRequest = field(default_factory=TimeRequest)
-    """How it runs in time."""
+    """Options of the simulation."""
 
     def __post_init__(self) -> None:
         super(ExportRequest, self).__post_init__()
@@ -119,63 +119,63 @@ class ExportRequest(Request):
 
     @property
     def fmi_versions(self) -> tuple[Literal["2.0", "3.0"], ...]:
-        """Versions of FMI of the FMU."""
+        """FMI versions of the FMU."""
         return ("2.0", "3.0") if self.fmi == "both" else (self.fmi,)
 
 
 @dataclass(kw_only=True, eq=False)
 class StageExport:
-    """A stage, what is asked of it, and the models that were made for it so far."""
+    """A stage with its export request and the models that the formats share."""
 
     stage: "Stage"
     """The stage."""
     request: ExportRequest
-    """What is asked."""
+    """The request."""
     analyse: "Callable[[ExportRequest], tuple[Analysis, StageModel | None]]"
-    """Analyses it by the model that is asked for; also returns the mesh, where there is one."""
+    """Returns the analysis by the requested model, and its mesh where there is one."""
     remarks: list[str] = field(default_factory=list)
-    """What the user should know about the files that were made."""
+    """Remarks about the files, for the user."""
 
-    def files(self, *, leave_out: bool = False) -> dict[str, dict[str, bytes]]:
-        """Return the content of the files of each format, by its name and theirs.
+    def files(self, *, skip_unsuitable: bool = False) -> dict[str, dict[str, bytes]]:
+        """Return the content of the files by format and name.
 
-        A format that the stage does not allow is refused; or left out with a remark where every
-        format is asked for, or that is wanted. A stage that fits no format is refused.
+        A format that is impossible for the stage is refused; if all formats are requested, or with
+        `skip_unsuitable`, it is skipped with a remark. A stage that suits no format is refused.
         """
         names = self.request.to
         if names == (_ALL,):
-            names, leave_out = tuple(FORMATS), True
-        if not leave_out and any(FORMATS[name].in_time for name in names):
+            names, skip_unsuitable = tuple(FORMATS), True
+        if not skip_unsuitable and any(FORMATS[name].in_time for name in names):
             self.require_hysteresis()
-        made: dict[str, dict[str, bytes]] = {}
-        for done, name in enumerate(names):
-            with subtask(done / len(names), (done + 1) / len(names)):
+        files: dict[str, dict[str, bytes]] = {}
+        for number, name in enumerate(names):
+            with subtask(number / len(names), (number + 1) / len(names)):
                 try:
                     module, _, function = f"{__package__}.{FORMATS[name].writer}".rpartition(".")
-                    made[name] = getattr(import_module(module), function)(self)
+                    files[name] = getattr(import_module(module), function)(self)
                 except (ModelError, StageError) as error:
-                    if not leave_out:
+                    if not skip_unsuitable:
                         raise
-                    self.remarks.append(f"{name} was left out: {error}.")
-        if not made:
+                    self.remarks.append(f"{name} was skipped: {error}.")
+        if not files:
             raise StageError(
-                f"stage '{self.stage.name}' fits none of these formats: {self.remarks[0]}"
+                f"stage '{self.stage.name}' suits none of these formats: {self.remarks[0]}"
             )
-        return made
+        return files
 
     @property
     def name(self) -> str:
-        """Name of the stage, as files can have it."""
+        """Name of the stage, valid for files."""
         return file_name(self.stage.name)
 
     @property
     def analysis(self) -> "Analysis":
-        """The analysis by the chosen model."""
+        """Analysis by the requested model."""
         return self._analysed[0]
 
     @property
     def mesh(self) -> "StageModel | None":
-        """Its mesh, of a model that has one."""
+        """Mesh of the requested model; None without one."""
         return self._analysed[1]
 
     @cached_property
@@ -184,18 +184,18 @@ class StageExport:
 
     @cached_property
     def dynamic(self) -> "DynamicModel":
-        """The stage with its drives, as other programs run it."""
+        """Dynamic model of the stage with its drives, by the requested model."""
         return self._dynamic(self.analysis.system)
 
     @cached_property
     def dynamic_of_bodies(self) -> "DynamicModel":
-        """The same by rigid bodies on hinges, which is what a diagram of blocks shows."""
+        """Dynamic model by rigid bodies on hinges, for block diagrams."""
         from flexstage.lumped import lumped_system
 
         return self._dynamic(lumped_system(self.stage, plane=self.request.plane))
 
     def require_hysteresis(self) -> None:
-        """Refuse a hysteresis that the stacks cannot have, before the mechanics are computed."""
+        """Refuse an invalid hysteresis before the mechanics are computed."""
         from flexstage.hysteresis.stack_models import models_by_drive
 
         models_by_drive(self.stage, self._hysteresis)
@@ -206,41 +206,38 @@ class StageExport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks, and where the models that were made stop being valid, each note once."""
-        found = dict.fromkeys(self.remarks)
-        chosen = self.__dict__.get("dynamic")
-        if chosen is not None:
-            found |= dict.fromkeys(chosen.notes)
+        """Remarks, and limits of validity of the models of this export, without duplicates."""
+        notes = dict.fromkeys(self.remarks)
+        dynamic = self.__dict__.get("dynamic")
+        if dynamic is not None:
+            notes |= dict.fromkeys(dynamic.notes)
         bodies = self.__dict__.get("dynamic_of_bodies")
         if bodies is not None:
-            # another model than the chosen one, perhaps
-            before = "" if chosen is None else "Diagram and Simulink: "
-            found |= {f"{before}{note}": None for note in bodies.notes if note not in found}
-        return tuple(found)
+            # possibly not the requested model
+            before = "" if dynamic is None else "Diagram and Simulink: "
+            notes |= {f"{before}{note}": None for note in bodies.notes if note not in notes}
+        return tuple(notes)
 
     def _dynamic(self, system: "MechanicalSystem") -> "DynamicModel":
         from flexstage.hysteresis import LogCreep, Sensor, dynamic_model
 
-        asked = self.request.time
+        request = self.request.time
         sensors = {}
-        if asked.sensor_bandwidth is not None:
-            sensor = Sensor(bandwidth_hz=asked.sensor_bandwidth)
+        if request.sensor_bandwidth is not None:
+            sensor = Sensor(bandwidth_hz=request.sensor_bandwidth)
             sensors = {p.name: sensor for p in system.probes}
         return dynamic_model(
             self.stage,
             system,
-            asked,
+            request,
             hysteresis=self._hysteresis,
-            creep=None if asked.creep is None else LogCreep(rate_per_decade=asked.creep),
+            creep=None if request.creep is None else LogCreep(rate_per_decade=request.creep),
             sensors=sensors,
         )
 
 
 def read_hysteresis(texts: tuple[str, ...]) -> "HysteresisByDrive":
-    """Return the identified model of each drive, of texts ``NAME=FILE``; none is the usual one.
-
-    A text may be ``usual`` or ``none`` alone, which is returned.
-    """
+    """Return the identified models of texts ``NAME=FILE``, or ``usual`` (default) or ``none``."""
     from flexstage.hysteresis.model_file import read_model_file
 
     if texts in ((), ("usual",), ("none",)):
@@ -250,18 +247,18 @@ def read_hysteresis(texts: tuple[str, ...]) -> "HysteresisByDrive":
         name, sign, path = text.partition("=")
         if not (name and sign and path):
             raise ModelError(
-                f"--hysteresis is usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
+                f"--hysteresis must be usual, none, or NAME=FILE for each drive, got '{text[:80]}'"
             )
         if name in models:
-            raise ModelError(f"--hysteresis gives a model for '{name}' twice: give it once")
+            raise ModelError(f"--hysteresis has two models for '{name}': give one")
         models[name] = read_model_file(Path(path)).model
     return models
 
 
-def in_folders(made: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
-    """Return the files of formats by their names; several formats get a folder each."""
+def in_folders(formats: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
+    """Return the files by name; with several formats, in a folder for each."""
     return {
-        file if len(made) == 1 else f"{name}/{file}": content
-        for name, contents in made.items()
+        file if len(formats) == 1 else f"{name}/{file}": content
+        for name, contents in formats.items()
         for file, content in contents.items()
     }

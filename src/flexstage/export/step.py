@@ -1,4 +1,4 @@
-"""The plate of a stage as a solid in a STEP file, for CAD, CAM and other finite elements."""
+"""STEP file of the plate of a stage as a solid, for CAD, CAM and other finite elements."""
 
 import re
 import tempfile
@@ -17,27 +17,26 @@ if TYPE_CHECKING:
     from netgen.occ import TopoDS_Shape
 
 _SAME_SIZE = 1e-9  # relative, of an area before and after faces are joined
-_ON_FACE = 1e-5  # a point lies on a face [mm]
+_ON_FACE = 1e-5  # tolerance of a point on a face [mm]
 _TIME = "1970-01-01T00:00:00"  # of every file
 
 
 def step_files(stage: Stage) -> dict[str, bytes]:
     """Return the plate of a stage as a STEP file.
 
-    Bodies and notches are one solid without seams between them. Arcs are cylinders and straight
-    edges planes, exactly; the two sides of each neck are faces named after the hinge.
+    Bodies and notches are one solid without seams. Arcs are exact cylinders and straight edges
+    planes; the two sides of each neck are faces named after the hinge.
 
-    ``NAME.step`` is ISO 10303-21 text, application protocol 214, in millimetres. The plate lies
-    from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every other file
-    that flexstage writes. The time in its header is the same for every file, so that the same stage
-    gives the same bytes.
+    ``NAME.step`` is ISO 10303-21 text, application protocol 214, in millimetres. The plate extends
+    from z = -thickness/2 to thickness/2, so that z = 0 is its middle plane, as in every file of
+    flexstage. The time in its header is constant, so that the same stage gives the same bytes.
 
     Notes
     -----
-    Validity: the nominal shape, without the radius of the wire and without tolerances; coordinates
-    have 13 digits. Profiles that are no arcs and lines, such as ellipses, are arcs with common
-    tangents within 10 nm. Masses mounted on bodies are left out. A body that no hinge joins to the
-    others is a solid of its own.
+    Validity: the nominal shape, without wire radius and tolerances; coordinates have 13 digits.
+    Other profiles than arcs and lines, such as ellipses, are arcs with common tangents within
+    10 nm. Masses mounted on bodies are not included. A body without a hinge to the others is a
+    separate solid.
 
     Examples
     --------
@@ -46,11 +45,11 @@ def step_files(stage: Stage) -> dict[str, bytes]:
     >>> files["parallelogram.step"].count(b"= CYLINDRICAL_SURFACE(")
     10
     """
-    # numbers stand for the names until the text is written: the kernel breaks long lines, within a
-    # letter of several bytes as well
+    # numbers replace names until the text is complete: the kernel breaks long lines, even within
+    # a multi-byte character
     names: list[str] = []
     text = _written(_solids(stage, names))
-    text = re.sub(r"'flexstage(\d+)name'", lambda found: _quoted(names[int(found[1])]), text)
+    text = re.sub(r"'flexstage(\d+)name'", lambda match: _quoted(names[int(match[1])]), text)
     return {f"{file_name(stage.name)}.step": _headed(text, stage).encode("ascii")}
 
 
@@ -58,7 +57,7 @@ def step_files(stage: Stage) -> dict[str, bytes]:
 
 
 def _solids(stage: Stage, names: list[str]) -> "list[TopoDS_Shape]":
-    """Return the solids; the names of solids and faces are added to a list."""
+    """Return the solids, and append the names of solids and faces to a list."""
     from netgen.occ import Fuse, Z
 
     from flexstage.elasticity.shapes import METRE
@@ -69,25 +68,24 @@ def _solids(stage: Stage, names: list[str]) -> "list[TopoDS_Shape]":
         shape, area = _face(body.name, outline, (*holes, *body.mounting_holes))
         parts.append(shape)
         total += area
-    whole = Fuse(parts) if len(parts) > 1 else parts[0]
-    # without the seams between them, and without corners in a straight edge
-    joined = whole.UnifySameDomain(unifyEdges=True, unifyFaces=True, concatBSplines=False)
+    fused = Fuse(parts) if len(parts) > 1 else parts[0]
+    # remove seams, and vertices within straight edges
+    joined = fused.UnifySameDomain(unifyEdges=True, unifyFaces=True, concatBSplines=False)
     faces = list(joined.faces)
     area = sum(f.mass for f in faces) / METRE**2
     if abs(area - total) > _SAME_SIZE * total:
         raise StageError(
             f"bodies or notches of stage '{stage.name}' overlap: together they cover "
-            f"{area * 1e6:.6g} mm^2 instead of {total * 1e6:.6g} mm^2; see what 'flexstage check' "
-            "says"
+            f"{area * 1e6:.6g} mm^2 instead of {total * 1e6:.6g} mm^2; run 'flexstage check'"
         )
-    found = []
+    solids = []
     for number, plane in enumerate(faces, start=1):
         half = 0.5 * stage.thickness * METRE
         solid = plane.Move((0.0, 0.0, -half)).Extrude(2.0 * half, Z).solids[0]
         solid.name = _token(names, stage.name if len(faces) == 1 else f"{stage.name} {number}")
-        found.append(solid)
-    _name_necks(stage.hinges, [f for s in found for f in s.faces], names)
-    return found
+        solids.append(solid)
+    _name_necks(stage.hinges, [f for s in solids for f in s.faces], names)
+    return solids
 
 
 def _face(body: str, outline: Loop, holes: Iterable[Loop | Circle]) -> "tuple[TopoDS_Shape, float]":
@@ -101,14 +99,14 @@ def _face(body: str, outline: Loop, holes: Iterable[Loop | Circle]) -> "tuple[To
         area -= loop.integrals().area
     if len(shape.faces) != 1:
         raise StageError(
-            f"body '{body}' is in {len(shape.faces)} pieces once its holes are cut: see what "
-            "'flexstage check' says about it"
+            f"body '{body}' is in {len(shape.faces)} pieces after its holes are cut: run "
+            "'flexstage check' for details"
         )
     return shape.faces[0], area
 
 
 def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]", names: list[str]) -> None:
-    """Name the faces on both sides of each neck, which other programs load and refine."""
+    """Name the faces on both sides of each neck, for loads and mesh refinement elsewhere."""
     from netgen.occ import Pnt, Vertex
 
     from flexstage.elasticity.shapes import METRE
@@ -129,7 +127,7 @@ def _name_necks(hinges: Iterable[Hinge], faces: "list[TopoDS_Shape]", names: lis
 
 
 def _token(names: list[str], name: str) -> str:
-    """Put a name down, and return what stands for it in the text of the kernel."""
+    """Append a name, and return its placeholder in the text of the kernel."""
     names.append(name)
     return f"flexstage{len(names) - 1}name"
 
@@ -148,19 +146,19 @@ def _written(solids: "list[TopoDS_Shape]") -> str:
 
 
 def _headed(text: str, stage: Stage) -> str:
-    """Put a header and product names of our own in place of those of the geometry kernel."""
+    """Replace header and product names of the geometry kernel."""
     begin = text.index("DATA;")
-    said = (
+    description = (
         f"plate of the flexure stage {stage.name}, {stage.thickness * 1e3:.10g} mm thick, "
         f"{stage.material.name}; millimetres; z = 0 is the middle plane"
     )
     name, title = _quoted(stage.name), _quoted(stage.title or stage.name)
-    ours = _quoted(f"flexstage {__version__}")
+    program = _quoted(f"flexstage {__version__}")
     header = (
         "ISO-10303-21;\nHEADER;\n"
-        f"FILE_DESCRIPTION((\n{_quoted(said)}),\n'2;1');\n"
+        f"FILE_DESCRIPTION((\n{_quoted(description)}),\n'2;1');\n"
         f"FILE_NAME({_quoted(file_name(stage.name) + '.step')},{_quoted(_TIME)},\n"
-        f"(''),(''),'Open CASCADE',{ours},'');\n"
+        f"(''),(''),'Open CASCADE',{program},'');\n"
         "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\n"
     )
     data = re.sub(
@@ -173,20 +171,20 @@ def _headed(text: str, stage: Stage) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Write a text as ISO 10303-21 does: quotes and backslashes twice, no control characters."""
+    """Return a string of ISO 10303-21: quotes and backslashes doubled, no control characters."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return _ascii("'" + plain.replace("\\", "\\\\").replace("'", "''") + "'")
 
 
 def _ascii(text: str) -> str:
-    r"""Write characters outside ASCII as \X2\....\X0\, in the hexadecimal digits of UTF-16."""
+    r"""Return a text with characters outside ASCII as \X2\....\X0\, hexadecimal UTF-16."""
     return re.sub(
         r"[^\x00-\x7f]+",
-        lambda found: f"\\X2\\{found.group().encode('utf-16-be').hex().upper()}\\X0\\",
+        lambda match: f"\\X2\\{match.group().encode('utf-16-be').hex().upper()}\\X0\\",
         text,
     )
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return step_files(given.stage)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return step_files(stage_export.stage)

@@ -1,16 +1,16 @@
-"""Drawings as SVG: elements, words and how much room they take, and the whole file."""
+"""SVG drawings: elements, text and its width, and the complete file."""
 
 from collections.abc import Iterable
 from html import escape
 from typing import Any
 
-# Widths of letters over their size, for the wider of the usual sans-serif fonts.
+# Widths of letters over their size, for wide sans-serif fonts.
 _NARROW, _WIDE = frozenset("iljtfrI.,:;'|!()[]/ -"), frozenset("mwMW%@Σ×→")
 _OF_NARROW, _OF_WIDE, _OF_DIGIT, _OF_OTHER = 0.42, 1.0, 0.65, 0.72
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return a number to some decimals, without zeros at its end.
+    """Return a number to some decimals, without trailing zeros.
 
     Examples
     --------
@@ -21,23 +21,23 @@ def number(value: float, digits: int = 4) -> str:
     return "0" if text == "-0" else text
 
 
-def element(tag: str, content: str = "", **given: Any) -> str:
-    """Return an element; underscores of names become hyphens, what is None is left out.
+def element(tag: str, content: str = "", **attributes: Any) -> str:
+    """Return an element; underscores in names become hyphens, None is omitted.
 
     Examples
     --------
     >>> element("line", x1=1.50, stroke_width=2, fill=None)
     '<line x1="1.5" stroke-width="2"/>'
     """
-    shown = "".join(
-        f' {name.replace("_", "-")}="{escape(_shown(value))}"'
-        for name, value in given.items()
+    text = "".join(
+        f' {name.replace("_", "-")}="{escape(_attribute_text(value))}"'
+        for name, value in attributes.items()
         if value is not None
     )
-    return f"<{tag}{shown}>{content}</{tag}>" if content else f"<{tag}{shown}/>"
+    return f"<{tag}{text}>{content}</{tag}>" if content else f"<{tag}{text}/>"
 
 
-def _shown(value: object) -> str:
+def _attribute_text(value: object) -> str:
     return number(value) if isinstance(value, float) else str(value)
 
 
@@ -46,14 +46,14 @@ def moved(content: str, x: float, y: float) -> str:
     return element("g", content, transform=f"translate({number(x)} {number(y)})")
 
 
-def path(points: Iterable[tuple[float, float]], *, closed: bool = False, **given: Any) -> str:
+def path(points: Iterable[tuple[float, float]], *, closed: bool = False, **attributes: Any) -> str:
     """Return a line through points."""
     d = "M" + "L".join(f"{number(x)} {number(y)}" for x, y in points)
-    return element("path", d=d + ("Z" if closed else ""), **given)
+    return element("path", d=d + ("Z" if closed else ""), **attributes)
 
 
 def text_width(text: str, size: float) -> float:
-    """Return about how wide a line of text is, in the unit of the size, rather too much.
+    """Return an upper estimate of the width of a line of text, in the unit of its size.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def _width(letter: str) -> float:
 
 
 def wrapped(text: str, width: float, size: float, *, break_words: bool = False) -> list[str]:
-    """Break a text into lines; a word wider than a line stands alone, or is broken.
+    """Break a text into lines; a word wider than a line is alone on it, or is broken.
 
     Examples
     --------
@@ -84,20 +84,20 @@ def wrapped(text: str, width: float, size: float, *, break_words: bool = False) 
     lines: list[str] = []
     line = ""
     for word in text.split():
-        rest = word
-        while rest:
-            trial = f"{line} {rest}".strip()
+        remaining = word
+        while remaining:
+            trial = f"{line} {remaining}".strip()
             if text_width(trial, size) <= width or not (line or break_words):
-                line, rest = trial, ""
+                line, remaining = trial, ""
             elif line:
                 lines.append(line)
                 line = ""
             else:
-                keep = len(rest)
-                while keep > 1 and text_width(rest[:keep], size) > width:
+                keep = len(remaining)
+                while keep > 1 and text_width(remaining[:keep], size) > width:
                     keep -= 1
-                lines.append(rest[:keep])
-                rest = rest[keep:]
+                lines.append(remaining[:keep])
+                remaining = remaining[keep:]
     return [*lines, line] if line else lines
 
 
@@ -109,11 +109,11 @@ def document(
     title: str,
     description: str = "",
     unit: str = "",
-    **given: Any,
+    **attributes: Any,
 ) -> bytes:
-    """Return a drawing on white ground; a unit says how large one of its lengths is on paper.
+    """Return a drawing on a white background; the unit is that of its lengths on paper.
 
-    Nothing from outside (fonts, scripts) is needed.
+    It needs no external fonts or scripts.
     """
     w, h = number(width), number(height)
     body = [
@@ -130,6 +130,6 @@ def document(
         height=h + unit,
         viewBox=f"0 0 {w} {h}",
         font_family="Liberation Sans, Arial, Helvetica, sans-serif",
-        **given,
+        **attributes,
     )
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{root}\n'.encode()

@@ -11,16 +11,16 @@ from flexstage.quantities.comparison import compare
 
 
 def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict[str, bytes]:
-    """Return characteristics as tables with commas between, for spreadsheets and scripts.
+    """Return characteristics as CSV tables, for spreadsheets and scripts.
 
-    ``NAME-values.csv``: one line for each value, SI, all digits, with unit, standard uncertainty,
-    origin and note. ``NAME-comparison.csv``: the same with a column for each origin.
+    ``NAME-values.csv``: one line for each value in SI units, with all digits, unit, standard
+    uncertainty, origin and note. ``NAME-comparison.csv``: a column for each origin.
 
-    Rows are of any origin: what was published of a stage, what models say, what was measured.
+    Rows may be published, modelled or measured.
 
     Notes
     -----
-    Validity: notes are written as they are: a spreadsheet may take one that begins with ``=`` for a
+    Validity: notes are not changed; a spreadsheet may read one that begins with ``=`` as a
     formula.
 
     Examples
@@ -42,7 +42,7 @@ def table_files(characteristics: Iterable[Characteristic], *, name: str) -> dict
 
 
 def _csv(columns: dict[str, list[object]]) -> bytes:
-    """Write columns with all the digits that give back the same bits."""
+    """Return columns as CSV with the digits that restore the same bits."""
     rows = (
         ["" if v is None else repr(float(v)) if isinstance(v, float) else v for v in line]
         for line in zip(*columns.values(), strict=True)
@@ -50,12 +50,12 @@ def _csv(columns: dict[str, list[object]]) -> bytes:
     return csv_text([columns, *rows], "\r\n").encode()
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the characteristics beside what was published."""
-    figures = (*given.stage.published, *given.analysis.characteristics)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format, with published values."""
+    figures = (*stage_export.stage.published, *stage_export.analysis.characteristics)
     if not figures:
         raise StageError(
-            f"stage '{given.stage.name}' has no axis and so no characteristics: name a drive "
-            "and a probe under 'axes' in the stage file"
+            f"stage '{stage_export.stage.name}' has no axis and so no characteristics: name a "
+            "drive and a probe under 'axes' in the stage file"
         )
-    return table_files(figures, name=given.name)
+    return table_files(figures, name=stage_export.name)

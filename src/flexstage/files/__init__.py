@@ -1,1 +1,1 @@
-"""Reading and writing files: text to descriptions and back, each file whole or not at all."""
+"""Reading and writing files: descriptions as text, atomic writing, cache of results."""

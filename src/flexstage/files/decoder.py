@@ -1,4 +1,4 @@
-"""Turns the nodes of a file into descriptions, as the types of the fields say."""
+"""Decoding: from the nodes of a file to descriptions, by the types of the fields."""
 
 import collections.abc
 import math
@@ -42,11 +42,11 @@ from flexstage.files.nodes import (
 )
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, read_parameters
-from flexstage.files.ranges import range_of, wanted, written_as
+from flexstage.files.ranges import fault_of, range_of, written_as
 from flexstage.quantities.units import DIMENSIONS, Dimension, parse, readable
 from flexstage.quantities.units.text import point_hint
 
-#: What the entries of a list are called.
+#: Nouns for the entries of a list.
 _ENTRIES = {str: "texts", float: "numbers", int: "whole numbers"}
 
 
@@ -55,15 +55,15 @@ class Decoder:
     """Builds descriptions from the nodes of one file."""
 
     source: str
-    """What to call the file in messages."""
+    """Name of the file in messages."""
     format: Format
     """The kind of file."""
     length_unit: str | None = None
-    """The unit of lengths that are bare numbers."""
+    """Unit of lengths that are bare numbers."""
     settings: Mapping = field(default_factory=lambda: Mapping(None))
-    """What is given in place of values of the file; what has been used is taken out."""
+    """Values that replace those of the file; each is removed when it has been used."""
     parameters: dict[str, FileParameter] = field(default_factory=dict)
-    """The parameters of the file, which its expressions can name."""
+    """Parameters of the file, for its expressions."""
 
     def refuse(
         self,
@@ -74,7 +74,7 @@ class Decoder:
         *,
         ending: str | None = None,
     ) -> NoReturn:
-        """Raise the error of a place in the file; `ending` instead of that of the format."""
+        """Raise an error at a place in the file, with an ending instead of that of the format."""
         line = "" if node.line is None else f", line {node.line}"
         where = f", {path}" if path else ""
         end = self.format.ending if ending is None else ending
@@ -82,16 +82,16 @@ class Decoder:
         raise kind(f"{self.source}{line}{where}: {message}{end}")
 
     def refuse_again(self, node: Node, path: str, error: FlexstageError) -> NoReturn:
-        """Raise an error of what was built there, with the place in front of it."""
+        """Raise the error of a description again, with its place in the file."""
         if str(error).startswith((f"{self.source}, ", f"{self.source}: ")):
             raise error
         self.refuse(node, path, str(error), type(error))
 
     def decode(self, kind: Any, node: Node, path: str, base: Any = None) -> Any:
-        """Read a value of a type.
+        """Return the value of a type from a node.
 
-        `kind` is the annotation of a field, or a description; `path` of keys is for messages. What
-        a mapping does not give is taken from `base`, where there is one.
+        `kind` is the annotation of a field, or a description; `path` of keys is for messages. A
+        field that is missing in a mapping has its value in `base`, where there is one.
         """
         if kind in self.format.forms:
             return self.format.forms[kind].read(self, node, path, base)
@@ -126,31 +126,33 @@ class Decoder:
 
     def _annotated(self, kind: Any, node: Node, path: str, base: Any) -> Any:
         bare, quantity, bounds = typing.get_args(kind)[0], dimension_of(kind), range_of(kind)
-        if (spelled := written_as(kind)) is not None and spelled.read is not None:
-            value = self._spelled(spelled.read, node, path)
-            if said := wanted(kind, value):
-                self.refuse(node, path, f"expected a value that is {said}, got {self.shown(node)}")
+        if (written := written_as(kind)) is not None and written.read is not None:
+            value = self._spelled(written.read, node, path)
+            if fault := fault_of(kind, value):
+                self.refuse(
+                    node, path, f"expected a value that is {fault}, got {self.describe(node)}"
+                )
             return value
         if quantity is not None:
             value = self._quantities(*quantity, node, path)
         elif bare is int and bounds is not None:
-            value = self._int(node, path, what := bounds[0].text(whole=True))
+            value = self._int(node, path, expected := bounds[0].text(integer=True))
             if not bounds[0].holds(value):
-                self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
+                self.refuse(node, path, f"expected {expected}, got {self.describe(node)}")
         elif bare is float and bounds and bounds[0].is_share and _percent(node) is not None:
             value = _percent(node)
         else:
             value = self.decode(bare, node, path, base)
-        if said := wanted(kind, value):
+        if fault := fault_of(kind, value):
             noun, unit = (
                 ("a number", "") if quantity is None else (quantity[0].noun, quantity[0].si)
             )
-            what = f"{noun} {said} {unit}".rstrip() if bounds is not None else said
-            self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
+            expected = f"{noun} {fault} {unit}".rstrip() if bounds is not None else fault
+            self.refuse(node, path, f"expected {expected}, got {self.describe(node)}")
         return value
 
     def _spelled(self, read: Callable[[str], Any], node: Node, path: str) -> Any:
-        """Read a value that has a text of its own."""
+        """Return a value whose type has its own text form."""
         text = self.text(node, path)
         try:
             return read(text)
@@ -162,27 +164,27 @@ class Decoder:
         kind: type,
         node: Mapping,
         path: str,
-        given: collections.abc.Mapping[str, Any] | None = None,
+        fixed: collections.abc.Mapping[str, Any] | None = None,
         *,
         base: Any = None,
         also: Collection[str] = (),
     ) -> Any:
-        """Read a description from a mapping.
+        """Return a description from a mapping.
 
-        The fields `given` come from elsewhere, those of `base` where neither gives them; the keys
-        `also` are read elsewhere.
+        The fields `fixed` are not read; missing fields have their value in `base`; the keys `also`
+        are read elsewhere.
         """
-        values: dict[str, Any] = dict(given or {})
+        values: dict[str, Any] = dict(fixed or {})
         types = field_types(kind)
         described = {k: v for k, v in types.items() if k not in values}
         read_here = [k for k in types if k in described or k in also]
         self.check_keys(node, path, [*(k for k in also if k not in types), *read_here])
         for name, (declared, annotation) in described.items():
-            held = getattr(base, name) if isinstance(base, kind) else None
+            default = getattr(base, name) if isinstance(base, kind) else None
             if name in node.items:
-                values[name] = self.decode(annotation, node.items[name], _join(path, name), held)
+                values[name] = self.decode(annotation, node.items[name], _join(path, name), default)
             elif isinstance(base, kind):
-                values[name] = held
+                values[name] = default
             elif required(declared):
                 example = f" ({hint})" if (hint := _hint(annotation)) else ""
                 self.refuse(node, path, f"'{name}' is missing{example}")
@@ -192,23 +194,20 @@ class Decoder:
             self.refuse_again(node, path, type(error)(f"{error}{self._expressions(node, error)}"))
 
     def _expressions(self, node: Mapping, error: FlexstageError) -> str:
-        """Say what the expressions are that an error of a description is about."""
-        found = {key: item for key, item in node.items.items() if self._is_expression(item)}
-        named = [(key, item) for key, item in found.items() if key in str(error)]
-        told = [f"{key} is {self.shown(item)}" for key, item in named[:3]]
-        return f"; {', '.join(told)}" if told else ""
+        """Return the expressions to which an error of a description refers."""
+        expressions = {key: item for key, item in node.items.items() if self._is_expression(item)}
+        relevant = [(key, item) for key, item in expressions.items() if key in str(error)]
+        texts = [f"{key} is {self.describe(item)}" for key, item in relevant[:3]]
+        return f"; {', '.join(texts)}" if texts else ""
 
     def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
-        """Refuse keys that mean nothing.
-
-        The nearest known one is named.
-        """
+        """Refuse unknown keys, with the nearest known one."""
         for key, value in node.items.items():
             if key not in known and not self.format.later:
                 hint = did_you_mean(key, known, 0.5)
                 # {thickness: 0,5 mm} has two entries
                 if key[:1].isdigit() and isinstance(value, Scalar) and value.value is None:
-                    hint = "; of a number, write the decimal sign as a point"
+                    hint = "; the decimal sign of a number must be a point"
                 place = Scalar(node.key_lines.get(key, value.line), key, key)
                 self.refuse(
                     place, path, f"unknown key '{key[:60]}' (known: {', '.join(known)}){hint}"
@@ -217,7 +216,7 @@ class Decoder:
     def member(
         self, family: collections.abc.Mapping[str, type], node: Mapping, path: str, key: str
     ) -> type:
-        """Return the class that the kind of a mapping names."""
+        """Return the class by the kind that a mapping names."""
         if key not in node.items:
             self.refuse(node, path, f"'{key}' is missing (one of {', '.join(sorted(family))})")
         place, words = node.items[key], sorted(family)
@@ -233,18 +232,20 @@ class Decoder:
         self, family: collections.abc.Mapping[str, type], node: Node, path: str, base: Any
     ) -> Any:
         entry = self.mapping(node, path)
-        given = None if type(base) not in family.values() or "kind" in entry.items else type(base)
-        kind = given or self.member(family, entry, path, "kind")
+        base_kind = (
+            None if type(base) not in family.values() or "kind" in entry.items else type(base)
+        )
+        kind = base_kind or self.member(family, entry, path, "kind")
         return self.build(kind, entry, path, base=base, also=["kind"])
 
     def mapping(self, node: Node, path: str) -> Mapping:
-        """Refuse what is no mapping."""
+        """Return a mapping; refuse any other node."""
         if not isinstance(node, Mapping):
             self.refuse(node, path, f"expected a mapping of names to values, got {show(node)}")
         return node
 
     def items(self, node: Node, path: str, length: int | None, what: str) -> list[Node]:
-        """Return the entries of a list, of which there must be `length` where it is given."""
+        """Return the entries of a list, which must have the length if one is given."""
         if not isinstance(node, Sequence):
             self.refuse(node, path, f"expected a list of {what}, got {show(node)}")
         if length is not None and len(node.items) != length:
@@ -281,7 +282,7 @@ class Decoder:
         return self.build(kind, entry, path, {"name": name}, also=["kind"])
 
     def choice(self, among: Collection[str], node: Node, path: str) -> str:
-        """Read one of some words."""
+        """Return one of the words of a choice."""
         word = node.text if isinstance(node, Scalar) else ""
         if word not in among:
             hint = did_you_mean(word, among, 0.5)
@@ -290,9 +291,9 @@ class Decoder:
         return word
 
     def text(self, node: Node, path: str) -> str:
-        """Read a text; one that looks like a number is taken as it is written, if not `exact`."""
-        given = node.value if isinstance(node, Scalar) else None
-        if given is None or (self.format.exact and not isinstance(given, str)):
+        """Return a text; a number counts as text, as it is written, unless the format is exact."""
+        value = node.value if isinstance(node, Scalar) else None
+        if value is None or (self.format.exact and not isinstance(value, str)):
             self.refuse(node, path, f"expected a text, got {show(node)}")
         return typing.cast("Scalar", node).text
 
@@ -301,22 +302,22 @@ class Decoder:
             self.refuse(node, path, f"expected true or false, got {show(node)}")
         return node.value
 
-    def shown(self, node: Node) -> str:
-        """Say what stands at a place; of an expression also its value, and where its names are."""
-        said = show(node)
+    def describe(self, node: Node) -> str:
+        """Return a node in words; an expression with its value and the lines of its names."""
+        text = show(node)
         if not isinstance(node, Scalar) or not self._is_expression(node):
-            return said
+            return text
         amount = self.amount(node, "")
         name = dimension_named(amount.powers)
         unit = DIMENSIONS[name].si if name else ""
-        told = f", which is {readable(unit, float(amount.value), digits=6)}"
-        return said + (told if name is not None else f", {amount.noun}") + self._origins(node)
+        value = f", which is {readable(unit, float(amount.value), digits=6)}"
+        return text + (value if name is not None else f", {amount.noun}") + self._origins(node)
 
     def _is_expression(self, node: Node) -> bool:
         return self.format.parameters and isinstance(node, Scalar) and is_expression(node.value)
 
     def amount(self, node: Scalar, path: str) -> Amount:
-        """Evaluate an expression."""
+        """Return the value of an expression."""
         try:
             parsed = parse_expression(node.text)
             require_names(parsed, self.parameters)
@@ -325,31 +326,31 @@ class Decoder:
             self.refuse(node, path, f"{error}{self._origins(node)}", UnitError)
 
     def _origins(self, node: Scalar) -> str:
-        """Say where the parameters of an expression stand."""
+        """Return the lines of the parameters of an expression, in words."""
         try:
             names = sorted(parse_expression(node.text).names & self.parameters.keys())
         except UnitError:
             return ""
         lines = {name: self.parameters[name].line for name in names}
-        told = [
+        texts = [
             f"{n} is {'set' if line is None else f'on line {line}'}" for n, line in lines.items()
         ]
-        return f" ({', '.join(told)})" if told else ""
+        return f" ({', '.join(texts)})" if texts else ""
 
     def _value(self, node: Node, path: str, dimension: str, what: str) -> Fraction | None:
-        """Return the value of an expression [SI], which must be `what`; None for what is none."""
+        """Return the value of an expression [SI], which must be `what`; None for any other node."""
         if not isinstance(node, Scalar) or not self._is_expression(node):
             return None
         amount = self.amount(node, path)
         if amount.powers != powers_of(dimension):
-            said = f"expected {what}, got {show(node)}, which is {amount.noun}"
-            self.refuse(node, path, f"{said}{self._origins(node)}", UnitError)
+            message = f"expected {what}, got {show(node)}, which is {amount.noun}"
+            self.refuse(node, path, f"{message}{self._origins(node)}", UnitError)
         return amount.value
 
     def number(self, node: Node, path: str) -> float:
-        """Read a number without a unit."""
-        if (made := self._value(node, path, "", "a number without a unit")) is not None:
-            return float(made)
+        """Return a number without a unit."""
+        if (amount := self._value(node, path, "", "a number without a unit")) is not None:
+            return float(amount)
         value = node.value if isinstance(node, Scalar) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(node, path, f"expected a number without a unit, got {show(node)}")
@@ -362,23 +363,23 @@ class Decoder:
         return number
 
     def _int(self, node: Node, path: str, what: str = "a whole number") -> int:
-        if (made := self._value(node, path, "", what)) is not None:
-            if made.denominator != 1:
-                self.refuse(node, path, f"expected {what}, got {self.shown(node)}")
-            return int(made)
+        if (amount := self._value(node, path, "", what)) is not None:
+            if amount.denominator != 1:
+                self.refuse(node, path, f"expected {what}, got {self.describe(node)}")
+            return int(amount)
         value = node.value if isinstance(node, Scalar) else None
-        # 3.0 and 1e3 are whole numbers, however people write them
-        whole = isinstance(value, float) and value.is_integer() and not self.format.exact
-        whole = whole or isinstance(value, int)
-        if isinstance(value, bool) or not whole:
+        # 3.0 and 1e3 are whole numbers too
+        integral = isinstance(value, float) and value.is_integer() and not self.format.exact
+        integral = integral or isinstance(value, int)
+        if isinstance(value, bool) or not integral:
             self.refuse(node, path, f"expected {what}, got {show(node)}")
         return int(typing.cast("float", value))
 
     def quantity(self, dimension: Dimension, node: Node, path: str) -> float:
-        """Read any quantity, in its SI unit."""
-        made = self._value(node, path, dimension.name, f"{dimension.noun}")
-        if made is not None:
-            return float(made)
+        """Return a quantity in its SI unit."""
+        amount = self._value(node, path, dimension.name, f"{dimension.noun}")
+        if amount is not None:
+            return float(amount)
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             self.refuse(
                 node,
@@ -390,9 +391,9 @@ class Decoder:
         try:
             value = parse(node.text, dimension.name, bare_unit=unit)
         except FlexstageError as error:
-            advised = self.format.length_unit and is_length and unit is None
-            # what is set from outside has no file
-            bare = advised and isinstance(node.value, (int, float)) and node.line is not None
+            unit_missing = self.format.length_unit and is_length and unit is None
+            # a value that is set from outside has no line
+            bare = unit_missing and isinstance(node.value, (int, float)) and node.line is not None
             extra = ", or put 'length_unit: mm' at the top of the file" if bare else ""
             self.refuse(node, path, f"{error}{extra}", type(error))
         return value
@@ -400,15 +401,15 @@ class Decoder:
     def own_quantity(
         self, dimension: Dimension, node: Node, path: str, *, coordinate: bool = True
     ) -> float:
-        """Read a quantity of what is described, whose lengths have their bounds."""
+        """Return a quantity of the described object, whose lengths have limits."""
         value = self.quantity(dimension, node, path)
         noun, longest, shortest = self.format.noun, self.format.longest, self.format.shortest
         if dimension.name == "length" and abs(value) > longest:
-            said = f"{self.shown(node)} is longer than {longest:g} m, the most in a {noun}"
-            self.refuse(node, path, said)
+            message = f"{self.describe(node)} is longer than {longest:g} m, the limit in a {noun}"
+            self.refuse(node, path, message)
         if dimension.name == "length" and not coordinate and 0.0 < abs(value) < shortest:
-            said = f"{self.shown(node)} is shorter than {shortest:g} m, the least in a {noun}"
-            self.refuse(node, path, said)
+            message = f"{self.describe(node)} is shorter than {shortest:g} m, the limit in a {noun}"
+            self.refuse(node, path, message)
         return value
 
     def _quantities(self, dimension: Dimension, count: int, node: Node, path: str) -> Any:
@@ -420,7 +421,7 @@ class Decoder:
         )
 
     def head(self, root: Node) -> Mapping:
-        """Check how a file begins; return what stands after the key of its version."""
+        """Check the version key of a file; return the mapping without it."""
         key, version = self.format.key, self.format.version
         begins = f"a {self.format.noun} begins with '{self.format.begins or f'{key}: {version}'}'"
         if not isinstance(root, Mapping):
@@ -430,15 +431,17 @@ class Decoder:
         if key not in root.items:
             self.refuse(root, "", f"{begins}, which is missing")
         node = root.items[key]
-        got = node.value if isinstance(node, Scalar) else None
-        if isinstance(got, bool) or not isinstance(got, (int, float)):
+        version_read = node.value if isinstance(node, Scalar) else None
+        if isinstance(version_read, bool) or not isinstance(version_read, (int, float)):
             self.refuse(
                 node, key, f"expected a number, version {version} of the format, got {show(node)}"
             )
-        if got != version:
-            told = f"version {self.number(node, key):g} is not known: this flexstage reads version"
-            ending = "; use a newer flexstage" if got > version else None
-            self.refuse(node, key, f"{told} {version}", ending=ending)
+        if version_read != version:
+            message = (
+                f"version {self.number(node, key):g} is not known: this flexstage reads version"
+            )
+            ending = "; use a newer flexstage" if version_read > version else None
+            self.refuse(node, key, f"{message} {version}", ending=ending)
         rest = {k: v for k, v in root.items.items() if k != key}
         if self.format.length_unit and "length_unit" in rest:
             units = DIMENSIONS["length"].units
@@ -449,16 +452,17 @@ class Decoder:
 
 
 def read_file(path: Path, format: Format) -> tuple[Decoder, Mapping]:
-    """Read a YAML file; return what stands in it after its head, and what decodes it."""
+    """Return the decoder of a YAML file and its content after the version key."""
     return read(read_text(path, format.noun, format.error), str(path), format)
 
 
 def read(
     text: str, source: str, format: Format, settings: Mapping | None = None
 ) -> tuple[Decoder, Mapping]:
-    """Read a text in YAML, which messages call `source`, as `read_file` does.
+    """Return the decoder of a YAML text and its content, like `read_file`.
 
-    `settings` stand in place of its parameters; those of other names stay with the decoder.
+    `source` is its name in messages. `settings` replace its parameters; those of other names remain
+    in the decoder.
     """
     decoder = Decoder(source, format, settings=settings or Mapping(None))
     root = parse_yaml(text, source, format.noun, format.error, finite=format.finite)
@@ -466,14 +470,14 @@ def read(
 
 
 def read_json(kind: Any, text: str | bytes, source: str, format: Format) -> Any:
-    """Read a description of a type from the JSON that a program wrote."""
+    """Return a description of a type from JSON of a program."""
     decoder = Decoder(source, format)
     root = parse_json(text, source, format)
     return decoder.decode(kind, decoder.head(root) if format.key else root, "")
 
 
 def show(node: Node) -> str:
-    """Say what stands at a place."""
+    """Return a node in words."""
     if isinstance(node, Mapping):
         return "a mapping"
     if isinstance(node, Sequence):
@@ -481,14 +485,14 @@ def show(node: Node) -> str:
     if node.value is None:
         return "nothing"
     text = node.text if len(node.text) <= 60 else node.text[:57] + "..."
-    # in data of a program 7 is not '7'
+    # in data from a program 7 is not '7'
     if node.line is None and not isinstance(node.value, str):
         return text
     return repr(text) + point_hint(text)
 
 
 def _percent(node: Node) -> float | None:
-    """Return the share that a text in per cent says; None where it is none."""
+    """Return the share of a text in per cent; None for any other node."""
     text = node.text.strip() if isinstance(node, Scalar) else ""
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else None
@@ -501,7 +505,7 @@ def _join(path: str, name: str) -> str:
 
 
 def _hint(kind: Any) -> str:
-    """Say how a value of a type is written."""
+    """Return an example of a value of a type."""
     if (inner := optional_part(kind)) is not None:
         return _hint(inner) or "null for none"
     if (quantity := dimension_of(kind)) is not None:

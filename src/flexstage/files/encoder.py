@@ -1,4 +1,4 @@
-"""Turns descriptions into the plain data of a file, as the types of the fields say."""
+"""Encoding: from descriptions to the plain data of a file, by the types of the fields."""
 
 import typing
 from dataclasses import MISSING, Field, dataclass
@@ -19,15 +19,15 @@ from flexstage.quantities.units import Dimension, to_text
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """Makes plain data that a `Decoder` of the same format reads back to the same bits.
+    """Encoder of plain data, which a `Decoder` of the same format reads back to the same bits.
 
     Plain data are texts, booleans, `Number`, lists and dicts.
     """
 
     format: Format
-    """The kind of file."""
+    """Kind of file."""
     length_unit: str | None = None
-    """The unit in which lengths of outlines and points are bare numbers."""
+    """Unit in which lengths of outlines and points are bare numbers."""
 
     def encode(self, kind: Any, value: Any) -> Any:
         """Return plain data of a value of a type."""
@@ -43,8 +43,8 @@ class Encoder:
             return to_text(value, dimension.name)
         origin = typing.get_origin(kind)
         if origin is Annotated:
-            if (spelled := written_as(kind)) is not None and spelled.read is not None:
-                return spelled.write(value)
+            if (written := written_as(kind)) is not None and written.read is not None:
+                return written.write(value)
             return self.encode(typing.get_args(kind)[0], value)
         if origin is tuple:
             parts = typing.get_args(kind)
@@ -62,19 +62,19 @@ class Encoder:
         return self.fields(value)
 
     def fields(self, value: Any, skip: str = "") -> dict[str, Any]:
-        """Return plain data of a description; what is as usual is left out."""
+        """Return plain data of a description without fields that have their default."""
         out: dict[str, Any] = {}
         if any(type(value) in family.values() for family in self.format.families.values()):
             out["kind"] = value.kind
         for name, (field, kind) in field_types(type(value)).items():
-            held = getattr(value, name)
-            if name == skip or (not required(field) and same(held, _default(field))):
+            current = getattr(value, name)
+            if name == skip or (not required(field) and same(current, _default(field))):
                 continue
-            out[name] = self.encode(kind, held)
+            out[name] = self.encode(kind, current)
         return out
 
     def coordinate(self, value: float, dimension: Dimension) -> str:
-        """Write a quantity of a point, without a unit where it is in that of the file."""
+        """Return a coordinate as text, without a unit where it has that of the file."""
         if dimension.name == "length" and self.length_unit is not None:
             text = to_text(value, dimension.name, self.length_unit)
             number, _, unit = text.partition(" ")
@@ -82,7 +82,7 @@ class Encoder:
         return to_text(value, dimension.name)
 
     def text(self, value: Any) -> str:
-        """Write the file of a description."""
+        """Return the text of the file of a description."""
         return yaml_text(self.document(value))
 
     def document(self, value: Any) -> dict[str, Any]:
@@ -98,6 +98,6 @@ def _default(field: Field) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Say whether two values are written alike."""
-    # repr tells 0.0 from -0.0, and 1 from True
+    """Return whether two values have the same text."""
+    # repr distinguishes 0.0 from -0.0, and 1 from True
     return a == b and repr(a) == repr(b)

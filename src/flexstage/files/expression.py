@@ -1,10 +1,10 @@
-"""Arithmetic with quantities, as files write it behind an equals sign: ``= 2*R + 0.3 mm``.
+"""Expressions of quantities in files, after an equals sign: ``= 2*R + 0.3 mm``.
 
-A text is cut into numbers, quantities, names and signs first, so that nothing but arithmetic of
-known names reaches the parser; what it then says is computed by `fold` over numbers of any kind.
-In files of a stage they are fractions: sums and products are exact, and a decimal number is rounded
-once, as if the result had been written into the file. The equation of an uncertainty budget has the
-same grammar, over uncertain numbers and arrays.
+A text is divided into numbers, quantities, names and signs first, so that only arithmetic of known
+names reaches the parser. `fold` evaluates its tree over numbers of any kind. In stage files these
+are fractions: sums and products are exact, and a decimal number is rounded once, as if the result
+had been written into the file. The equation of an uncertainty budget has the same grammar, over
+uncertain numbers and arrays.
 """
 
 import ast
@@ -21,7 +21,7 @@ from flexstage.base.choose import did_you_mean
 from flexstage.base.errors import UnitError
 from flexstage.quantities.units import DIMENSIONS, dimensions, exact_quantity
 
-#: Most characters of an expression.
+#: Largest number of characters of an expression.
 LONGEST = 2000
 #: Deepest nesting of an expression.
 DEEPEST = 30
@@ -36,7 +36,7 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-# bits of a fraction from which on it is rounded: sums of fractions of many digits grow
+# a fraction of more bits is rounded: sums of fractions of many digits grow
 _MOST_BITS = 2_000
 _MOST_DIGITS = 60
 _MOST_OPERATIONS = 250
@@ -54,10 +54,10 @@ _BASE_UNITS = {"length": "m", "mass": "kg", "time": "s", "current": "A", "temper
 
 @dataclass(frozen=True, slots=True)
 class Amount:
-    """A value in SI units, and the powers of base quantities that it has.
+    """A value in SI units with the powers of its base quantities.
 
-    An angle is one as long as it is scaled by numbers; times a length it is an arc, and its ratio
-    to another angle is a number.
+    An angle times a number is an angle; an angle times a length is a length (an arc), and the ratio
+    of two angles is a number.
     """
 
     value: Fraction
@@ -67,64 +67,64 @@ class Amount:
 
     @property
     def noun(self) -> str:
-        """What it is, with the article."""
+        """Quantity with an article, such as ``a length``."""
         return noun_of(self.powers)
 
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """The names and functions that expressions of a kind of file have."""
+    """Names and functions of the expressions of a kind of file."""
 
     noun: str
-    """What a name stands for, in messages."""
+    """Noun for a name in messages."""
     made_of: str
-    """What an expression is made of beside operations, in messages."""
+    """Constituents of an expression besides operations, in messages."""
     functions: tuple[str, ...]
     """Names of the functions."""
 
     @property
     def a_noun(self) -> str:
-        """The noun with its article."""
+        """Noun with its article."""
         return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
 
 
-#: What the parameters of a file may be made of.
+#: Grammar of the parameters of a file.
 PARAMETERS = Grammar(
     "parameter",
     "numbers, units and names of parameters",
     ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan2", "hypot", "min", "max", "abs"),
 )
-#: Fewest and most arguments of the functions that do not take one.
+#: Smallest and largest number of arguments, of functions with more than one.
 _ARGUMENTS = {"atan2": (2, 2), "hypot": (2, 100), "min": (2, 100), "max": (2, 100)}
 
 
 @dataclass(frozen=True, slots=True)
 class QuantityExpression:
-    """An expression that can be evaluated."""
+    """A parsed expression."""
 
     text: str
-    """As it is written."""
+    """Text."""
     tree: ast.expr
-    """Its operations."""
+    """Tree of operations."""
     constants: Mapping[str, Amount]
-    """Its numbers and quantities, by their names in the tree."""
+    """Numbers and quantities, by their names in the tree."""
     names: frozenset[str]
-    """The names that it needs."""
+    """Names."""
     units: frozenset[str]
-    """The units of its quantities."""
+    """Units of its quantities."""
 
     def by_name(self, constants: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by the names that they have in the tree."""
+        """Return values by their names in the tree."""
         return {**constants, **{f"p_{name}": values[name] for name in self.names}}
 
     def part(self, node: ast.expr) -> str:
         """Return the text of a part of the tree."""
 
-        def written(word: re.Match[str]) -> str:
+        def original(word: re.Match[str]) -> str:
             constant = self.constants.get(word[0])
             return word[0][2:] if constant is None else f"{float(constant.value):.6g}"
 
-        return re.sub(r"\bp_\w+|\b_\d+\b", written, ast.unparse(node))
+        return re.sub(r"\bp_\w+|\b_\d+\b", original, ast.unparse(node))
 
 
 def powers_of(dimension: str) -> Powers:
@@ -135,7 +135,7 @@ def powers_of(dimension: str) -> Powers:
 
 
 def powers_in(si: str) -> Powers:
-    """Return the powers of base quantities of an SI unit, to which an angle is a number."""
+    """Return the powers of base quantities of an SI unit, where an angle is a number."""
     return tuple(sorted((base.strip("[]"), Fraction(p)) for base, p in dimensions(si).items()))
 
 
@@ -150,7 +150,7 @@ def _named() -> dict[Powers, str]:
 
 
 def noun_of(powers: Powers) -> str:
-    """Say what has such powers, with the article."""
+    """Return the quantity with such powers, with an article."""
     name = dimension_named(powers)
     if name is not None:
         return DIMENSIONS[name].noun if name else "a number"
@@ -161,16 +161,16 @@ def noun_of(powers: Powers) -> str:
 
 
 def is_expression(value: object) -> bool:
-    """Say whether a value of a file is an expression."""
+    """Return whether a value of a file is an expression."""
     return isinstance(value, str) and value.lstrip().startswith("=")
 
 
 def check_name(name: str, grammar: Grammar = PARAMETERS) -> None:
-    """Refuse a name that could not stand in an expression."""
+    """Refuse a name that is not valid in an expression."""
     if not _NAME.fullmatch(name) or len(name) > 80:
         raise UnitError(
-            f"{grammar.a_noun} is called by letters, digits and underscores, from a letter "
-            f"on, such as leg_spacing, got {name[:80]!r}"
+            f"the name of {grammar.a_noun} must begin with a letter and have only letters, digits "
+            f"and underscores, such as leg_spacing, got {name[:80]!r}"
         )
     if name in grammar.functions or name == "pi":
         raise UnitError(
@@ -180,7 +180,7 @@ def check_name(name: str, grammar: Grammar = PARAMETERS) -> None:
 
 
 def amount_of(text: str) -> Amount:
-    """Read a number or a quantity in any unit.
+    """Return a number or a quantity in any unit.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def amount_of(text: str) -> Amount:
 
 @lru_cache(maxsize=1024)
 def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
-    """Read an expression, which begins with an equals sign in files of parameters.
+    """Return a parsed expression; in files of parameters it begins with an equals sign.
 
     Examples
     --------
@@ -203,19 +203,19 @@ def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
     body = text.strip().removeprefix("=")
     if len(body) > LONGEST:
         raise UnitError(
-            f"an expression has at most {LONGEST} characters, got {len(body)}: divide it among "
-            f"{grammar.noun}s"
+            f"an expression may have at most {LONGEST} characters, got {len(body)}: divide it "
+            f"among several {grammar.noun}s"
         )
     constants: dict[str, Amount] = {}
     names: set[str] = set()
     units: set[str] = set()
     words = []
-    at, depth = 0, 0
-    while body[at:].strip():
-        token = _TOKEN.match(body, at)
+    position, depth = 0, 0
+    while body[position:].strip():
+        token = _TOKEN.match(body, position)
         if token is None:
-            _refuse_sign(body[at:].lstrip()[0], text, grammar)
-        at = token.end()
+            _refuse_sign(body[position:].lstrip()[0], text, grammar)
+        position = token.end()
         if token["number"] is not None:
             word = f"_{len(constants)}"
             try:
@@ -226,40 +226,42 @@ def parse(text: str, grammar: Grammar = PARAMETERS) -> QuantityExpression:
                 units.add(token["unit"])
         else:
             word = token["name"] or token["sign"]
-            if token["name"] and not body[at:].lstrip().startswith("("):
+            if token["name"] and not body[position:].lstrip().startswith("("):
                 names |= {word} - {"pi"}
             elif token["name"] and word not in grammar.functions:
                 _refuse_function(word, grammar)
         depth += {"(": 1, ")": -1}.get(word, 0)
         if depth > DEEPEST:
             raise UnitError(
-                f"an expression is nested at most {DEEPEST} deep: {shown(text)} is "
-                f"deeper; divide it among {grammar.noun}s"
+                f"{short_text(text)} is nested more than {DEEPEST} deep: divide it among several "
+                f"{grammar.noun}s"
             )
         words.append(word)
-    if bad := next((n for n in names if not _NAME.fullmatch(n)), None):
-        raise UnitError(f"'{bad[:60]}' is no name of {grammar.a_noun}, which begins with a letter")
+    if invalid := next((n for n in names if not _NAME.fullmatch(n)), None):
+        raise UnitError(
+            f"'{invalid[:60]}' is not the name of {grammar.a_noun}, which begins with a letter"
+        )
     if not words:
-        raise UnitError("an expression is empty: write one such as 2*R")
-    # names that mean something to the parser become some that do not
-    spelled = " ".join(f"p_{word}" if word in names else word for word in words)
+        raise UnitError("the expression is empty: write one such as 2*R")
+    # a prefix hides keywords of Python from the parser
+    body_text = " ".join(f"p_{word}" if word in names else word for word in words)
     try:
-        tree = ast.parse(spelled, mode="eval").body
+        tree = ast.parse(body_text, mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise UnitError(
-            f"{shown(text)} is no arithmetic: write it of + - * / ** and parentheses, with "
-            f"{grammar.made_of}"
+            f"{short_text(text)} is not an arithmetic expression: use + - * / ** and parentheses "
+            f"with {grammar.made_of}"
         ) from None
     _require_arithmetic(tree, grammar, 0)
     return QuantityExpression(text, tree, constants, frozenset(names), frozenset(units))
 
 
 def _require_arithmetic(node: ast.expr, grammar: Grammar, depth: int) -> None:
-    """Refuse a tree that holds anything but operations, names, and functions as they are called."""
+    """Refuse a tree with anything but operations, names, and calls of known functions."""
     if depth > _MOST_OPERATIONS:
         raise UnitError(
-            f"an expression has at most {_MOST_OPERATIONS} operations in a row: divide it among "
-            f"{grammar.noun}s"
+            f"an expression may have at most {_MOST_OPERATIONS} operations in a row: divide it "
+            f"among several {grammar.noun}s"
         )
     match node:
         case ast.Name():
@@ -268,13 +270,14 @@ def _require_arithmetic(node: ast.expr, grammar: Grammar, depth: int) -> None:
             least, most = _ARGUMENTS.get(name, (1, 1))
             if not least <= len(args) <= most:
                 count = f"{least}" if least == most else f"{least} or more"
-                raise UnitError(f"{name} takes {count} values, got {len(args)}")
+                raise UnitError(f"{name} needs {count} values, got {len(args)}")
         case ast.BinOp(op=op) | ast.UnaryOp(op=op) if type(op) in _OPERATIONS:
             pass
         case _:
             listed = ", ".join((*grammar.functions, "pi"))
             raise UnitError(
-                f"an expression is of + - * / **, parentheses, {grammar.made_of}, and {listed}"
+                f"an expression consists of + - * / **, parentheses, {grammar.made_of}, "
+                f"and {listed}"
             )
     for part in _parts(node):
         _require_arithmetic(part, grammar, depth + 1)
@@ -292,7 +295,7 @@ def _parts(node: ast.expr) -> tuple[ast.expr, ...]:
 
 
 def fold(node: ast.expr, step: Callable[..., Any]) -> Any:
-    """Compute a tree from its names up: `step` takes a node and the values of its parts."""
+    """Evaluate a tree from its leaves up: `step` takes a node and the values of its parts."""
     return step(node, *(fold(part, step) for part in _parts(node)))
 
 
@@ -301,7 +304,7 @@ def computing(
     operations: Mapping[type, Callable[..., Any]],
     functions: Mapping[str, Callable[..., Any]],
 ) -> Callable[..., Any]:
-    """Return the step of `fold` that computes values of any kind by operations of their own."""
+    """Return the step of `fold` for values of any kind with given operations and functions."""
 
     def step(node: Any, *parts: Any) -> Any:
         if isinstance(node, ast.Name):
@@ -314,17 +317,17 @@ def computing(
 
 
 def require_names(expression: QuantityExpression, names: Collection[str]) -> None:
-    """Refuse an expression that needs other names, or has a unit that is called like one."""
+    """Refuse an expression with unknown names, or with a unit that is also a name."""
     for name in sorted(expression.names - set(names)):
         listed = ", ".join(names) or "none"
         hint = did_you_mean(name, names, 0.5)
         if name in _UNIT_WORDS:
-            hint = "; a quantity with a unit of several words is a parameter of its own"
+            hint = "; define a quantity with a unit of several words as a parameter"
         raise UnitError(f"there is no parameter '{name[:60]}' (there are: {listed[:300]}){hint}")
     for unit in sorted(expression.units & set(names)):
         raise UnitError(
-            f"'{unit}' behind a number in {shown(expression.text)} is a unit, and a parameter has "
-            f"that name: write a product with *, or call the parameter otherwise"
+            f"'{unit}' after a number in {short_text(expression.text)} is a unit, and a parameter "
+            f"has the same name: write a product with *, or rename the parameter"
         )
 
 
@@ -334,12 +337,12 @@ def evaluate(expression: QuantityExpression, parameters: Mapping[str, Amount]) -
     Raises
     ------
     UnitError
-        A name is unknown, dimensions do not suit one another, or the value is no finite number.
+        A name is unknown, dimensions do not agree, or the value is not finite.
 
     Examples
     --------
-    >>> made = evaluate(parse("= 2*R + 0.3 mm"), {"R": amount_of("1.5 mm")})
-    >>> float(made.value)
+    >>> amount = evaluate(parse("= 2*R + 0.3 mm"), {"R": amount_of("1.5 mm")})
+    >>> float(amount.value)
     0.0033
     """
     require_names(expression, parameters)
@@ -358,20 +361,20 @@ def _constant(number: str, unit: str | None) -> Amount:
     try:
         amount = amount_of(f"{number} {unit}")
     except UnitError as error:
-        raise UnitError(f"{error}; a product is written with *") from None
+        raise UnitError(f"{error}; write a product with *") from None
     return Amount(_bounded(amount.value), amount.powers)
 
 
 def _too_large(text: str) -> UnitError:
-    return UnitError(f"{shown(text)} is too large to be a number")
+    return UnitError(f"{short_text(text)} is too large to be a number")
 
 
 def _same(what: str, *amounts: Amount) -> Powers:
-    """Return the powers that all have; refuse others."""
+    """Return the common powers; refuse different ones."""
     for other in amounts[1:]:
         if other.powers != amounts[0].powers:
             raise UnitError(
-                f"{what} needs values of one dimension, got {amounts[0].noun} and {other.noun}"
+                f"{what} needs values of the same dimension, got {amounts[0].noun} and {other.noun}"
             )
     return amounts[0].powers
 
@@ -379,7 +382,7 @@ def _same(what: str, *amounts: Amount) -> Powers:
 def product(first: Powers, second: Powers, sign: int) -> Powers:
     """Return the powers of a product; of a quotient where the sign is negative."""
     if first == () and second == _ANGLE and sign < 0:
-        raise UnitError("a number is divided by an angle, which gives no quantity of a file")
+        raise UnitError("a number cannot be divided by an angle")
     if () in (first, second):  # an angle stays one
         return first or tuple((base, sign * p) for base, p in second)
     total = {base: p for base, p in first if base != "angle"}
@@ -391,7 +394,7 @@ def product(first: Powers, second: Powers, sign: int) -> Powers:
 
 def _divide(first: Amount, second: Amount) -> Amount:
     if not second.value:
-        raise UnitError("it divides by zero")
+        raise UnitError("division by zero")
     return Amount(first.value / second.value, product(first.powers, second.powers, -1))
 
 
@@ -399,16 +402,16 @@ def power(base: Amount, exponent: Amount) -> Amount:
     """Return a power whose exponent is a number."""
     if exponent.powers or abs(exponent.value) > LARGEST_EXPONENT:
         got = exponent.noun if exponent.powers else "a larger one"
-        raise UnitError(f"an exponent is a number of at most {LARGEST_EXPONENT}, got {got}")
+        raise UnitError(f"an exponent must be a number of at most {LARGEST_EXPONENT}, got {got}")
     if base.powers == _ANGLE and exponent.value != 1:
-        raise UnitError("an angle has no power: divide it by 1 rad first")
+        raise UnitError("an angle cannot be raised to a power: divide it by 1 rad first")
     powers = tuple((name, power * exponent.value) for name, power in base.powers if exponent.value)
     if not base.value and exponent.value < 0:
-        raise UnitError("it divides by zero")
+        raise UnitError("division by zero")
     if exponent.value.denominator == 1:
         return Amount(base.value ** int(exponent.value), powers)
     if base.value < 0:
-        raise UnitError("a negative value has no power with a fraction")
+        raise UnitError("a negative value cannot be raised to a fractional power")
     return Amount(_finite(float(base.value) ** float(exponent.value)), powers)
 
 
@@ -419,7 +422,7 @@ def _finite(value: float) -> Fraction:
 
 
 def _bounded(value: Fraction) -> Fraction:
-    """Round a fraction of very many digits, and refuse one that is no number of a file."""
+    """Round a fraction of very many digits; refuse one that is too large for a float."""
     rounded = float(value)  # raises OverflowError
     bits = value.numerator.bit_length() + value.denominator.bit_length()
     return value if bits <= _MOST_BITS else Fraction(rounded)
@@ -427,36 +430,36 @@ def _bounded(value: Fraction) -> Fraction:
 
 def _bounding(operation: Callable[..., Amount]) -> Callable[..., Amount]:
     def of(first: Amount, second: Amount) -> Amount:
-        made = operation(first, second)
-        return Amount(_bounded(made.value), made.powers)
+        result = operation(first, second)
+        return Amount(_bounded(result.value), result.powers)
 
     return of
 
 
 def _sqrt(amount: Amount) -> Amount:
     if amount.value < 0:
-        raise UnitError("sqrt takes no negative value")
+        raise UnitError("sqrt needs a value of 0 or more")
     return power(amount, Amount(Fraction(1, 2)))
 
 
 def _turn(function: Callable[[float], float]) -> Callable[[Amount], Amount]:
-    """A function of an angle; a number is one in radians."""
+    """Return a function of an angle; a number is in radians."""
 
     def of(amount: Amount) -> Amount:
         if amount.powers not in ((), _ANGLE):
-            raise UnitError(f"{function.__name__} takes an angle or a number, got {amount.noun}")
+            raise UnitError(f"{function.__name__} needs an angle or a number, got {amount.noun}")
         return Amount(_finite(function(float(amount.value))))
 
     return of
 
 
 def _turn_back(function: Callable[[float], float]) -> Callable[[Amount], Amount]:
-    """A function that gives an angle."""
+    """Return a function whose result is an angle."""
 
     def of(amount: Amount) -> Amount:
         if amount.powers or abs(amount.value) > 1:
             got = amount.noun if amount.powers else f"{float(amount.value):.6g}"
-            raise UnitError(f"{function.__name__} takes a number from -1 to 1, got {got}")
+            raise UnitError(f"{function.__name__} needs a number from -1 to 1, got {got}")
         return Amount(Fraction(function(float(amount.value))), _ANGLE)
 
     return of
@@ -500,12 +503,12 @@ _PI = Amount(Fraction(math.pi))
 def _refuse_sign(sign: str, text: str, grammar: Grammar) -> NoReturn:
     instead = {
         "^": ": write ** for a power",
-        ".": ": a name has no parts in an expression",
-        ";": ": a file holds no program",
+        ".": ": names in an expression have no parts",
+        ";": ": a file is not a program",
         "×": ": write * for a product",
         "·": ": write * for a product",
-    }.get(sign, f": it is arithmetic of {grammar.made_of}")
-    raise UnitError(f"{sign!r} has no meaning in {shown(text)}{instead}")
+    }.get(sign, f": an expression consists of {grammar.made_of}")
+    raise UnitError(f"{sign!r} is not allowed in {short_text(text)}{instead}")
 
 
 def _refuse_function(name: str, grammar: Grammar) -> NoReturn:
@@ -515,7 +518,7 @@ def _refuse_function(name: str, grammar: Grammar) -> NoReturn:
     )
 
 
-def shown(text: str) -> str:
-    """Return a text for a message, cut where it is long."""
+def short_text(text: str) -> str:
+    """Return a text for a message, cut if it is long."""
     plain = " ".join(text.split())
     return repr(plain if len(plain) <= 60 else plain[:57] + "...")

@@ -1,8 +1,8 @@
-"""What a kind of file is: what it is called, how it begins, and what stands in it in its own way.
+"""Kinds of files: name, version key, and types that have their own form.
 
-The fields of the classes are the format: a field's name is the key, its annotation says how the
-value is written, its default says whether it can be left out. Nothing about a field is stated
-twice, so a file cannot drift from the classes.
+The fields of the classes are the format: the name of a field is the key, its annotation determines
+the form of the value, and a field with a default is optional. Nothing about a field is stated
+twice, so that files and classes always agree.
 """
 
 import math
@@ -16,20 +16,20 @@ from typing import Annotated, Any
 from flexstage.base.errors import FlexstageError
 from flexstage.quantities.units import DIMENSIONS, Dimension
 
-#: Name of the dimension that an SI unit belongs to.
+#: Name of the dimension of an SI unit.
 DIMENSION_OF_UNIT: dict[str, str] = {d.si: d.name for d in DIMENSIONS.values()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """How values of one type are written, where their fields do not say it."""
+    """Form of the values of one type, where it does not follow from fields."""
 
     read: Callable[[Any, Any, str, Any], Any]
-    """Reads a value, from the decoder, the node, its path, and what it is where not given."""
+    """Reads a value, from decoder, node, path and default."""
     write: Callable[[Any, Any], Any] | None = None
-    """Makes plain data, from the encoder and the value; None where no such file is written."""
+    """Returns plain data, from encoder and value; None where no such file is written."""
     schema: Callable[[Any], dict[str, Any]] | None = None
-    """Makes its JSON Schema, from the builder of schemas."""
+    """Returns its JSON Schema, from the builder of schemas."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,41 +37,41 @@ class Format:
     """A kind of file."""
 
     noun: str
-    """What it is called in messages."""
+    """Name in messages."""
     key: str = ""
-    """The key of its version, which its first line gives; empty where it has none."""
+    """Key of the version, in the first line; empty for none."""
     begins: str = ""
-    """How one begins that has no such key."""
+    """Beginning of a file without such a key."""
     version: int = 1
-    """Version of the format; no other is read."""
+    """Version of the format, the only one that is read."""
     error: type[FlexstageError]
-    """What is raised where the file is at fault."""
+    """Error of a faulty file."""
     only: bool = False
-    """Whether no other error is raised, whatever refuses a value."""
+    """Raise this error only, whatever refuses a value."""
     families: Mapping[Any, Mapping[str, type]] = field(default_factory=dict)
-    """Members of classes of which a file names the kind, by the word for it."""
+    """Families of classes: members by the word for their kind in the file."""
     forms: Mapping[Any, Form] = field(default_factory=dict)
-    """How values are written, by their type."""
+    """Forms of values by type."""
     length_unit: bool = False
-    """Whether it may say once the unit of lengths that are bare numbers."""
+    """The file may have a unit for lengths that are bare numbers."""
     parameters: bool = False
-    """Whether it may name quantities, and give others as expressions in them."""
+    """The file may define parameters, and use expressions of them."""
     longest: float = math.inf
-    """Longest length of what it describes [m]."""
+    """Largest length [m]."""
     shortest: float = 0.0
-    """Shortest length of it, apart from 0 and from coordinates [m]."""
+    """Smallest length, apart from 0 and coordinates [m]."""
     finite: bool = True
-    """Whether every number in it is finite."""
+    """All numbers are finite."""
     later: bool = False
-    """Whether keys that are not known are left out: a later version may have written them."""
+    """Skip unknown keys: a later version may have written them."""
     exact: bool = False
-    """Whether programs alone write it: then 7 is no text, and 7.0 no whole number."""
+    """Only programs write it: 7 is not a text, and 7.0 is not a whole number."""
     mend: str = ""
-    """What is to be done about a file at fault; every message ends with it."""
+    """Remedy for a faulty file, the end of every message."""
 
     @property
     def ending(self) -> str:
-        """The end of every message."""
+        """End of every message."""
         return f"; {self.mend}" if self.mend else ""
 
 
@@ -83,12 +83,12 @@ def field_types(kind: type) -> dict[str, tuple[Field, Any]]:
 
 
 def required(field: Field) -> bool:
-    """Say whether a field must be given."""
+    """Return whether a field has no default."""
     return field.default is MISSING and field.default_factory is MISSING
 
 
 def union_parts(kind: Any) -> tuple[Any, ...]:
-    """Return the types that ``X | Y`` joins; none for any other type."""
+    """Return the types of a union ``X | Y``; none for any other type."""
     is_union = typing.get_origin(kind) in (types.UnionType, typing.Union)
     return typing.get_args(kind) if is_union else ()
 
@@ -97,14 +97,14 @@ def union_parts(kind: Any) -> tuple[Any, ...]:
 def optional_part(kind: Any) -> Any | None:
     """Return X of ``X | None``, X itself a union or not, and None for any other type."""
     parts = union_parts(kind)
-    rest = [part for part in parts if part is not types.NoneType]
-    if not rest or len(rest) == len(parts):
+    others = [part for part in parts if part is not types.NoneType]
+    if not others or len(others) == len(parts):
         return None
-    return rest[0] if len(rest) == 1 else typing.Union[tuple(rest)]  # noqa: UP007
+    return others[0] if len(others) == 1 else typing.Union[tuple(others)]  # noqa: UP007
 
 
 def dimension_of(kind: Any) -> tuple[Dimension, int] | None:
-    """Return the dimension of a field of quantities, with how many it holds; 0 for a bare one."""
+    """Return the dimension of a field of quantities and their number; 0 for a single one."""
     if typing.get_origin(kind) is not Annotated:
         return None
     bare, *extras = typing.get_args(kind)
@@ -113,7 +113,7 @@ def dimension_of(kind: Any) -> tuple[Dimension, int] | None:
 
 
 def members(kind: Any, format: Format) -> Mapping[str, type] | None:
-    """Return the classes of a family by the word for their kind; None for what is no family."""
+    """Return the classes of a family by the word for their kind; None for any other type."""
     if kind in format.families:
         return format.families[kind]
     parts = union_parts(kind)
@@ -123,15 +123,15 @@ def members(kind: Any, format: Format) -> Mapping[str, type] | None:
 
 
 def by_name(kind: Any, format: Format) -> bool:
-    """Say whether things of a type are listed by their names: dataclasses with a name.
+    """Return whether a file lists objects of a type by name: dataclasses with a name.
 
-    One that has a form of its own holds its name.
+    A type with its own form is not listed by name.
     """
     has_name = isinstance(kind, type) and is_dataclass(kind) and "name" in field_types(kind)
     return has_name and kind not in format.forms
 
 
 def check_name(name: str, refuse: Callable[[str], Any]) -> None:
-    """Refuse a name that could not stand in a one-line message."""
+    """Refuse a name that does not fit into a one-line message."""
     if not name.strip() or len(name) > 80 or not name.isprintable():
         refuse(f"a name must be 1 to 80 printable characters, got {name[:80]!r}")

@@ -1,4 +1,4 @@
-"""How materials and characteristics are written, in any kind of file."""
+"""Form of materials and characteristics in any kind of file."""
 
 import re
 from typing import Any
@@ -30,7 +30,7 @@ def _write_material(encoder: Encoder, value: Material) -> Any:
 
 
 def _material_schema(builder: Any) -> dict[str, Any]:
-    # the catalogue does not mind upper and lower case
+    # names of the catalogue are not case-sensitive
     pattern = (
         "|".join(
             "".join(f"[{c.upper()}{c.lower()}]" if c.isalpha() else re.escape(c) for c in name)
@@ -58,22 +58,22 @@ def _read_characteristic(decoder: Decoder, node: Node, path: str, _base: Any) ->
         sentence = unknown("quantity", name, QUANTITIES, 0.5)
         decoder.refuse(quantity, f"{path}.quantity", sentence)
     unit = QUANTITIES[name].unit if name in QUANTITIES else "1"
-    given: dict[str, Any] = {"unit": unit}
+    fields: dict[str, Any] = {"unit": unit}
     for key in ("value", "uncertainty"):
         value = entry.items.get(key)
         if value is not None and unit != "1":
             dimension = DIMENSIONS[DIMENSION_OF_UNIT[unit]]
-            given[key] = decoder.quantity(dimension, value, f"{path}.{key}")
-    rest = {k: v for k, v in entry.items.items() if k not in given or k == "unit"}
-    return decoder.build(Characteristic, Mapping(entry.line, rest, entry.key_lines), path, given)
+            fields[key] = decoder.quantity(dimension, value, f"{path}.{key}")
+    others = {k: v for k, v in entry.items.items() if k not in fields or k == "unit"}
+    return decoder.build(Characteristic, Mapping(entry.line, others, entry.key_lines), path, fields)
 
 
 def _write_characteristic(encoder: Encoder, value: Characteristic) -> dict[str, Any]:
     out = encoder.fields(value, skip="unit")
     if value.unit != "1":
         for key in ("value", "uncertainty"):
-            if (held := getattr(value, key)) is not None:
-                out[key] = to_text(held, DIMENSION_OF_UNIT[value.unit])
+            if (quantity_value := getattr(value, key)) is not None:
+                out[key] = to_text(quantity_value, DIMENSION_OF_UNIT[value.unit])
     return out
 
 
@@ -89,7 +89,7 @@ def _characteristic_schema(builder: Any) -> dict[str, Any]:
     return out
 
 
-#: How materials and characteristics are written.
+#: Forms of materials and characteristics.
 FORMS: dict[Any, Form] = {
     Material: Form(read=_read_material, write=_write_material, schema=_material_schema),
     Characteristic: Form(

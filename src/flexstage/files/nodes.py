@@ -1,8 +1,8 @@
-"""Reads YAML and JSON into plain nodes that remember their line, and refuses what none needs.
+"""Nodes of YAML and JSON with their lines, read safely.
 
-Of YAML only the events of the parser are used: no object is built from a tag, no alias is followed,
-and the limits are checked while the text is read, so a hostile file ends early. Scalars are told
-apart by the core schema of YAML 1.2: only true and false are booleans, and 12:30 is text.
+Only the events of the YAML parser are used: no object is built from a tag, no alias is followed,
+and limits are checked while the text is read, so that a hostile file is refused early. Scalars
+follow the core schema of YAML 1.2: only true and false are booleans, and 12:30 is text.
 """
 
 import collections.abc
@@ -25,12 +25,12 @@ MAX_NODES = 100_000
 #: Deepest nesting of lists and mappings.
 MAX_DEPTH = 30
 
-#: What is a number where it stands without quotes.
+#: Numbers without quotes.
 NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 _MAX_DIGITS = 60
 
-#: How files begin that are taken for YAML at times, and what they are.
+#: Beginnings of other kinds of files, and their names.
 _OTHERS = {
     r"\s*0\s*\r?\n\s*SECTION\b": "a DXF drawing",
     r"ISO-10303-21;": "a STEP file",
@@ -43,11 +43,11 @@ class Scalar:
     """A single value."""
 
     line: int | None
-    """Line of the file on which it stands, from 1; None where there are no lines."""
+    """Line in the file, from 1; None without a file."""
     text: str
-    """The value as it is written, quotes and escapes resolved."""
+    """Text of the value, with quotes and escapes resolved."""
     value: str | float | int | bool | None
-    """The value by the core schema."""
+    """Value by the core schema."""
 
 
 @dataclass(slots=True)
@@ -55,9 +55,9 @@ class Sequence:
     """A list."""
 
     line: int | None
-    """Line of the file on which it begins, from 1; None where there are no lines."""
+    """First line in the file, from 1; None without a file."""
     items: "list[Node]" = field(default_factory=list)
-    """Its entries."""
+    """Entries."""
 
 
 @dataclass(slots=True)
@@ -65,9 +65,9 @@ class Mapping:
     """A mapping of names to values."""
 
     line: int | None
-    """Line of the file on which it begins, from 1; None where there are no lines."""
+    """First line in the file, from 1; None without a file."""
     items: "dict[str, Node]" = field(default_factory=dict)
-    """Its entries in order."""
+    """Entries in order."""
     key_lines: dict[str, int] = field(default_factory=dict)
     """Line of each key."""
 
@@ -76,17 +76,16 @@ Node = Scalar | Sequence | Mapping
 
 
 def read_text(path: Path, kind: str, error: type[FlexstageError]) -> str:
-    """Read a small text file.
+    """Return the text of a small file, whose kind is for messages.
 
-    `kind` is what it should be, for messages. A file that is no regular one, too large or not UTF-8
-    is refused.
+    A file that is not regular, too large or not UTF-8 is refused.
     """
 
     def refuse(sentence: str) -> NoReturn:
         raise error(sentence) from None
 
     try:
-        # asked before it is opened: opening a named pipe would wait for ever
+        # checked before opening: a named pipe would block
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
             refuse(f"{path} is a directory, expected a {kind}")
@@ -116,7 +115,7 @@ def read_text(path: Path, kind: str, error: type[FlexstageError]) -> str:
 
 
 def _too_large(source: object, kind: str) -> str:
-    return f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the most that a {kind} may be"
+    return f"{source} is larger than {MAX_BYTES // 1_000_000} MB, the limit of a {kind}"
 
 
 def parse_yaml(
@@ -127,11 +126,11 @@ def parse_yaml(
     *,
     finite: bool = True,
 ) -> Node:
-    """Parse the one YAML document of a text.
+    """Return the root of the only YAML document of a text.
 
-    `source` is what to call it in messages, `kind` what it should be. Refused are aliases, anchors,
-    tags, repeated keys, a second document, too much of anything, and where `finite` numbers that
-    are not finite.
+    `source` is its name in messages, `kind` the expected kind of file. Aliases, anchors, tags,
+    repeated keys, a second document, sizes above the limits, and, with `finite`, numbers that are
+    not finite are refused.
     """
     import yaml
 
@@ -142,45 +141,45 @@ def parse_yaml(
         refuse(_too_large(source, kind))
     for pattern, what in _OTHERS.items():
         if re.match(pattern, text):
-            refuse(f"{source} is {what}, where a text in YAML is expected")
+            refuse(f"{source} is {what}, expected a YAML file")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         return _Builder(source, kind, error, finite).document(yaml.parse(text, Loader=loader))
     except yaml.MarkedYAMLError as fault:
         mark = fault.problem_mark or fault.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        rest = text.split("\n")[mark.line :] if mark else []
-        tab = mark and rest and rest[0][mark.column :].startswith("\t")
-        said = "a tab stands where spaces must: use spaces" if tab else fault.problem
-        refuse(f"{source}{line}: this is not YAML: {said}")
+        lines = text.split("\n")[mark.line :] if mark else []
+        tab = mark and lines and lines[0][mark.column :].startswith("\t")
+        problem = "a tab is used for indentation: use spaces" if tab else fault.problem
+        refuse(f"{source}{line}: this is not YAML: {problem}")
     except yaml.YAMLError as fault:
         reason = getattr(fault, "reason", None) or "it cannot be parsed"
         refuse(f"{source}: this is not YAML: {reason}")
     except UnicodeEncodeError:
-        refuse(f"{source}: this is not YAML: it holds half a character")
+        refuse(f"{source}: this is not YAML: it contains an incomplete character")
 
 
 def parse_json(text: str | bytes, source: str, format: Format) -> Node:
-    """Parse the JSON that a program wrote; its nodes have no lines.
+    """Return the root of JSON from a program; its nodes have no lines.
 
-    Refused are repeated keys, as of two of a name one would be lost unseen.
+    Repeated keys are refused, since one of them would be lost.
     """
 
     def refuse(place: str, message: str) -> NoReturn:
         raise format.error(f"{source}{place}: {message}{format.ending}") from None
 
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+    def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        data = dict(pairs)
+        if len(data) < len(pairs):
             keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            refuse("", f"the key '{twice[:60]}' is given twice in the {format.noun}")
-        return found
+            repeated = next(key for key in keys if keys.count(key) > 1)
+            refuse("", f"the key '{repeated[:60]}' is given twice in the {format.noun}")
+        return data
 
     not_json = f"this is not the JSON of a {format.noun}"
     try:
-        written = text.decode("utf-8-sig") if isinstance(text, bytes) else text
-        return node_of(json.loads(written, object_pairs_hook=once))
+        decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        return node_of(json.loads(decoded, object_pairs_hook=unique_keys))
     except FlexstageError:
         raise
     except json.JSONDecodeError as fault:
@@ -193,13 +192,13 @@ def parse_json(text: str | bytes, source: str, format: Format) -> Node:
         refuse(f", line {line}", f"{not_json}: it is not UTF-8 text")
     except RecursionError:
         refuse("", f"{not_json}: it is nested too deep")
-    except ValueError:  # a number of thousands of digits
+    except ValueError:  # a number with thousands of digits
         refuse("", f"{not_json}: a number has too many digits")
 
 
 def node_of(data: Any) -> Node:
     """Return plain data as nodes without lines."""
-    if isinstance(data, Given):
+    if isinstance(data, MappingData):
         return data.node
     if isinstance(data, collections.abc.Mapping):
         return Mapping(None, {str(key): node_of(value) for key, value in data.items()})
@@ -214,7 +213,7 @@ def node_of(data: Any) -> Node:
 
 
 def plain(node: Node) -> Any:
-    """Return what nodes hold as plain data."""
+    """Return nodes as plain data."""
     if isinstance(node, Mapping):
         return {key: plain(value) for key, value in node.items.items()}
     if isinstance(node, Sequence):
@@ -222,8 +221,8 @@ def plain(node: Node) -> Any:
     return node.value
 
 
-class Given(dict[str, object]):
-    """What a mapping of a file holds as plain data, with its node and how that is read."""
+class MappingData(dict[str, object]):
+    """Plain data of a mapping in a file, with its node and decoder."""
 
     def __init__(self, node: Mapping, decoder: Any) -> None:
         super().__init__(plain(node))
@@ -232,7 +231,7 @@ class Given(dict[str, object]):
 
 
 class _Builder:
-    """Builds nodes from the parser's events, with a stack of its own instead of recursion."""
+    """Builder of nodes from the events of the parser, with a stack instead of recursion."""
 
     def __init__(self, source: str, kind: str, error: type[FlexstageError], finite: bool) -> None:
         self.source = source
@@ -253,7 +252,7 @@ class _Builder:
             if isinstance(event, yaml.DocumentStartEvent):
                 documents += 1
                 if documents > 1:
-                    self.refuse(line, f"a second document begins; a {self.kind} holds one")
+                    self.refuse(line, f"a second document begins; a {self.kind} has only one")
             elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
                 stack.pop()
                 keys.pop()
@@ -289,7 +288,7 @@ class _Builder:
     def admit(self, event: Any, line: int) -> None:
         self.count += 1
         if self.count > MAX_NODES:
-            self.refuse(line, f"the file holds more than {MAX_NODES} values")
+            self.refuse(line, f"the file has more than {MAX_NODES} values")
         if event.anchor is not None:
             self.refuse(line, f"anchors such as '&{event.anchor}' are not used in a {self.kind}")
         if event.tag is not None:
@@ -313,7 +312,7 @@ class _Builder:
             return Sequence(line)
         if isinstance(event, yaml.MappingStartEvent):
             return Mapping(line)
-        # the first of the pair says that the scalar stands without quotes
+        # the first of the pair is true for a scalar without quotes
         return Scalar(
             line, event.value, self.resolve(event.value, line) if event.implicit[0] else event.value
         )

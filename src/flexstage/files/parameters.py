@@ -1,6 +1,6 @@
-"""The parameters of a file: numbers and quantities by name, and values set in place of them.
+"""Parameters of a file: numbers and quantities by name, and settings that replace them.
 
-They may refer to one another; what is set from outside has names with dots.
+Parameters may refer to one another; settings have names with dots.
 """
 
 import collections.abc
@@ -20,64 +20,66 @@ from flexstage.files.expression import (
 )
 from flexstage.files.nodes import Mapping, Node, Scalar, Sequence, node_of, parse_yaml
 
-#: The key under which they stand.
+#: Key of the parameters in a file.
 KEY = "parameters"
-#: Most parameters of a file.
+#: Largest number of parameters of a file.
 MOST = 1_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileParameter:
-    """A parameter of a file, or one that is set in its place."""
+    """A parameter of a file, or a setting that replaces it."""
 
     amount: Amount
-    """Its value."""
+    """Value."""
     text: str
-    """Its value as it is written."""
+    """Text of the value."""
     description: str
-    """What it is, in the words of the file."""
+    """Description in the file."""
     line: int | None
-    """Line of the file on which it stands; None where it is set from outside."""
+    """Line in the file; None for a setting."""
 
 
 class ParameterDecoder(Protocol):
-    """What the reader of a file does for its parameters."""
+    """Methods of a decoder that parameters need."""
 
     settings: Mapping
     parameters: dict[str, FileParameter]
 
     def mapping(self, node: Node, path: str) -> Mapping:
-        """Refuse what is no mapping."""
+        """Return a mapping; refuse any other node."""
         ...
 
     def check_keys(self, node: Mapping, path: str, known: Collection[str]) -> None:
-        """Refuse keys that mean nothing."""
+        """Refuse unknown keys."""
         ...
 
     def text(self, node: Node, path: str) -> str:
-        """Read a text."""
+        """Return a text."""
         ...
 
     def amount(self, node: Scalar, path: str) -> Amount:
-        """Evaluate an expression."""
+        """Return the value of an expression."""
         ...
 
-    def shown(self, node: Node) -> str:
-        """Say what stands at a place."""
+    def describe(self, node: Node) -> str:
+        """Return a node in words."""
         ...
 
     def refuse(
         self, node: Node, path: str, message: str, error: type[FlexstageError] | None = None
     ) -> NoReturn:
-        """Raise an error that names the place."""
+        """Raise an error with the place in the file."""
         ...
 
 
 def read_parameters(decoder: ParameterDecoder, node: Node) -> None:
-    """Read the parameters of a file into its decoder, whose settings stand in place of them."""
+    """Read the parameters of a file into its decoder, whose settings replace them."""
     entries = decoder.mapping(node, KEY)
     if len(entries.items) > MOST:
-        decoder.refuse(node, KEY, f"a file has at most {MOST} parameters, got {len(entries.items)}")
+        decoder.refuse(
+            node, KEY, f"a file may have at most {MOST} parameters, got {len(entries.items)}"
+        )
     values: dict[str, Scalar] = {}
     texts: dict[str, str] = {}
     for name, entry in entries.items.items():
@@ -86,8 +88,10 @@ def read_parameters(decoder: ParameterDecoder, node: Node) -> None:
             check_name(name)
         except UnitError as error:
             decoder.refuse(place, KEY, str(error))
-        given, texts[name] = _described(decoder, entry, f"{KEY}.{name}")
-        values[name] = _scalar(decoder, decoder.settings.items.pop(name, given), f"{KEY}.{name}")
+        value_node, texts[name] = _described(decoder, entry, f"{KEY}.{name}")
+        values[name] = _scalar(
+            decoder, decoder.settings.items.pop(name, value_node), f"{KEY}.{name}"
+        )
     for name in _in_order(decoder, values):
         node = values[name]
         decoder.parameters[name] = FileParameter(
@@ -100,14 +104,14 @@ def read_parameters(decoder: ParameterDecoder, node: Node) -> None:
 
 
 def _described(decoder: ParameterDecoder, node: Node, path: str) -> tuple[Node, str]:
-    """Return the value of an entry, and what it says of it."""
+    """Return value and description of an entry."""
     if not isinstance(node, Mapping):
         return node, ""
     decoder.check_keys(node, path, ["value", "description"])
     if "value" not in node.items:
         decoder.refuse(node, path, "'value' is missing")
-    told = node.items.get("description")
-    text = "" if told is None else decoder.text(told, f"{path}.description")
+    description = node.items.get("description")
+    text = "" if description is None else decoder.text(description, f"{path}.description")
     return node.items["value"], " ".join(text.split())
 
 
@@ -116,14 +120,14 @@ def _scalar(decoder: ParameterDecoder, node: Node, path: str) -> Scalar:
         decoder.refuse(
             node,
             path,
-            "a parameter is a number, a quantity such as '0.5 mm', or an expression such as "
-            f"'= 2*R', got {decoder.shown(node)}",
+            "a parameter must be a number, a quantity such as '0.5 mm', or an expression such as "
+            f"'= 2*R', got {decoder.describe(node)}",
         )
     return node
 
 
 def _in_order(decoder: ParameterDecoder, values: dict[str, Scalar]) -> list[str]:
-    """Return the names so that each stands behind those that it needs; refuse circles."""
+    """Return the names in order of evaluation; refuse circular references."""
     needs: dict[str, set[str]] = {}
     for name, node in values.items():
         needs[name] = set()
@@ -148,12 +152,12 @@ def _in_order(decoder: ParameterDecoder, values: dict[str, Scalar]) -> list[str]
             if not waiting[other]:
                 ready.append(other)
     if waiting:
-        circle = [min(waiting, key=list(values).index)]
-        while circle[-1] not in circle[:-1]:
-            circle.append(next(n for n in values if n in waiting[circle[-1]]))
-        circle = circle[circle.index(circle[-1]) :]
-        shown = " needs ".join(f"'{n[:40]}'" for n in circle[:8])
-        decoder.refuse(values[circle[0]], f"{KEY}.{circle[0]}", f"a circle: {shown}")
+        cycle = [min(waiting, key=list(values).index)]
+        while cycle[-1] not in cycle[:-1]:
+            cycle.append(next(n for n in values if n in waiting[cycle[-1]]))
+        cycle = cycle[cycle.index(cycle[-1]) :]
+        chain = " needs ".join(f"'{n[:40]}'" for n in cycle[:8])
+        decoder.refuse(values[cycle[0]], f"{KEY}.{cycle[0]}", f"circular reference: {chain}")
     return ordered
 
 
@@ -166,48 +170,48 @@ def _amount(decoder: ParameterDecoder, node: Scalar, path: str) -> Amount:
     except UnitError as error:
         decoder.refuse(node, path, str(error), UnitError)
     except OverflowError:
-        decoder.refuse(node, path, f"{decoder.shown(node)} is too large to be a number")
+        decoder.refuse(node, path, f"{decoder.describe(node)} is too large to be a number")
     return amount
 
 
 def settings_of(
     values: collections.abc.Mapping[str, object], error: type[FlexstageError]
 ) -> Mapping:
-    """Return values by dotted names as nested nodes without lines; a text is read as YAML.
+    """Return values by dotted names as nested nodes without lines; a text is parsed as YAML.
 
     Examples
     --------
-    >>> made = settings_of({"x.lever_neck": "0.45 mm", "x.count": "3"}, FlexstageError)
-    >>> made.items["x"].items["count"].value
+    >>> root = settings_of({"x.lever_neck": "0.45 mm", "x.count": "3"}, FlexstageError)
+    >>> root.items["x"].items["count"].value
     3
     """
     root = Mapping(None)
     for name, value in values.items():
         *groups, last = name.split(".")
-        held = root
+        group_node = root
         for group in groups:
-            inner = held.items.setdefault(group, Mapping(None))
+            inner = group_node.items.setdefault(group, Mapping(None))
             if not isinstance(inner, Mapping):
-                raise error(f"{name[:60]!r} is set, and all of {group[:60]!r} as well: leave one")
-            held = inner
-        if last in held.items:
-            raise error(f"{name[:60]!r} is set, and a part of it as well: leave one out")
+                raise error(f"{name[:60]!r} and all of {group[:60]!r} are set: set one of them")
+            group_node = inner
+        if last in group_node.items:
+            raise error(f"{name[:60]!r} and a part of it are set: set one of them")
         if isinstance(value, str):
             source = f"the value of {name[:60]!r}"
-            held.items[last] = _without_lines(parse_yaml(value, source, "value", error))
+            group_node.items[last] = _without_lines(parse_yaml(value, source, "value", error))
         else:
-            held.items[last] = node_of(value)
+            group_node.items[last] = node_of(value)
     return root
 
 
 def overridden(node: Mapping, settings: Mapping) -> Mapping:
-    """Return a mapping in which settings stand in place of what it says."""
+    """Return a mapping with its values replaced by settings."""
     items = dict(node.items)
     for key, value in settings.items.items():
-        held = items.get(key)
-        match held, value:
+        current = items.get(key)
+        match current, value:
             case Mapping(), Mapping():
-                items[key] = overridden(held, value)
+                items[key] = overridden(current, value)
             case _:
                 items[key] = value
     return Mapping(node.line, items, node.key_lines)
@@ -216,19 +220,19 @@ def overridden(node: Mapping, settings: Mapping) -> Mapping:
 def require_known(
     owner: str, name: str, known: Collection[str], error: type[FlexstageError]
 ) -> None:
-    """Refuse the name of a parameter that an owner does not have; the nearest ones are told."""
+    """Refuse the name of a parameter that an owner does not have, with the nearest ones."""
     if name in known:
         return
     last = name.rpartition(".")[2]
-    # the same name in another group, one that goes on, or the nearest of all
-    near = [k for k in known if k.rpartition(".")[2] == last]
-    near = near or [k for k in known if len(last) > 2 and k.startswith(name)]
-    near = near or [k for k in [nearest(name, known, 0.5)] if k is not None]
-    if near:
-        hint = f"did you mean {' or '.join(repr(k) for k in near[:4])}?"
+    # the same name in another group, a longer name, or the nearest name
+    candidates = [k for k in known if k.rpartition(".")[2] == last]
+    candidates = candidates or [k for k in known if len(last) > 2 and k.startswith(name)]
+    candidates = candidates or [k for k in [nearest(name, known, 0.5)] if k is not None]
+    if candidates:
+        hint = f"did you mean {' or '.join(repr(k) for k in candidates[:4])}?"
     else:
         listed = ", ".join(name for name in known if "." not in name)
-        hint = f"its parameters are {listed}" if listed else "it has none, under 'parameters'"
+        hint = f"its parameters are {listed}" if listed else "it has none under 'parameters'"
     raise error(f"{owner} has no parameter {name[:60]!r}: {hint}")
 
 

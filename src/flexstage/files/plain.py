@@ -1,4 +1,4 @@
-"""Results as plain data, as JSON and CSV have them: fields say what a program reads of them."""
+"""Results as plain data, JSON and CSV, by the fields of dataclasses."""
 
 import csv
 import io
@@ -14,7 +14,7 @@ from typing import Any
 def plain(value: Any) -> Any:
     """Return a result as plain data: dataclasses as mappings by field, arrays as lists.
 
-    What is no finite number becomes None, which JSON has a word for; a complex number is not taken.
+    A number that is not finite becomes None, null in JSON; complex numbers are not supported.
 
     Examples
     --------
@@ -33,17 +33,17 @@ def plain(value: Any) -> Any:
             return {key: plain(one) for key, one in value.items()}
         case tuple() | list():
             return [plain(one) for one in value]
-    if hasattr(value, "tolist"):  # an array, or a number of one
+    if hasattr(value, "tolist"):  # an array or one of its numbers
         return plain(value.tolist())
-    assert is_dataclass(value), f"no plain data stand for a {type(value).__name__}"
+    assert is_dataclass(value), f"a {type(value).__name__} has no plain data"
     return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
 
 
 def picked(source: Any, *names: str) -> dict[str, Any]:
-    """Return some attributes of a result as plain data, in the order of their names.
+    """Return attributes of a result as plain data, in the order of their names.
 
-    A name may lead through attributes, with dots between, and what is a method is called; a key
-    that is another than the name stands before it.
+    A name may be a path of attributes with dots; a method is called. A different key is written
+    before the name, ``key=name``.
 
     Examples
     --------
@@ -53,18 +53,18 @@ def picked(source: Any, *names: str) -> dict[str, Any]:
     data = {}
     for name in names:
         key, _, path = name.rpartition("=")
-        found = attrgetter(path)(source)
-        data[key or path] = plain(found() if callable(found) else found)
+        attribute = attrgetter(path)(source)
+        data[key or path] = plain(attribute() if callable(attribute) else attribute)
     return data
 
 
 def json_text(value: Any) -> str:
-    """Write plain data as the text of a JSON file."""
+    """Return plain data as the text of a JSON file."""
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def csv_text(rows: Iterable[Iterable[Any]], end: str = "\n") -> str:
-    """Write rows as CSV, the heading first.
+    """Return rows as CSV, the heading first.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What numbers and words of a description may be, said in the types of its fields."""
+"""Ranges of numbers and choices of words, declared in the types of fields."""
 
 import math
 import typing
@@ -14,34 +14,34 @@ from flexstage.quantities.units import Frequency, Length
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """Numbers that a field may hold: ``Annotated[float, Range(low=0.0)]``; all are finite."""
+    """Allowed numbers of a field: ``Annotated[float, Range(low=0.0)]``; all are finite."""
 
     low: float = -math.inf
-    """The lowest."""
+    """Lowest value."""
     high: float = math.inf
-    """The highest."""
+    """Highest value."""
     above: bool = False
-    """Whether the lowest itself is left out."""
+    """The lowest value is excluded."""
     below: bool = False
-    """Whether the highest itself is left out."""
+    """The highest value is excluded."""
     remark: str = ""
-    """What else a message says, such as what holds where the field is not given."""
+    """Remark in messages, such as the default."""
 
     @property
     def is_share(self) -> bool:
-        """Whether its numbers are shares of a whole, which may be written in per cent."""
+        """True if its numbers are shares, which may be written in per cent."""
         return self.low >= 0.0 and self.high <= 1.0
 
     def holds(self, value: float) -> bool:
-        """Say whether a number is in it."""
+        """Return whether a number is in the range."""
         low = self.low < value if self.above else self.low <= value
         high = value < self.high if self.below else value <= self.high
         # a whole number may be too large for a float
         return low and high and (isinstance(value, int) or math.isfinite(value))
 
-    def text(self, *, whole: bool) -> str:
-        """Say what it holds, in whole numbers or in any."""
-        if whole:
+    def text(self, *, integer: bool) -> str:
+        """Return the range in words, of whole numbers or of any."""
+        if integer:
             upper = f" to {self.high:.0f}" if math.isfinite(self.high) else ""
             remark = f" ({self.remark})" if self.remark else ""
             return f"a whole number from {self.low:.0f}{upper}{remark}"
@@ -60,37 +60,37 @@ class Range:
 POSITIVE = Range(low=0.0, above=True)
 #: Finite, 0 or more.
 NOT_NEGATIVE = Range(low=0.0)
-#: A share of a whole, such as a confidence, that is neither none nor all of it.
+#: A share between 0 and 1, such as a confidence.
 INNER_SHARE = Range(low=0.0, high=1.0, above=True, below=True)
 
 #: A length of a part [m].
 Size = Annotated[Length, POSITIVE]
-#: A share of a whole [1].
+#: A share from 0 to 1 [1].
 Share = Annotated[float, Range(low=0.0, high=1.0)]
-#: How many, one at least.
+#: A number of things, at least 1.
 Count = Annotated[int, Range(low=1, high=1e6)]
-#: How many, or none.
-Whole = Annotated[int, Range(low=0, high=1e6)]
+#: A number of things, 0 or more.
+CountOrZero = Annotated[int, Range(low=0, high=1e6)]
 #: Seed of random numbers.
 Seed = Annotated[int, Range(low=0)]
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """How a value of a field is written on a command line: ``Annotated[str, Written("NAME")]``."""
+    """Form of a value on a command line: ``Annotated[str, Written("NAME")]``."""
 
     metavar: str = ""
-    """What its value is called in the help."""
+    """Placeholder of the value in the help."""
     bare: str | None = None
-    """The unit of a number without one; None where a unit is needed."""
+    """Unit of a bare number; None where a unit is required."""
     commas: bool = False
-    """Whether several values stand in one text with commas between, and not one an option."""
+    """Several values are one text separated by commas, not repeated options."""
     help: str = ""
-    """What the help says behind the text of each such field."""
+    """Addition to the help of each such field."""
     read: Callable[[str], Any] | None = None
-    """Reads a value that is no number and no word."""
+    """Reads a value that is neither a number nor a word."""
     write: Callable[[Any], str] = str
-    """Writes such a value so that it is read back."""
+    """Writes such a value so that `read` returns it."""
 
 
 #: A frequency above 0 [Hz]; a bare number is in hertz.
@@ -98,40 +98,44 @@ PositiveFrequency = Annotated[Frequency, POSITIVE, Written(bare="Hz")]
 
 
 class Stated:
-    """Base of what a text states and a program may give as it is, such as bounds of a parameter."""
+    """Base of values that a text or a program may give, such as bounds of a parameter."""
 
     __slots__ = ()
 
 
 def written_as(kind: Any) -> Written | None:
-    """Return how values of a type are written, where it says so."""
+    """Return the form of values of a type; None where it has none."""
     extras = typing.get_args(kind)[1:] if typing.get_origin(kind) is Annotated else ()
     return next((e for e in reversed(extras) if isinstance(e, Written)), None)  # the outermost
 
 
 @lru_cache(maxsize=1024)
 def range_of(kind: Any) -> tuple[Range, bool] | None:
-    """Return the range of a type, with whether its numbers are whole; None where it has none."""
+    """Return the range of a type and whether its numbers are whole; None where it has none."""
     if typing.get_origin(kind) is not Annotated:
         return None
     bare, *extras = typing.get_args(kind)
-    found = next((e for e in extras if isinstance(e, Range)), None)
-    return None if found is None else (found, bare is int)
+    bounds = next((e for e in extras if isinstance(e, Range)), None)
+    return None if bounds is None else (bounds, bare is int)
 
 
-def wanted(kind: Any, value: Any) -> str:
-    """Say what a value of a type must be that it is not; nothing where all is well."""
+def fault_of(kind: Any, value: Any) -> str:
+    """Return the requirement of a type that a value violates; empty for a valid value."""
     check = _check_of(kind)
     return "" if check is None else check(value)
 
 
-# hashes of types take longer than the checks themselves: one look-up a type, or a class
+# hashing types takes longer than the checks: one look-up per type or class
 @lru_cache(maxsize=1024)
 def _check_of(kind: Any) -> Callable[[Any], str] | None:
-    """Return what says what a value of a type must be; None where it may be anything."""
+    """Return the check of values of a type; None where any value is valid."""
     if (inner := optional_part(kind)) is not None:
-        given = _check_of(inner)
-        return None if given is None else lambda value: "" if value is None else given(value)
+        inner_check = _check_of(inner)
+        return (
+            None
+            if inner_check is None
+            else lambda value: "" if value is None else inner_check(value)
+        )
     bare = typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else None
     if typing.get_origin(bare) in (tuple, Literal) and (each := _check_of(bare)) is not None:
         return each
@@ -139,46 +143,46 @@ def _check_of(kind: Any) -> Callable[[Any], str] | None:
         part = _check_of(typing.get_args(kind)[0])
         if part is None:
             return None
-        return lambda values: next((said for v in values if (said := part(v))), "")
+        return lambda values: next((fault for v in values if (fault := part(v))), "")
     if typing.get_origin(kind) is Literal:
         words = typing.get_args(kind)
         return lambda value: "" if value in words else f"one of {', '.join(words)}"
-    if (found := range_of(kind)) is None:
+    if (bounds := range_of(kind)) is None:
         return None
-    range_, whole = found
+    range_, integer = bounds
 
     def check(value: Any) -> str:
         numbers = value if isinstance(value, tuple) else (value,)
-        held = all(
-            isinstance(n, (int, float)) and range_.holds(n) and (not whole or n == int(n))
+        inside = all(
+            isinstance(n, (int, float)) and range_.holds(n) and (not integer or n == int(n))
             for n in numbers
         )
-        return "" if held else range_.text(whole=whole)
+        return "" if inside else range_.text(integer=integer)
 
     return check
 
 
 @lru_cache(maxsize=512)
 def _checks_of(cls: type) -> tuple[tuple[str, Callable[[Any], str], bool], ...]:
-    """Return the fields of a class that are checked, how, and whether their numbers are whole."""
-    made = []
+    """Return name and check of the fields of a class, and whether their numbers are whole."""
+    checks = []
     for name, (_, kind) in field_types(cls).items():
-        found = range_of(optional_part(kind) or kind)
+        bounds = range_of(optional_part(kind) or kind)
         if (check := _check_of(kind)) is not None:
-            made.append((name, check, found is not None and found[1]))
-    return tuple(made)
+            checks.append((name, check, bounds is not None and bounds[1]))
+    return tuple(checks)
 
 
 def require_ranges(thing: Any, error: type[FlexstageError], of: str) -> None:
-    """Refuse a description whose numbers and words are not what its types say; `of` says whose.
+    """Refuse a description whose numbers or words violate its types; `of` is its noun.
 
-    A whole number that was given as 3.0 becomes 3.
+    A whole number such as 3.0 becomes 3.
     """
-    for name, check, whole in _checks_of(type(thing)):
+    for name, check, integer in _checks_of(type(thing)):
         value = getattr(thing, name)
-        if said := check(value):
-            raise error(f"{name} of {of} must be {said}, got {_show(value)}")
-        if whole and isinstance(value, float):
+        if fault := check(value):
+            raise error(f"{name} of {of} must be {fault}, got {_show(value)}")
+        if integer and isinstance(value, float):
             object.__setattr__(thing, name, int(value))
 
 

@@ -1,7 +1,7 @@
-"""What is asked of a job, said once: a frozen dataclass from whose fields every form of it comes.
+"""Requests: the options of a job as one frozen dataclass, from which every form of it is made.
 
-The name of a field is that of its option and key, its annotation says what a value may be and how
-it is written, the text below it is the help. A field that is a request itself is a group of them.
+The name of a field is that of its option and key, its annotation determines valid values and their
+form, the text below it is the help. A field that is a request itself is a group of options.
 """
 
 import math
@@ -18,98 +18,98 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from flexstage.base.choose import did_you_mean, unknown
 from flexstage.base.errors import FlexstageError, ModelError, UnitError
 from flexstage.files.format import dimension_of, field_types, optional_part
-from flexstage.files.ranges import Range, Stated, Written, range_of, wanted, written_as
+from flexstage.files.ranges import Range, Stated, Written, fault_of, range_of, written_as
 from flexstage.quantities.units import DIMENSIONS, Dimension, parse, readable_text
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Base of requests: what the types of the fields say is checked when one is made."""
+    """Base of requests; a new request is checked against the types of its fields."""
 
     heading: ClassVar[str] = ""
-    """Heading of its options in the help of a command; that of all options where empty."""
+    """Heading of its options in the help of a command; empty for the common heading."""
     refused_as: ClassVar[type[FlexstageError]] = ModelError
-    """What is raised where a value is not what its field may hold."""
+    """Error of an invalid value."""
     one_value: ClassVar[bool] = False
-    """Whether one option stands for all of it where it is part of another: --of a=1,b=2."""
+    """As part of another request it is one option: --of a=1,b=2."""
 
     def __post_init__(self) -> None:
         require_fields(self, type(self), self.refused_as)
 
     @classmethod
     def job(cls) -> str:
-        """Return the command that carries it out: "sweep" of a `SweepRequest`."""
+        """Return the name of its command: "sweep" for a `SweepRequest`."""
         return cls.__name__.removesuffix("Request").lower()
 
 
-Asked = TypeVar("Asked", bound=Request)
+RequestT = TypeVar("RequestT", bound=Request)
 
 
 def require_fields(
     thing: Any, kind: type[Request], error: type[FlexstageError], of: str = ""
 ) -> None:
-    """Refuse what has the fields of a request, but not values that they can hold; `of` says whose.
+    """Refuse an object with the fields of a request and invalid values; `of` is its noun.
 
-    A whole number that was given as 3.0 becomes 3.
+    A whole number such as 3.0 becomes 3.
     """
     for name, field in request_fields(kind).items():
         value = getattr(thing, name)
-        if said := field.fault(value):
-            raise error(f"{name}{of} must be {said}, got {field.shown(value)}")
+        if fault := field.fault(value):
+            raise error(f"{name}{of} must be {fault}, got {field.in_words(value)}")
         if field.value is int and isinstance(value, float):
             object.__setattr__(thing, name, int(value))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestField:
-    """A field of a request, as options, forms and command lines need it."""
+    """A field of a request, for options, forms and command lines."""
 
     name: str
-    """Its name."""
+    """Name."""
     kind: Any
-    """Its type."""
+    """Type."""
     value: Any
-    """Type of one value, without range and spelling."""
+    """Type of one value, without range and form."""
     many: bool
-    """Whether it holds any number of values."""
+    """Any number of values."""
     pair: bool
-    """Whether it holds the two ends of a range."""
+    """The two ends of a range."""
     default: Any
-    """What it is where nothing is asked; `dataclasses.MISSING` where it must be given."""
+    """Default value; `dataclasses.MISSING` for a required field."""
     words: tuple[str, ...]
-    """The words that it can be; none where it is no choice of words."""
+    """Words of a choice; none for other fields."""
     dimension: Dimension | None
     """Dimension of its number."""
     range: Range | None
     """Range of its number."""
     written: Written
-    """How a value is written."""
+    """Form of a value."""
 
     @property
     def option(self) -> str:
-        """The option of commands: ``--name``."""
+        """Option of commands: ``--name``."""
         return f"--{self.name.strip('_').replace('_', '-')}"
 
     @property
     def label(self) -> str:
-        """Its name in a form."""
+        """Label in a form."""
         return self.name.replace("_", " ").capitalize()
 
     @property
     def repeated(self) -> bool:
-        """Whether its option is given once for each value."""
+        """True if its option is repeated for several values."""
         return self.many and not self.written.commas
 
     @property
     def holds_tuple(self) -> bool:
-        """Whether its value is a tuple."""
+        """True if its value is a tuple."""
         annotated = typing.get_origin(self.kind) is Annotated
         bare = typing.get_args(self.kind)[0] if annotated else self.kind
         return typing.get_origin(bare) is tuple
 
     @property
     def metavar(self) -> str:
-        """What its value is called in the help."""
+        """Placeholder of the value in the help."""
         if self.pair and not self.written.metavar:
             return "LOW:HIGH"
         if self.written.metavar or self.words:
@@ -119,23 +119,23 @@ class RequestField:
         return {float: "NUMBER", int: "NUMBER", Path: "FILE"}.get(self.value, "TEXT")
 
     def read(self, text: str) -> Any:
-        """Return the value that a text says; refuse what the field cannot hold.
+        """Return the value of a text.
 
         Raises
         ------
         UnitError, ModelError
-            It is none.
+            The text is not a valid value of the field.
         """
         if self.many and self.written.commas:
-            found = tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
-            if not found:
+            values = tuple(self._one(word.strip()) for word in text.split(",") if word.strip())
+            if not values:
                 among = f" of {', '.join(self.words)}" if self.words else ""
-                raise ModelError(f"must name one at least{among}, got '{text[:40]}'")
-            return found
+                raise ModelError(f"must name at least one{among}, got '{text[:40]}'")
+            return values
         return self._ends(text) if self.pair else self._one(text)
 
     def fault(self, value: Any) -> str:
-        """Say what a value must be that it is not; nothing where it is one of the field."""
+        """Return the requirement that a value violates; empty for a valid value."""
         if value is None:
             return "" if self.default is None else "given"
         if self.value is bool:
@@ -146,18 +146,16 @@ class RequestField:
             try:
                 self.written.write(value)
             except (TypeError, ValueError, AttributeError):
-                return f"what {self.metavar} of {self.option} may be"
-            return wanted(self.kind, value)
+                return f"a valid {self.metavar} of {self.option}"
+            return fault_of(self.kind, value)
         if self.pair:
             if not isinstance(value, tuple) or len(value) != 2:
                 return "two ends of a range"
-            alone = "[" in self.metavar  # whose ends may be one
-            if said := next(filter(None, map(self._fault, value)), ""):
-                return said
+            alone = "[" in self.metavar  # both ends may be equal
+            if fault := next(filter(None, map(self._fault, value)), ""):
+                return fault
             return (
-                ""
-                if value[0] < value[1] or (alone and value[0] == value[1])
-                else "a range that rises"
+                "" if value[0] < value[1] or (alone and value[0] == value[1]) else "a rising range"
             )
         if self.many:
             if not isinstance(value, tuple):
@@ -171,33 +169,33 @@ class RequestField:
         if self.value not in (float, int):
             texts = self.value is str or self.value == str | Stated
             return "a text" if texts and not isinstance(value, self.value) else ""
-        whole = self.value is int
+        integer = self.value is int
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return self._noun
         if isinstance(value, float) and math.isnan(value):
             return self._noun
-        if not whole and not abs(value) <= sys.float_info.max and not isinstance(value, float):
-            return "a number that a float can be"
-        if whole and abs(value) < math.inf and value != int(value):
-            return self._noun if self.range is None else self.range.text(whole=True)
+        if not integer and not abs(value) <= sys.float_info.max and not isinstance(value, float):
+            return "a number within the range of a float"
+        if integer and abs(value) < math.inf and value != int(value):
+            return self._noun if self.range is None else self.range.text(integer=True)
         return "" if self.range is None or self.range.holds(value) else self.allowed
 
     @property
     def allowed(self) -> str:
-        """The range of its numbers in words."""
+        """Range of its numbers in words."""
         assert self.range is not None
         unit = "" if self.dimension is None else f" {self.dimension.si}"
-        return f"{self.range.text(whole=self.value is int)}{unit}"
+        return f"{self.range.text(integer=self.value is int)}{unit}"
 
-    def shown(self, value: Any) -> str:
-        """Return a value in words, whether it is one of the field or not."""
+    def in_words(self, value: Any) -> str:
+        """Return a value in words, valid or not."""
         try:
             return ", ".join(self.texts(value))
         except (TypeError, ValueError, AttributeError, OverflowError):
             return repr(value)[:60]
 
     def _ends(self, text: str) -> tuple[Any, Any]:
-        """Return both ends of a range; one alone is both where the help says so."""
+        """Return both ends of a range; a single value is both where the help has brackets."""
         ends = [self._one(word.strip()) for word in re.split(r":|\.\.", text)]
         alone = len(ends) == 1 and "[" in self.metavar
         ends *= 2 if alone else 1
@@ -210,8 +208,8 @@ class RequestField:
     def _one(self, text: str) -> Any:
         if self.written.read is not None:
             value = self.written.read(text)
-            if said := wanted(self.kind, value):
-                raise ModelError(f"must be {said}, got '{text[:40]}'")
+            if fault := fault_of(self.kind, value):
+                raise ModelError(f"must be {fault}, got '{text[:40]}'")
             return value
         if self.words:
             if text not in self.words:
@@ -241,7 +239,7 @@ class RequestField:
 
     @property
     def is_share(self) -> bool:
-        """Whether it is a share of a whole."""
+        """True if it is a share."""
         return self.range is not None and self.range.is_share
 
     @property
@@ -251,12 +249,12 @@ class RequestField:
         return 'a share, such as "1.2 %" or 0.012' if self.is_share else "a number"
 
     def texts(self, value: Any) -> list[str]:
-        """Return the texts of a value, each of which `read` understands."""
+        """Return the texts of a value, each of which `read` accepts."""
         values = value if self.many or self.pair else (value,)
-        written = [self._text(one) for one in values]
+        texts = [self._text(one) for one in values]
         if self.pair:
-            return [":".join(written)]
-        return [",".join(written)] if self.many and self.written.commas else written
+            return [":".join(texts)]
+        return [",".join(texts)] if self.many and self.written.commas else texts
 
     def _text(self, value: Any) -> str:
         if self.written.read is not None:
@@ -275,9 +273,9 @@ class RequestField:
 
 @lru_cache(maxsize=256)
 def request_fields(cls: type[Request]) -> Mapping[str, RequestField]:
-    """Return the fields of a request that hold values, by their names.
+    """Return the fields of a request with values, by their names.
 
-    One that is not compared says how the work is done, which no command line asks for.
+    Fields that are not compared control the computation and are not part of a command line.
     """
     return {
         name: _field(name, declared, kind)
@@ -296,20 +294,20 @@ def request_groups(cls: type[Request]) -> tuple[tuple[str, type[Request]], ...]:
 
 
 def is_request(kind: Any) -> bool:
-    """Say whether a type is that of a request."""
+    """Return whether a type is a request."""
     return isinstance(kind, type) and issubclass(kind, Request)
 
 
 def _field(name: str, declared: Any, kind: Any) -> RequestField:
-    own, bounds, dimension, many, pair = None, None, None, False, False
-    kind = whole = optional_part(kind) or kind
+    written_form, bounds, dimension, many, pair = None, None, None, False, False
+    kind = annotated = optional_part(kind) or kind
     if is_request(kind):
-        own = Written("NAME=VALUE,...", read=partial(_read_parts, kind), write=_parts_text)
+        written_form = Written("NAME=VALUE,...", read=partial(_read_parts, kind), write=_parts_text)
     while True:
-        own = own or written_as(kind)  # the outermost
-        written = own or Written()
-        if (found := range_of(kind)) is not None:
-            bounds = found[0]
+        written_form = written_form or written_as(kind)  # of the outermost type
+        written = written_form or Written()
+        if (field_range := range_of(kind)) is not None:
+            bounds = field_range[0]
         if (quantity := dimension_of(kind)) is not None:
             dimension = quantity[0]
         if is_request(kind):
@@ -329,7 +327,7 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
         default = declared.default_factory()
     return RequestField(
         name=name,
-        kind=whole,
+        kind=annotated,
         value=kind,
         many=many,
         pair=pair,
@@ -342,20 +340,20 @@ def _field(name: str, declared: Any, kind: Any) -> RequestField:
 
 
 def _read_parts(kind: type[Request], text: str) -> Request:
-    """Return the request of a text such as "a=1,b=2"; a comma within a value is part of it."""
-    known, values = request_fields(kind), {}
+    """Return the request of a text such as "a=1,b=2", whose values may have commas."""
+    fields, values = request_fields(kind), {}
     for part in re.split(r",\s*(?=[a-z][a-z_-]*\s*=)", text) if text.strip() else ():
         name, equals, value = part.partition("=")
         name = name.strip().replace("-", "_")
         if not equals:
-            raise kind.refused_as(f"must be NAME=VALUE of {', '.join(known)}, got '{part[:40]}'")
-        if name not in known:
-            raise kind.refused_as(unknown("name", name, known))
+            raise kind.refused_as(f"must be NAME=VALUE of {', '.join(fields)}, got '{part[:40]}'")
+        if name not in fields:
+            raise kind.refused_as(unknown("name", name, fields))
         try:
-            found = known[name].read(value.strip())
+            part_value = fields[name].read(value.strip())
         except FlexstageError as error:
             raise kind.refused_as(f"{name} {error}") from None
-        values[name] = (found,) if known[name].repeated else found
+        values[name] = (part_value,) if fields[name].repeated else part_value
     return kind(**values)
 
 
@@ -370,22 +368,24 @@ def _parts_text(request: Request) -> str:
     )
 
 
-def request_of(kind: type[Asked], given: Asked | None, named: Mapping[str, Any]) -> Asked:
-    """Return a request with the fields that are named in place of its own, or the usual ones.
+def request_of(
+    kind: type[RequestT], request: RequestT | None, changes: Mapping[str, Any]
+) -> RequestT:
+    """Return a request with named fields replaced; without a request, with other fields default.
 
-    A text is read as that of an option; where there may be several values, one will do.
+    A text is parsed like that of an option; a field of several values accepts a single one.
     """
-    known = request_fields(kind)
+    fields = request_fields(kind)
     groups = [name for name, _ in request_groups(kind)]
-    for name in named:
-        if name not in known and name not in groups:
-            raise kind.refused_as(unknown("option", name, [*known, *groups]))
-    values = {n: _given(kind, known[n], v) if n in known else v for n, v in named.items()}
-    return kind(**values) if given is None else replace(given, **values)
+    for name in changes:
+        if name not in fields and name not in groups:
+            raise kind.refused_as(unknown("option", name, [*fields, *groups]))
+    values = {n: _field_value(kind, fields[n], v) if n in fields else v for n, v in changes.items()}
+    return kind(**values) if request is None else replace(request, **values)
 
 
-def _given(kind: type[Request], field: RequestField, value: Any) -> Any:
-    """Return the value of a field that a program gives: as it is, or as the text of an option."""
+def _field_value(kind: type[Request], field: RequestField, value: Any) -> Any:
+    """Return the value of a field from a program: as it is, or the text of an option."""
     if value is None:
         return field.default if field.default is not MISSING else None
     plain = field.repeated or field.value is bool or (field.words and not field.written.commas)
@@ -405,7 +405,7 @@ def _given(kind: type[Request], field: RequestField, value: Any) -> Any:
 
 
 def option_words(request: Request) -> list[str]:
-    """Return the words of a command line that ask for the same as a request.
+    """Return the options of a command line for a request.
 
     Examples
     --------
@@ -417,7 +417,7 @@ def option_words(request: Request) -> list[str]:
 
 
 def command_line(request: Request, *subject: str) -> str:
-    """Return the command line that asks for the same about a subject, as a shell takes it.
+    """Return the command line of a request on a subject, quoted for a shell.
 
     Examples
     --------
@@ -429,7 +429,7 @@ def command_line(request: Request, *subject: str) -> str:
 
 
 def recorded(request: Request) -> dict[str, Any]:
-    """Return what is asked beyond the usual as plain data: values in SI by the names of fields.
+    """Return the fields without their defaults as plain data, in SI units.
 
     Examples
     --------
@@ -437,9 +437,9 @@ def recorded(request: Request) -> dict[str, Any]:
     >>> recorded(SweepRequest(over=("neck=0.3..0.8 mm",), samples=40))
     {'over': ['neck=0.3..0.8 mm'], 'samples': 40}
     """
-    said = {field.name: _recorded(field, value) for field, value in _unusual(request)}
+    data = {field.name: _recorded(field, value) for field, value in _unusual(request)}
     groups = {name: recorded(getattr(request, name)) for name, _ in request_groups(type(request))}
-    return said | {name: group for name, group in groups.items() if group}
+    return data | {name: group for name, group in groups.items() if group}
 
 
 def _recorded(field: RequestField, value: Any) -> Any:
@@ -456,7 +456,7 @@ def _recorded(field: RequestField, value: Any) -> Any:
 
 
 def _unusual(request: Request) -> Iterator[tuple[RequestField, Any]]:
-    """Give the fields that ask for something, and what."""
+    """Yield the fields whose values differ from their defaults, with these values."""
     for field in request_fields(type(request)).values():
         value = getattr(request, field.name)
         if value != field.default and value is not None:
@@ -475,11 +475,11 @@ def _option_words(request: Request) -> Iterator[str]:
 
 
 def read_number(text: str, noun: str) -> float:
-    """Return the number of a text, which may be in per cent if it is not to be a whole one."""
-    whole = noun == "a whole number"
-    share = text.strip().endswith("%") and not whole
+    """Return the number of a text, which may be in per cent unless it must be whole."""
+    integer = noun == "a whole number"
+    share = text.strip().endswith("%") and not integer
     try:
-        value = int(text) if whole else float(text.strip().removesuffix("%"))
+        value = int(text) if integer else float(text.strip().removesuffix("%"))
     except ValueError:
         raise UnitError(f"expected {noun}, got '{text[:40]}'") from None
     if isinstance(value, float) and not math.isfinite(value):

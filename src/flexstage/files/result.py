@@ -1,4 +1,4 @@
-"""What a job returns, and how that shows itself: as plain data, as a data frame, as a picture."""
+"""Results of jobs: as plain data, as a data frame, as a picture."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,40 +21,40 @@ class Result:
     """Key of `to_dict` whose rows, or columns, make the data frame."""
 
     request: Request | None = None
-    """What was asked for; None of a result that no request led to."""
+    """The request; None for a result without one."""
 
     def data(self) -> dict[str, Any]:
-        """Return what was found as plain data, in SI units."""
+        """Return the result as plain data, in SI units."""
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the command prints with ``--json``: what was found, and what was asked.
+        """Return the output of the command with ``--json``: result and ``request``.
 
-        That is ``request``: the fields that differ from the usual, in SI units.
+        The request has the fields that differ from their defaults, in SI units.
         """
-        asked = {} if self.request is None else {"request": recorded(self.request)}
-        return self.data() | asked
+        request = {} if self.request is None else {"request": recorded(self.request)}
+        return self.data() | request
 
     def to_frame(self) -> "pandas.DataFrame":
         """Return the table of the result as a data frame, in SI units; needs pandas.
 
-        What is within a value of `to_dict` has a column of its own, such as ``frequency_hz.value``.
+        Nested values of `to_dict` become columns such as ``frequency_hz.value``.
         """
-        found = self.data()[self.table_key]
-        if not isinstance(found, Mapping):
-            rows = [_flat(row) for row in found]
+        table = self.data()[self.table_key]
+        if not isinstance(table, Mapping):
+            rows = [_flat(row) for row in table]
             names = dict.fromkeys(name for row in rows for name in row)
-            found = {name: [row.get(name) for row in rows] for name in names}
-        return data_frame(found)
+            table = {name: [row.get(name) for row in rows] for name in names}
+        return data_frame(table)
 
     def plot(self, view: str = "", **options: Any) -> "Figure":
-        """Draw the result, as the command does with ``--figure``; some have other views by name."""
-        # figures stand above all rooms that have results: what draws is loaded where one is wanted
+        """Return the figure of the result, that of ``--figure``; some have other views by name."""
+        # figures are above all rooms with results: imported on use
         return import_module("flexstage.report.page").plotted(self, view, **options)
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row of plain data without mappings in it: their keys are joined by dots."""
+    """Return a row of plain data with nested keys joined by dots."""
     flat: dict[str, Any] = {}
     for key, value in row.items():
         within = _flat(value) if isinstance(value, Mapping) else None

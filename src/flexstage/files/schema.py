@@ -1,4 +1,4 @@
-"""The JSON Schema of a kind of file, from the classes; editors complete and check with it."""
+"""JSON Schema of a kind of file, from its classes, for completion and checks in editors."""
 
 import ast
 import collections.abc
@@ -29,7 +29,7 @@ from flexstage.quantities.units import DIMENSIONS, Dimension
 _NUMBER = r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?"
 _UNIT = "[A-Za-zµμ°1]"
 _EXPRESSION = r"^\s*="
-# two threads that parse at a time mix up how deep they are (Python 3.11)
+# concurrent parsing confuses the recursion depth (Python 3.11)
 _ONE_PARSES = threading.Lock()
 _PLAIN: dict[Any, Any] = {
     str: {"type": ["string", "number", "boolean"]},
@@ -41,7 +41,7 @@ _PLAIN: dict[Any, Any] = {
 
 
 def file_schema(format: Format, cls: type) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of files of a kind, which hold a class."""
+    """Return the JSON Schema (draft 2020-12) of files of a kind, with a class as content."""
     builder = SchemaBuilder(format)
     content = builder.describe(cls, named=True)
     head: dict[str, Any] = {}
@@ -87,14 +87,14 @@ def _parameters_schema() -> dict[str, Any]:
 
 
 class SchemaBuilder:
-    """Makes the schemas of types, and keeps what several of them share."""
+    """Builder of schemas of types, with shared definitions."""
 
     def __init__(self, format: Format) -> None:
         self.format = format
         self.definitions: dict[str, Any] = {}
 
     def define(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, str]:
-        """Refer to a shared schema, made when it is first asked for."""
+        """Return a reference to a shared schema, made on first use."""
         if name not in self.definitions:
             self.definitions[name] = {}
             self.definitions[name] = make()
@@ -142,9 +142,9 @@ class SchemaBuilder:
     def describe(
         self, cls: type, kind: str | None = None, *, named: bool = False
     ) -> dict[str, Any]:
-        """Return the schema of a mapping that holds the fields of a class.
+        """Return the schema of a mapping with the fields of a class.
 
-        `kind` is its word in a family; `named` where its name stands inside.
+        `kind` is its word in a family; with `named`, its name is one of the fields.
         """
         texts = field_texts(cls)
         properties: dict[str, Any] = {} if kind is None else {"kind": {"const": kind}}
@@ -166,8 +166,8 @@ class SchemaBuilder:
         }
 
     def family(self, among: Mapping[str, type]) -> dict[str, Any]:
-        """Return the schema of a class of which the file names the kind."""
-        # one branch for each kind, so that a wrong key is told against its own kind
+        """Return the schema of a family, whose member the file names by kind."""
+        # a branch for each kind, so that an editor checks keys against this kind
         return {
             "type": "object",
             "required": ["kind"],
@@ -186,7 +186,7 @@ class SchemaBuilder:
         bare = dimension.name == "length" and self.format.length_unit
 
         def make() -> dict[str, Any]:
-            # a bare length may come in quotes, other quantities need their unit
+            # a bare length may be quoted, other quantities need a unit
             pattern = rf"^\s*{_NUMBER}\s*{'' if bare else _UNIT}"
             if self.format.parameters:
                 pattern = f"{_EXPRESSION}|{pattern}"
@@ -201,24 +201,24 @@ class SchemaBuilder:
 
     @staticmethod
     def list_of(item: dict[str, Any], count: int) -> dict[str, Any]:
-        """Return the schema of a list of so many."""
+        """Return the schema of a list of some length."""
         return {"type": "array", "items": item, "minItems": count, "maxItems": count}
 
 
 def _in_per_cent(kind: Any, number: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of a number that may be written in per cent where it is a share."""
-    found = range_of(kind)
-    if found is None or not found[0].is_share or typing.get_args(kind)[0] is not float:
+    bounds = range_of(kind)
+    if bounds is None or not bounds[0].is_share or typing.get_args(kind)[0] is not float:
         return number
     return {"anyOf": [number, {"type": "string", "pattern": rf"^\s*{_NUMBER}\s*%\s*$"}]}
 
 
 def _bounds(kind: Any) -> dict[str, Any]:
-    """Return what a schema says of the range of a number."""
-    found = range_of(kind)
-    if found is None:
+    """Return the limits of a number in a schema."""
+    entry = range_of(kind)
+    if entry is None:
         return {}
-    range_ = found[0]
+    range_ = entry[0]
     bounds: dict[str, Any] = {}
     if math.isfinite(range_.low):
         bounds["exclusiveMinimum" if range_.above else "minimum"] = range_.low
@@ -228,7 +228,7 @@ def _bounds(kind: Any) -> dict[str, Any]:
 
 
 def field_texts(cls: type) -> dict[str, str]:
-    """Return the text below each field of a class, its own before those that it inherits."""
+    """Return the text below each field of a class; its own replace inherited ones."""
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if "__annotations__" in vars(base):
@@ -237,12 +237,12 @@ def field_texts(cls: type) -> dict[str, str]:
 
 
 def part_texts(cls: type[Request]) -> str:
-    """Return what is said of the parts of a request that is one value."""
+    """Return the help of the parts of a request that is one option."""
     texts = field_texts(cls)
     return " ".join(f"{f.name}={f.metavar}: {texts[f.name]}" for f in request_fields(cls).values())
 
 
-# the module of a class is parsed to find it
+# parses the source of the class
 @functools.lru_cache(maxsize=512)
 def _own_texts(cls: type) -> dict[str, str]:
     with _ONE_PARSES:

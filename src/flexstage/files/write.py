@@ -1,4 +1,4 @@
-"""Writing files whole or not at all: no other module of the package replaces a file."""
+"""Atomic writing of files; no other module of the package replaces a file."""
 
 import contextlib
 import errno
@@ -13,10 +13,10 @@ from flexstage.base.errors import FlexstageError
 
 @contextlib.contextmanager
 def draft_of(target: Path) -> Iterator[Path]:
-    """Give an empty file beside a place, which is moved there, on disk, when the block is done.
+    """Yield an empty temporary file, which replaces the target at the end of the block.
 
-    Where the block fails it goes, and what was in the place stays. A file that was there hands its
-    rights on; a new one is as readable as any.
+    If the block fails, it is removed and the target does not change. The target keeps its
+    permissions; a new file has the usual ones.
     """
     draft = _begin(target)
     try:
@@ -32,9 +32,9 @@ def write_whole(
     content: bytes | str,
     error: type[FlexstageError] | None = None,
 ) -> None:
-    """Write a file; it appears whole or not at all.
+    """Write a file atomically.
 
-    Where it cannot be written an `error` says so, or the OSError where none is given.
+    If it cannot be written, an `error` is raised, or OSError where none is given.
     """
     target = Path(path)
     try:
@@ -48,25 +48,25 @@ def write_whole(
 
 
 def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
-    """Write some files into a directory: every one of them, or none.
+    """Write files into a directory: all of them or none.
 
-    None is in its place before all are complete. The directory is made where it does not exist;
-    names may have folders inside it, ``FOLDER/NAME``.
+    No file is in its place before all are complete. A missing directory is created; names may have
+    folders, ``FOLDER/NAME``.
     """
     drafts: list[tuple[Path, Path]] = []
-    made: list[Path] = []
+    created: list[Path] = []
     try:
-        _make(directory, made)
+        _make(directory, created)
         for name, content in contents.items():
             target = directory / name
-            _make(target.parent, made)
+            _make(target.parent, created)
             try:
                 draft = _begin(target)
                 drafts.append((draft, target))
                 draft.write_bytes(content)
                 _to_disk(draft)
             except OSError as error:
-                # the reader knows the file that was wanted, and not the one beside it
+                # name the target, not the temporary file
                 raise type(error)(error.errno, error.strerror, str(target)) from error
         for draft, target in drafts:
             _settle(draft, target, synced=True)
@@ -74,35 +74,35 @@ def write_files(directory: Path, contents: Mapping[str, bytes]) -> list[Path]:
         for draft, _ in drafts:
             with contextlib.suppress(FileNotFoundError):
                 draft.unlink()
-        # those that a failure left empty; the others hold files and stay
-        for folder in reversed(made):
+        # folders that are empty after a failure; others are kept
+        for folder in reversed(created):
             with contextlib.suppress(OSError):
                 folder.rmdir()
     return [target for _, target in drafts]
 
 
 def require_writable(directory: Path) -> None:
-    """Refuse a directory that cannot be written to, before the work whose result goes there.
+    """Refuse a directory that cannot be written to, before the computation of its content.
 
-    It need not exist, and is not made: the nearest directory above must take it then.
+    It need not exist and is not created: then the nearest directory above must be writable.
     """
     nearest = directory
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
     if not nearest.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(nearest))
-    try:  # rights alone do not tell: some folders take no file from anyone
+    try:  # permissions are not enough: some folders accept no file
         tempfile.TemporaryFile(dir=nearest).close()
     except OSError as error:
-        said = f"no file can be made there ({error.strerror})"
-        raise type(error)(error.errno, said, str(nearest)) from error
+        message = f"no file can be created there ({error.strerror})"
+        raise type(error)(error.errno, message, str(nearest)) from error
 
 
 def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the system can."""
+    """Flush the names in a folder to disk, where the system supports it."""
     if sys.platform == "win32":
         return
-    # some network file systems cannot; the files are there all the same
+    # some network file systems do not; the files exist anyway
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -115,14 +115,14 @@ def _begin(target: Path) -> Path:
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, "it is a directory", str(target))
     if target.exists() and not target.is_file():  # /dev/null would become a file
-        raise OSError(errno.EINVAL, "it is no regular file, which could be replaced", str(target))
+        raise OSError(errno.EINVAL, "it is not a regular file and cannot be replaced", str(target))
     handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     os.close(handle)
     return Path(name)
 
 
 def _to_disk(draft: Path) -> None:
-    with draft.open("r+b") as file:  # some systems force only files to disk that may be written
+    with draft.open("r+b") as file:  # some systems flush only writable files
         os.fsync(file.fileno())
 
 
@@ -135,18 +135,18 @@ def _settle(draft: Path, target: Path, *, synced: bool = False) -> None:
 
 
 def _mask() -> int:
-    # it can only be read by setting it
+    # the mask can only be read by setting it
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
-def _make(directory: Path, made: list[Path]) -> None:
-    """Make a directory and those above it, and put down which were not there."""
+def _make(directory: Path, created: list[Path]) -> None:
+    """Create a directory and its parents, and record the new ones."""
     missing = []
     while not directory.exists():
         missing.append(directory)
         directory = directory.parent
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)
-        made.append(folder)
+        created.append(folder)

@@ -1,4 +1,4 @@
-"""Writes the plain data of a description as YAML that is pleasant to read."""
+"""Readable YAML of the plain data of a description."""
 
 import re
 from typing import Any
@@ -7,13 +7,13 @@ from flexstage.files.nodes import NUMBER
 
 
 class Number(str):
-    """Digits that stand in a file without quotes."""
+    """Digits without quotes in a file."""
 
     __slots__ = ()
 
 
 def yaml_text(data: Any) -> str:
-    """Write plain data as YAML."""
+    """Return plain data as YAML."""
     import yaml
 
     return yaml.dump(
@@ -22,7 +22,7 @@ def yaml_text(data: Any) -> str:
 
 
 def flow_text(data: Any) -> str:
-    """Write plain data as YAML on one line.
+    """Return plain data as YAML on one line.
 
     Examples
     --------
@@ -37,15 +37,15 @@ def flow_text(data: Any) -> str:
 
 
 class _Row(list):
-    """A list that is written on one line."""
+    """A list on one line."""
 
 
 class _Line(dict):
-    """A mapping that is written on one line."""
+    """A mapping on one line."""
 
 
 def _flow(value: Any, depth: int) -> Any:
-    """Choose what is written on one line: lists of scalars, and what stands deep."""
+    """Mark lists of scalars and deeply nested values for one line."""
     if isinstance(value, dict):
         inner = {k: _flow(v, depth + 1) for k, v in value.items()}
         return _Line(inner) if depth >= 3 else inner
@@ -57,10 +57,9 @@ def _flow(value: Any, depth: int) -> Any:
 
 
 def plain_dumper() -> type:
-    """Make what writes plain data so that `flexstage.files.nodes` reads it back.
+    """Return a dumper for ``yaml.dump`` whose output `flexstage.files.nodes` reads back.
 
-    For ``yaml.dump``: no part is named and referred to, and a text that is a number to the reader
-    stands in quotes.
+    It writes no anchors, and quotes a text that looks like a number.
     """
     import yaml
 
@@ -69,14 +68,14 @@ def plain_dumper() -> type:
             return True
 
     def text(dumper: Any, data: str) -> Any:
-        # line ends of any kind are folded unless they stand escaped between double quotes
+        # line ends are folded unless they are escaped in double quotes
         return dumper.represent_scalar(
             "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
         )
 
     Dumper.add_representer(str, text)
-    # YAML 1.1, which the library writes, takes 1e5 for a text
-    number = re.compile(rf"(?:{NUMBER.pattern})\Z")  # "8 mm" is none, and needs no quotes
+    # in YAML 1.1, which the library writes, 1e5 is a text
+    number = re.compile(rf"(?:{NUMBER.pattern})\Z")  # "8 mm" is not a number and needs no quotes
     Dumper.add_implicit_resolver("tag:yaml.org,2002:float", number, list("+-.0123456789"))
     return Dumper
 
@@ -87,7 +86,7 @@ def _dumper() -> type:
     dumper: Any = plain_dumper()
 
     def number(to: Any, data: Number) -> Any:
-        # whatever tag the text would be given, so that none is written
+        # the tag that the text would get, so that none is written
         tag = to.resolve(yaml.ScalarNode, str(data), (True, False))
         return to.represent_scalar(tag, str(data))
 

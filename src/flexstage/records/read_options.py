@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 from flexstage.base.errors import FlexstageError, RecordError
-from flexstage.files.ranges import POSITIVE, Whole, Written
+from flexstage.files.ranges import POSITIVE, CountOrZero, Written
 from flexstage.files.request import Request
 from flexstage.quantities.units import parse
 
@@ -127,7 +127,7 @@ class TextLayout(Request):
     one_value: ClassVar[bool] = True
     refused_as: ClassVar[type[FlexstageError]] = RecordError
 
-    skip: Whole = 0
+    skip: CountOrZero = 0
     """Lines to skip at the start."""
     delimiter: (
         Annotated[str, Written("SIGN", read=_read_delimiter, write=_write_delimiter)] | None

@@ -18,8 +18,8 @@ from flexstage.files.decoder import Decoder, read
 from flexstage.files.encoder import Encoder, same
 from flexstage.files.format import Form, Format, check_name, field_types
 from flexstage.files.forms import FORMS
-from flexstage.files.nodes import Given, Node, Scalar, Sequence, read_text
 from flexstage.files.nodes import Mapping as MappingNode
+from flexstage.files.nodes import MappingData, Node, Scalar, Sequence, read_text
 from flexstage.files.parameters import KEY as PARAMETERS
 from flexstage.files.parameters import FileParameter, overridden, require_known, settings_of
 from flexstage.files.schema import SchemaBuilder, file_schema
@@ -160,7 +160,7 @@ def _read_line(decoder: Decoder, node: Node, path: str, _base: Any) -> PlaneMoti
     elif node.text in ("x", "y"):
         along, through = node.text, (0.0, 0.0)
     else:
-        decoder.refuse(node, path, f"{what}, got {decoder.shown(node)}")
+        decoder.refuse(node, path, f"{what}, got {decoder.describe(node)}")
     return PlaneMotion.reflection(0.0 if along == "x" else 0.5 * math.pi, through=through)
 
 
@@ -437,7 +437,7 @@ def _from_design(
             )
     rest = {key: value for key, value in node.items.items() if key != "name"}
     entry = overridden(MappingNode(node.line, rest, node.key_lines), decoder.settings)
-    settings = Given(entry, decoder)
+    settings = MappingData(entry, decoder)
     try:
         return designs(name.text if isinstance(name, Scalar) else "", settings)
     except FlexstageError as error:

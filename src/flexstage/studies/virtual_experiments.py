@@ -105,8 +105,7 @@ def _centre(stage: Stage, seed: int) -> CentringTrial:
     from flexstage.centring import ARCSEC, fit_harmonics
     from flexstage.centring.procedure import centre
     from flexstage.experiments.verbs.centre import Centre
-    from flexstage.virtual.positioner import TableMounting, VirtualPositioner
-    from flexstage.virtual.table import VirtualBench, scale_errors
+    from flexstage.virtual.table import TableMounting, VirtualBench, VirtualPositioner, scale_errors
 
     # angle of the stage on the table, which trial moves find out [rad]
     mounting_angle = 0.7

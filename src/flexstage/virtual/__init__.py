@@ -1,7 +1,7 @@
-"""The stage as it was made: scatter, guide errors, stacks, sensors, hammer, and a table below it.
+"""The stage as manufactured: scatter, guide errors, stacks, sensors, hammer, and a rotary table.
 
-It runs sample by sample, with a position control inside (`virtual_stage`), or gives the records of
-whole measurements at rest, many stages in a second. None of it is a measurement, and it says so.
+It runs sample by sample with position control (`virtual_stage`), or returns quasi-static records of
+measurements, many stages per second. All results are marked as simulated.
 """
 
 from typing import TYPE_CHECKING
@@ -12,10 +12,15 @@ if TYPE_CHECKING:
     from flexstage.virtual.as_built import AsBuilt, as_built
     from flexstage.virtual.build import virtual_stage
     from flexstage.virtual.imperfections import Scatter
-    from flexstage.virtual.positioner import TableMounting, VirtualPositioner
     from flexstage.virtual.stack import VirtualStack, virtual_stack
     from flexstage.virtual.stage import VirtualStage
-    from flexstage.virtual.table import VirtualBench, VirtualTable, scale_errors
+    from flexstage.virtual.table import (
+        TableMounting,
+        VirtualBench,
+        VirtualPositioner,
+        VirtualTable,
+        scale_errors,
+    )
 
 __all__ = [
     "AsBuilt",

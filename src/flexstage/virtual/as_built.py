@@ -1,6 +1,6 @@
-"""One virtual stage, made and mounted: what it truly does, and what is published of its axes.
+"""A virtual stage as manufactured, with its true behaviour, and published figures of axes.
 
-No measurement knows the first. Of the second, a usual figure stands in where there is none.
+The true values are unknown to any measurement. A usual figure replaces one that is not published.
 """
 
 from collections.abc import Mapping
@@ -42,36 +42,34 @@ from flexstage.virtual.imperfections import (
 )
 from flexstage.virtual.stack import FINE_PLAYS, virtual_stack
 
-#: Samples of a cycle that is gone through before.
+#: Samples of a conditioning cycle.
 _SETTLING = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AsBuiltAxis:
-    """What one axis truly does."""
+    """True behaviour of one axis."""
 
     name: str
     """Name of the axis."""
     command_range: tuple[float, float]
-    """Ends of the command: voltage [V] of a piezo stack, elongation [m] of a screw."""
+    """Range of the command: voltage [V] of a piezo stack, elongation [m] of a screw."""
     command_unit: str
-    """Its unit."""
+    """Unit of the command."""
     guide: GuideErrors
-    """Motions beside the one along the axis, and what the position is off by."""
+    """Error motions, and the position error along the axis."""
     hysteresis: HysteresisModel | None
-    """From command to position, where the drive has one."""
+    """Hysteresis from command to position; None for a drive without it."""
     reversal: float
-    """By how much the position is further on the way back, in the middle of the stroke, of a drive
-    without hysteresis [m].
-    """
+    """Reversal error in the middle of the stroke, of a drive without hysteresis [m]."""
     repeatability: float
     """Standard deviation of the position from cycle to cycle [m]."""
     mode: int
-    """The mode by which the drive moves the axis."""
+    """Index of the mode along the axis."""
     smallest_step: float | None
-    """Smallest step of the position, of a drive that has one [m]."""
+    """Smallest step of the position [m]; None for a continuous drive."""
     low_end: float = 0.0
-    """Output of the hysteresis at the low end of the stroke [m], from which positions count."""
+    """Output of the hysteresis at the low end of the stroke [m], the zero of positions."""
 
     @property
     def stroke(self) -> float:
@@ -81,22 +79,22 @@ class AsBuiltAxis:
     def position(self, command: ArrayLike) -> Array:
         """Return the position from the low end [m] for commands [V, or m], after two full cycles.
 
-        What differs from cycle to cycle is left out.
+        Repeatability is not included.
         """
         u = np.asarray(command, dtype=np.float64)
         low, high = self.command_range
         if self.hysteresis is None:
             p = (u - low) / (high - low) * self.stroke
-            # a loop that is closed at both ends and widest in the middle
+            # a loop closed at both ends and widest in the middle
             half = np.where(_falling(u), 0.5, -0.5) * self.reversal
             loop = 4.0 * half * (p / self.stroke) * (1.0 - p / self.stroke)
             return p + self.guide.at(p, "along") + loop
         before = np.concatenate([self.cycle(_SETTLING)] * 2)
-        found = self.hysteresis.simulate(np.concatenate((before, u))).values[before.size :]
-        return found - self.low_end
+        output = self.hysteresis.simulate(np.concatenate((before, u))).values[before.size :]
+        return output - self.low_end
 
     def cycle(self, samples: int) -> Array:
-        """Return one triangle of commands over the whole range, from the low end."""
+        """Return one triangular cycle of commands over the full range, from the low end."""
         low, high = self.command_range
         t = np.arange(samples) / samples
         return low + (high - low) * (1.0 - np.abs(2.0 * t - 1.0))
@@ -111,18 +109,18 @@ class AsBuiltAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AsBuilt:
-    """A stage as it was made: the description of what was drawn, and what it truly does."""
+    """A stage as manufactured: its description, nominal and true, and its true behaviour."""
 
     stage: Stage
-    """The stage as drawn."""
-    made: Stage
-    """The stage as made."""
+    """The nominal stage."""
+    manufactured: Stage
+    """The stage with its manufacturing deviations."""
     system: MechanicalSystem
-    """Model of the stage as made."""
+    """Model of the manufactured stage."""
     axes: tuple[AsBuiltAxis, ...]
-    """What each axis does."""
+    """True behaviour of each axis."""
     notes: tuple[str, ...]
-    """What was set, and to what."""
+    """Notes: seed, and figures set to published values."""
 
     def axis(self, name: str) -> AsBuiltAxis:
         """Return an axis by name."""
@@ -135,92 +133,96 @@ class AsBuilt:
 def as_built(
     stage: Stage, *, seed: int = 0, scatter: Scatter | None = None, as_published: bool = True
 ) -> AsBuilt:
-    """Make a virtual stage, on the lumped model.
+    """Return a virtual stage, on the lumped model.
 
-    Its necks, notches and modulus come from a process with scatter. What no model of the drawn
-    stage knows is drawn too: how straight it moves, what differs from cycle to cycle, and the
-    loop of its stacks. Where measured figures of the stage are published these are set to them
-    (necks to the natural frequencies), so that measuring it should bring them back.
+    Necks, notches and modulus are drawn from a process with scatter. Straightness, repeatability
+    and the loops of the stacks, which no model of the nominal stage predicts, are drawn too. Where
+    measured figures of the stage are published the virtual stage is set to them (necks to the
+    natural frequencies), so that a measurement of it must reproduce them.
 
     Notes
     -----
-    Validity: an invention for trials and for planning. Errors of the guides are smooth curves of
-    order 5, hysteresis is that of no measured stack, creep and amplifier are left out.
+    Validity: synthetic, for trials and for planning. Guide errors are smooth curves of order 5,
+    hysteresis is not measured, creep and amplifier are neglected.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
-    >>> made = as_built(design("vgtu-piezo"), seed=1)
-    >>> print(f"{made.axis('x').stroke * 1e6:.2f} um")
+    >>> built = as_built(design("vgtu-piezo"), seed=1)
+    >>> print(f"{built.axis('x').stroke * 1e6:.2f} um")
     63.12 um
     """
     if not stage.axes:
-        raise ModelError(
-            f"stage '{stage.name}' names no axis, a drive and the probe that reads it: add one"
-        )
+        raise ModelError(f"stage '{stage.name}' has no axis: name a drive and a probe under 'axes'")
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     process = scatter or Scatter()
-    made = manufactured(stage, process, seed=seed)
+    manufactured_stage = manufactured(stage, process, seed=seed)
     moved = displacements(stage, process, seed=seed)
-    measured = Characteristics(stage.published).select(origin="published-measured")
-    notes = [f"virtual stage, seed {seed}: drawn, not measured"]
-    known = measured if as_published else Characteristics()
-    frequencies = {row.axis: row.value for row in known.select("natural_frequency_hz")}
+    published_rows = Characteristics(stage.published).select(origin="published-measured")
+    notes = [f"virtual stage, seed {seed}: simulated with random deviations, not measured"]
+    published = published_rows if as_published else Characteristics()
+    frequencies = {row.axis: row.value for row in published.select("natural_frequency_hz")}
     if frequencies:
-        made = _tuned(made, frequencies, moved)
-        notes.append(
-            "necks are set so that the natural frequencies are the published measured ones"
-        )
-    system = displaced_system(made, moved).with_damping(ModalDamping(ratio=VIRTUAL_DAMPING_RATIO))
-    analysis = analyse(made, system)
+        manufactured_stage = _tuned(manufactured_stage, frequencies, moved)
+        notes.append("necks are adjusted to the published measured natural frequencies")
+    system = displaced_system(manufactured_stage, moved).with_damping(
+        ModalDamping(ratio=VIRTUAL_DAMPING_RATIO)
+    )
+    analysis = analyse(manufactured_stage, system)
     axes = []
     for state in analysis.axes:
         mode = axis_mode(system, analysis.modes["removed"], state.drive, state.probe)
-        own = {row.quantity: row.value for row in known if row.axis == state.axis}
-        axes.append(_axis(made, system, state, mode, own, rng))
-    if any(row.quantity != "natural_frequency_hz" for row in known):
+        figures = {row.quantity: row.value for row in published if row.axis == state.axis}
+        axes.append(_axis(manufactured_stage, system, state, mode, figures, rng))
+    if any(row.quantity != "natural_frequency_hz" for row in published):
         notes.append(
-            "stroke, straightness, and width of the loop are the published measured ones, where "
-            "there are any"
+            "stroke, straightness and loop width equal the published measured values where there "
+            "are any"
         )
     if assumed := {axis for quantity, axis in assumed_figures(stage) if quantity == "straightness"}:
         notes.append(
-            f"straightness of {', '.join(sorted(assumed))} and the rotations with it are assumed, "
-            f"{100.0 * STRAIGHTNESS:g} % of the stroke, and tell nothing of this stage"
+            f"straightness of {', '.join(sorted(assumed))} and its rotations are assumptions "
+            f"({100.0 * STRAIGHTNESS:g} % of the stroke), without information on this stage"
         )
-    return AsBuilt(stage=stage, made=made, system=system, axes=tuple(axes), notes=tuple(notes))
+    return AsBuilt(
+        stage=stage,
+        manufactured=manufactured_stage,
+        system=system,
+        axes=tuple(axes),
+        notes=tuple(notes),
+    )
 
 
 def _axis(
-    made: Stage,
+    stage: Stage,
     system: MechanicalSystem,
     state: AxisAnalysis,
     mode: int,
-    known: Mapping[str, float],
+    published: Mapping[str, float],
     rng: np.random.Generator,
 ) -> AsBuiltAxis:
-    drive = made.drive(state.drive)
-    stroke = known.get("output_displacement", state.output_displacement)
+    drive = stage.drive(state.drive)
+    stroke = published.get("output_displacement", state.output_displacement)
     usual = STRAIGHTNESS * stroke
-    sideways = known.get("straightness", usual)
-    upwards = known.get("straightness_out_of_plane", usual)
+    lateral = published.get("straightness", usual)
+    vertical = published.get("straightness_out_of_plane", usual)
     others = [a.probe for a in system.axes if a.name != state.axis]
     coupling = state.static.readings[others[0]] / state.output_displacement if others else 0.0
-    turned = state.static.body_motion[system.probe(state.probe).body][2] / stroke
+    yaw_rate = state.static.body_motion[system.probe(state.probe).body][2] / stroke
     guide = random_guide(
         stroke,
         {
-            "along": known.get("linearity", usual),
-            "across": sideways,
-            "vertical": upwards,
-            "roll": upwards / GUIDE_LENGTH,
-            "pitch": upwards / GUIDE_LENGTH,
-            "yaw": sideways / GUIDE_LENGTH,
+            "along": published.get("linearity", usual),
+            "across": lateral,
+            "vertical": vertical,
+            "roll": vertical / GUIDE_LENGTH,
+            "pitch": vertical / GUIDE_LENGTH,
+            "yaw": lateral / GUIDE_LENGTH,
         },
         {
             "across": coupling + DIRECTION_SPREAD * float(rng.standard_normal()),
             "vertical": DIRECTION_SPREAD * float(rng.standard_normal()),
-            "yaw": turned,
+            "yaw": yaw_rate,
         },
         rng,
     )
@@ -228,7 +230,7 @@ def _axis(
     commands, unit = (0.0, state.input_displacement), "m"
     if isinstance(drive, PiezoStack) and drive.voltage_range is not None:
         commands, unit = drive.voltage_range, "V"
-        width = known.get("hysteresis_loop_width")
+        width = published.get("hysteresis_loop_width")
         share = LOOP_WIDTH if width is None else width / stroke
         hysteresis = virtual_stack(commands, stroke, share, plays=FINE_PLAYS)
     step = drive.smallest_displacement
@@ -249,10 +251,10 @@ def _axis(
 
 
 def _tuned(
-    made: Stage, frequencies: Mapping[str, float], moved: Mapping[str, tuple[float, float]]
+    nominal: Stage, frequencies: Mapping[str, float], moved: Mapping[str, tuple[float, float]]
 ) -> Stage:
-    """Set necks so that the frequencies of the axes are those that were measured."""
-    wanted = {
+    """Adjust necks until the frequencies of the axes are the measured ones."""
+    targets = {
         ("natural_frequency_hz", axis): Estimate(
             value=f,
             unit="Hz",
@@ -262,25 +264,27 @@ def _tuned(
     }
     necks = [
         UpdateParameter(name=f"necks of {axis}", kind="neck_factor", spread=0.1, hinges=hinges)
-        for axis, hinges in _bent_by(made, moved).items()
+        for axis, hinges in _bent_by(nominal, moved).items()
         if axis in frequencies
     ]
     return update_stage(
-        made, wanted, parameters=necks, model=lambda stage: displaced_system(stage, moved)
+        nominal, targets, parameters=necks, model=lambda stage: displaced_system(stage, moved)
     ).stage
 
 
-def _bent_by(made: Stage, moved: Mapping[str, tuple[float, float]]) -> dict[str, tuple[str, ...]]:
-    """By axis, the hinges that its mode strains more than that of any other axis."""
-    system = displaced_system(made, moved)
-    layout = layout_of(made)
-    found = modes(system, drives="removed")
+def _bent_by(
+    nominal: Stage, moved: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[str, ...]]:
+    """Return by axis the hinges that its mode strains more than the mode of any other axis."""
+    system = displaced_system(nominal, moved)
+    layout = layout_of(nominal)
+    bare = modes(system, drives="removed")
     names = [axis.name for axis in system.axes]
-    shapes = found.shapes[
-        :, [axis_mode(system, found, axis.drive, axis.probe) for axis in system.axes]
+    shapes = bare.shapes[
+        :, [axis_mode(system, bare, axis.drive, axis.probe) for axis in system.axes]
     ]
     groups: dict[str, list[str]] = {name: [] for name in names}
-    for spring in hinge_springs(made):
+    for spring in hinge_springs(nominal):
         e = hinge_matrix(layout, spring.hinge) @ shapes
         energy = np.einsum("ik,ij,jk->k", e, spring.stiffness, e)
         groups[names[int(np.argmax(energy))]].append(spring.hinge.name)
@@ -288,34 +292,34 @@ def _bent_by(made: Stage, moved: Mapping[str, tuple[float, float]]) -> dict[str,
 
 
 def _falling(u: Array) -> NDArray[np.bool_]:
-    """Say of each command whether it is below the last one that differs from it."""
+    """Return for each command whether it is below the last different one."""
     change = np.sign(np.diff(u, prepend=u[:1]))
-    moved = np.where(change != 0.0, np.arange(u.size), 0)
-    last = np.maximum.accumulate(moved)
+    turns = np.where(change != 0.0, np.arange(u.size), 0)
+    last = np.maximum.accumulate(turns)
     return change[last] < 0.0
 
 
 def platform_stroke(stage: Stage, axis: str) -> float | None:
-    """Return the stroke at the platform [m]: published, else of the lumped model at rest.
+    """Return the stroke at the platform [m]: published, else by the lumped model.
 
-    None where the drive says no stroke.
+    None where the drive has no stroke.
 
     Examples
     --------
     >>> from dataclasses import replace
     >>> from flexstage.stage.designs import design
     >>> stage = design("vgtu-piezo")
-    >>> for known in (stage, replace(stage, published=())):
-    ...     print(f"{1e6 * platform_stroke(known, 'x'):.2f} um")
+    >>> for one in (stage, replace(stage, published=())):
+    ...     print(f"{1e6 * platform_stroke(one, 'x'):.2f} um")
     63.12 um
     67.54 um
     """
-    known = measured_value(stage.published, "output_displacement", axis)
+    published = measured_value(stage.published, "output_displacement", axis)
     port = stage.axis(axis)
     drive = stage.drive_of(axis)
     stroke = drive.stroke
-    if known is not None or stroke is None:
-        return known
+    if published is not None or stroke is None:
+        return published
     from flexstage.lumped import lumped_system
     from flexstage.system import static_displacements
 
@@ -324,6 +328,6 @@ def platform_stroke(stage: Stage, axis: str) -> float | None:
 
 
 def loop_share(stage: Stage, axis: str, stroke: float) -> float:
-    """Return the width of an axis's loop over its stroke [1]: published, else usual."""
+    """Return the relative loop width of an axis [1]: published, else usual."""
     width = measured_value(stage.published, "hysteresis_loop_width", axis)
     return LOOP_WIDTH if width is None else width / stroke

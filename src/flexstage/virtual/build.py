@@ -1,4 +1,4 @@
-"""Simulated stages from their description: made with scatter, and set to what was measured."""
+"""Simulated stages from their description: with scatter, and set to measured figures."""
 
 import math
 from collections.abc import Sequence
@@ -39,14 +39,12 @@ from flexstage.virtual.imperfections import (
 from flexstage.virtual.laboratory import Hammer
 from flexstage.virtual.piezo_loop import amplifier_of, sampled_response
 from flexstage.virtual.piezo_stage import PiezoAxis, PiezoStage, stack_of
-from flexstage.virtual.screw_stage import ScrewAxis, ScrewStage
 from flexstage.virtual.sensors import EDDY_CURRENT_SENSORS, SensorBench
-from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, matched_stacks, virtual_stack
-from flexstage.virtual.stack_stepping import ChargeDrive
-from flexstage.virtual.stage import Conditions
+from flexstage.virtual.stack import FINE_PLAYS, WIDTHS, ChargeDrive, matched_stacks, virtual_stack
+from flexstage.virtual.stage import Conditions, ScrewAxis, ScrewStage
 
-#: Part of the stroke that is kept free at each end.
-_KEPT_FREE = 0.015
+#: Margin of the stroke at each end [1].
+_MARGIN = 0.015
 _CYCLES = 4
 _EXACT = Scatter(neck_common=0.0, neck_own=0.0, position=0.0, modulus=0.0)
 
@@ -61,30 +59,30 @@ def virtual_stage(
     quiet: bool = False,
     scatter: bool = True,
 ) -> PiezoStage | ScrewStage:
-    """Make a stage that runs sample by sample.
+    """Return a stage that runs sample by sample.
 
-    What has been measured of the stage and published is set: natural frequencies, stroke, width of
-    the loop, straightness. What no model knows is drawn: how its guides bend, and the gains of its
-    sensors. With scatter, necks and notches are off as from wire erosion, so that frequencies
-    differ by some percent, strokes by 2 % and widths by 4 %.
+    Natural frequencies, stroke, loop width and straightness equal published measurements of the
+    stage. Guide errors and the gains of its sensors are random. With scatter, necks and notches
+    deviate as from wire erosion: frequencies differ by a few percent, strokes by 2 % and widths by
+    4 %.
 
     Parameters
     ----------
     stage : Stage
-        The stage as drawn; all its axes have piezo stacks with a voltage range, or all screws.
+        The nominal stage; all its axes have piezo stacks with a voltage range, or all screws.
     model : {"superelement", "lumped"}
         Its mechanics: finite elements of each body, or rigid bodies on hinges. Both have the same
-        natural frequencies along the axes. Screws need the second alone.
+        natural frequencies along the axes. Stages with screws always use rigid bodies.
     seed : int
         Seed of all draws.
     sample_rate_hz : float
         Rate of the loop [Hz], 1 to 50 kHz.
     amplifier : {"voltage", "charge"}
-        What drives the stacks.
+        Kind of amplifier of the stacks.
     quiet : bool
-        Whether to leave out noise, mains, drift and all steps of converters and sensors.
+        Without noise, mains, drift, and steps of converters and sensors.
     scatter : bool
-        Whether the stage is made with scatter.
+        With manufacturing scatter.
 
     Returns
     -------
@@ -94,36 +92,38 @@ def virtual_stage(
     Raises
     ------
     ModelError
-        The axes are driven by something else, or by both; or an option is not one of those named.
+        The axes have other drives, or both kinds; or an option has another value.
 
     Notes
     -----
-    Validity: an invention for trials, of the size and kind that such stages have; `PiezoStage` and
-    `ScrewStage` say what is left out. The positions that may be commanded of a piezo stage are
-    those of cycles at 1 Hz over the whole range, less 1.5 % of the stroke at each end. Creep takes
-    some percent of the stroke after hours at one end, so that the other may then be out of reach.
+    Validity: synthetic, for trials; see `PiezoStage` and `ScrewStage` for neglected effects. The
+    position range of a piezo stage is that of cycles at 1 Hz over the voltage range, less 1.5 % of
+    the stroke at each end. After hours at one end creep amounts to a few percent of the stroke, and
+    the other end may be out of reach.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
-    >>> made = virtual_stage(design("vgtu-piezo"), model="lumped", seed=1, quiet=True)
+    >>> twin = virtual_stage(design("vgtu-piezo"), model="lumped", seed=1, quiet=True)
     >>> ramp = np.linspace(0.0, 120.0, 5000)
-    >>> moved = made.run(np.array([ramp, 0.0 * ramp]), (False, False))
-    >>> round(float(moved.position[0, -1]) * 1e6, 1)
+    >>> samples = twin.run(np.array([ramp, 0.0 * ramp]), (False, False))
+    >>> round(float(samples.position[0, -1]) * 1e6, 1)
     69.7
     """
     if model not in ("superelement", "lumped"):
-        raise ModelError(f"the model of a twin is 'superelement' or 'lumped', got {model!r}")
+        raise ModelError(f"the model of a twin must be 'superelement' or 'lumped', got {model!r}")
     if amplifier not in ("voltage", "charge"):
-        raise ModelError(f"an amplifier drives by 'voltage' or 'charge', got {amplifier!r}")
+        raise ModelError(
+            f"the amplifier of a twin must be 'voltage' or 'charge', got {amplifier!r}"
+        )
     if not 1e3 <= sample_rate_hz <= 50e3:
-        raise ModelError(f"the rate of a twin's loop is 1 to 50 kHz, got {sample_rate_hz:g} Hz")
+        raise ModelError(f"the loop rate of a twin must be 1 to 50 kHz, got {sample_rate_hz:g} Hz")
     drives = [stage.drive_of(axis.name) for axis in stage.axes]
     screws = all(isinstance(d, Screw) for d in drives)
     if twice := sorted({d.name for d in drives if drives.count(d) > 1}):
         raise ModelError(
-            f"two axes of stage '{stage.name}' have the drive '{twice[0]}': a twin needs one for "
-            "each axis"
+            f"two axes of stage '{stage.name}' have the drive '{twice[0]}': a twin needs a drive "
+            "for each axis"
         )
     if not screws and not all(isinstance(d, PiezoStack) and d.voltage_range for d in drives):
         kinds = ", ".join(
@@ -135,7 +135,7 @@ def virtual_stage(
         raise ModelError(
             f"a twin needs screws on all axes, or piezo stacks with a voltage range, got {kinds}"
         )
-    built = _as_made(stage, model, seed, scatter=scatter, screws=screws)
+    built = _manufactured(stage, model, seed, scatter=scatter, screws=screws)
     conditions = Conditions(
         sample_rate_hz=sample_rate_hz,
         seed=seed,
@@ -150,66 +150,68 @@ def virtual_stage(
     return _piezos(built, conditions, charge=amplifier == "charge")
 
 
-def _as_made(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
-    """Set what was measured first, and let the process miss it then."""
+def _manufactured(stage: Stage, model: str, seed: int, *, scatter: bool, screws: bool) -> AsBuilt:
+    """Set the stage to the measured figures, then add the scatter of the process."""
     exact = as_built(stage, seed=seed, scatter=_EXACT)
-    made, moved = exact.made, {}
+    specimen, moved = exact.manufactured, {}
     if scatter:
-        made = manufactured(exact.made, Scatter(), seed=seed)
+        specimen = manufactured(exact.manufactured, Scatter(), seed=seed)
         moved = displacements(stage, Scatter(), seed=seed)
     damping = exact.system.damping
-    system = displaced_system(made, moved)
+    system = displaced_system(specimen, moved)
     if model == "superelement" and not screws:
         from flexstage.fem.superelement import superelement_model
 
         system = _with_frequencies(superelement_model(stage).system, system)
     if damping is not None:
         system = system.with_damping(damping)
-    return replace(exact, made=made, system=system)
+    return replace(exact, manufactured=specimen, system=system)
 
 
-def _with_frequencies(system: MechanicalSystem, wanted: MechanicalSystem) -> MechanicalSystem:
-    """Stiffen the modes along the axes until they have the frequencies of another model."""
-    found, aim = modes(system, count=None), modes(wanted, count=None)
+def _with_frequencies(system: MechanicalSystem, reference: MechanicalSystem) -> MechanicalSystem:
+    """Return the system with the natural frequencies of a reference along its axes."""
+    own_modes, target = modes(system, count=None), modes(reference, count=None)
     K = system.K.copy()
     for axis in system.axes:
-        i = axis_mode(system, found, axis.drive, axis.probe)
-        j = axis_mode(wanted, aim, axis.drive, axis.probe)
-        force = system.M @ found.shapes[:, i]
-        K += np.outer(force, force) * (aim.omega[j] ** 2 - found.omega[i] ** 2)
+        i = axis_mode(system, own_modes, axis.drive, axis.probe)
+        j = axis_mode(reference, target, axis.drive, axis.probe)
+        force = system.M @ own_modes.shapes[:, i]
+        K += np.outer(force, force) * (target.omega[j] ** 2 - own_modes.omega[i] ** 2)
     return replace(system, K=0.5 * (K + K.T))
 
 
 def _piezos(built: AsBuilt, conditions: Conditions, *, charge: bool) -> PiezoStage:
     rng = _draws(conditions.seed)
-    aims, parts = [], []
+    targets, parts = [], []
     for state in built.axes:
         off = rng.standard_normal(2).tolist() if conditions.scatter else (0.0, 0.0)
         share = loop_share(built.stage, state.name, state.stroke)
         share *= 1.0 + LOOP_WIDTH_SPREAD * off[0]
-        aims.append((state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS))))
+        targets.append(
+            (state.stroke * (1.0 + STROKE_SPREAD * off[1]), float(np.clip(share, *WIDTHS)))
+        )
         drive = built.stage.drive_of(state.name).name
         probe = built.stage.axis(state.name).probe
         limits = stage_limits(built.stage, state.name)
         parts.append(PiezoAxis(name=state.name, drive=drive, probe=probe, limits=limits))
     model = assembled_model(built.system, [_drive_of(built.stage, part) for part in parts])
 
-    def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    def measure(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         return [f[:2] for f in _conditioned(built.stage, _with_stacks(model, sizes), parts)]
 
     free = [built.stage.drive(part.drive).stroke or 0.0 for part in parts]
-    start = [(f, share) for f, (_, share) in zip(free, aims, strict=True)]
-    model = _with_stacks(model, matched_stacks(start, aims, measured))
+    start = [(f, share) for f, (_, share) in zip(free, targets, strict=True)]
+    model = _with_stacks(model, matched_stacks(start, targets, measure))
     final = []
     rows = zip(parts, model.drives, _conditioned(built.stage, model, parts), strict=True)
     for part, drive, (stroke, _, low) in rows:
-        margin = _KEPT_FREE * stroke
+        margin = _MARGIN * stroke
         slew = amplifier_of(drive).largest_rate
         limits = part.limits if math.isinf(slew) else part.limits.within(AxisLimits(slew=slew))
         limits = replace(limits, position=(low + margin, low + stroke - margin))
         guide = replace(built.axis(part.name).guide, stroke=stroke)
         final.append(replace(part, limits=limits, guide=guide, low=low))
-    final = delivered_settings(model, final, conditions.sample_rate_hz)
+    final = default_servo_settings(model, final, conditions.sample_rate_hz)
     return PiezoStage(
         stage=built.stage,
         model=model,
@@ -220,7 +222,7 @@ def _piezos(built: AsBuilt, conditions: Conditions, *, charge: bool) -> PiezoSta
 
 
 def _drive_of(stage: Stage, part: PiezoAxis) -> ModelDrive:
-    """Return what lies before the stack of an axis, and its creep."""
+    """Return amplifier and creep of the drive of an axis."""
     drive = stage.drive(part.drive)
     capacitance = drive.capacitance if isinstance(drive, PiezoStack) else None
     return ModelDrive(
@@ -247,19 +249,19 @@ def _with_stacks(model: DynamicModel, sizes: Sequence[tuple[float, float]]) -> D
 def _conditioned(
     stage: Stage, model: DynamicModel, parts: list[PiezoAxis]
 ) -> list[tuple[float, float, float]]:
-    """Return stroke, width of the loop over it, and low end of each axis after some cycles."""
+    """Return stroke, relative loop width and low end of each axis, measured after four cycles."""
     rate = 1000.0
     alone = Conditions(sample_rate_hz=rate, quiet=True, scatter=False)
-    made = PiezoStage(stage=stage, model=model, axes=parts, conditions=alone)
+    twin = PiezoStage(stage=stage, model=model, axes=parts, conditions=alone)
     n = int(rate)
     swing = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(_CYCLES * n) / n)
     ends = np.array([d.input_range for d in model.drives])
-    block = made.run(ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * swing, [False] * len(parts))
-    found = []
+    block = twin.run(ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * swing, [False] * len(parts))
+    figures = []
     for u, y in zip(block.voltage[:, -2 * n :], block.position[:, -2 * n :], strict=True):
         stroke = float(np.ptp(y))
-        found.append((stroke, loop_width(u, y, np.array([0, n])) / stroke, float(y.min())))
-    return found
+        figures.append((stroke, loop_width(u, y, np.array([0, n])) / stroke, float(y.min())))
+    return figures
 
 
 def _screws(built: AsBuilt, conditions: Conditions) -> ScrewStage:
@@ -288,36 +290,36 @@ def _draws(seed: int) -> np.random.Generator:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Delivered:
-    """How a position control is set as a stage is delivered: slow enough to be safe."""
+class _ServoTuning:
+    """Default tuning of the servo: slow enough to be safe."""
 
     sensitivity: float = 1.6
-    """Largest of |1 / (1 + L)|: by it the gain may double (6 dB) before the loop is unstable."""
+    """Largest sensitivity |1 / (1 + L)|: the gain margin is at least 6 dB."""
     share: float = 0.7
-    """Part of the gain that would reach this."""
+    """Share of the gain that reaches this sensitivity."""
     notch_damping: float = 0.5
     """Damping ratio of the poles of a notch."""
     grid: int = 4000
-    """Frequencies that are looked at."""
+    """Number of frequencies."""
 
 
-_DELIVERED = _Delivered()
+_TUNING = _ServoTuning()
 
 
-def delivered_settings(
+def default_servo_settings(
     model: DynamicModel, parts: Sequence[PiezoAxis], sample_rate_hz: float
 ) -> list[PiezoAxis]:
-    """Give each axis an integral control with a notch at the mode that it excites most.
+    """Return the axes with integral control and a notch at the mode that each excites most.
 
     Notes
     -----
-    Validity: each axis by itself, at the steepest slope of its major loop, with all modes and the
-    delay of the loop.
+    Validity: each axis alone, at the steepest slope of its major loop, with all modes and the delay
+    of the loop.
     """
     model = replace(model, step=1.0 / sample_rate_hz)
     natural = model.omega / (2.0 * np.pi)
-    frequency = np.geomspace(0.1, 0.499 * sample_rate_hz, _DELIVERED.grid)
-    # and close to each mode, whose peak is narrower than any grid
+    frequency = np.geomspace(0.1, 0.499 * sample_rate_hz, _TUNING.grid)
+    # a fine grid about each mode, whose peak is narrower than the coarse one
     near = natural[natural < 0.49 * sample_rate_hz]
     fine = near[:, None] * (1.0 + 0.05 * np.linspace(-1.0, 1.0, 201) ** 3)
     frequency = np.sort(np.concatenate((frequency, fine.ravel())))
@@ -332,7 +334,7 @@ def delivered_settings(
         notches = _notch(np.abs(weights), natural, sample_rate_hz)
         unit = ServoSettings(integral=1.0, notches=notches)
         loop = response * unit.response(frequency, sample_rate_hz)
-        settings = ServoSettings(integral=_DELIVERED.share * _largest_gain(loop), notches=notches)
+        settings = ServoSettings(integral=_TUNING.share * _largest_gain(loop), notches=notches)
         out.append(replace(part, settings=settings))
     return out
 
@@ -354,22 +356,22 @@ def _notch(size: Array, frequency_hz: Array, sample_rate_hz: float) -> tuple[Not
         Notch(
             frequency_hz=float(frequency_hz[int(np.argmax(size))]),
             zero_damping=0.02,
-            pole_damping=_DELIVERED.notch_damping,
+            pole_damping=_TUNING.notch_damping,
         ),
     )
 
 
 def _largest_gain(loop: NDArray[np.complex128]) -> float:
-    """Return the gain at which the sensitivity reaches its bound, coming from zero."""
+    """Return the smallest gain at which the sensitivity reaches its bound."""
 
     def peak(gain: float) -> float:
         return float(np.max(1.0 / np.abs(1.0 + gain * loop)))
 
     gain = 1e-3 / float(np.max(np.abs(loop)))
-    while peak(gain) < _DELIVERED.sensitivity:
+    while peak(gain) < _TUNING.sensitivity:
         gain *= 1.03
     low, high = gain / 1.03, gain
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if peak(middle) < _DELIVERED.sensitivity else (low, middle)
+        low, high = (middle, high) if peak(middle) < _TUNING.sensitivity else (low, middle)
     return low

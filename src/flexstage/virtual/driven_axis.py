@@ -1,4 +1,4 @@
-"""One axis of a virtual piezo stage on its bench: its whole dynamics, driven by a voltage."""
+"""One axis of a virtual piezo stage on a bench: its full dynamics, driven by a voltage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,26 +25,26 @@ from flexstage.system import MechanicalSystem, modes
 from flexstage.virtual.as_built import loop_share
 from flexstage.virtual.stack import matched_stacks, virtual_stack
 
-#: Samples in a second [Hz].
+#: Sample rate [Hz].
 SAMPLE_RATE_HZ = 1000.0
-#: Rate of the loops that are compared [Hz], and how many of them; the first ones are left out.
+#: Rate of the loops [Hz], and their number; the first ones are not compared.
 RATE_HZ = 1.0
 CYCLES, _FIRST = 6, 3
-#: The samples of those that are compared, and where each of them begins.
+#: Samples of the loops that are compared, and their beginnings.
 LATE = slice(int(_FIRST * SAMPLE_RATE_HZ / RATE_HZ), None)
 BOUNDS = np.arange(CYCLES - _FIRST) * int(SAMPLE_RATE_HZ / RATE_HZ)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenAxis:
-    """A virtual stage on its bench, one axis of it wired."""
+    """A virtual stage on a bench with one axis connected."""
 
     model: DynamicModel
-    """The entire dynamic model."""
+    """Dynamic model with all modes."""
     drive: str
     """Drive of the axis."""
     probe: str
-    """Probe that reads it."""
+    """Probe of the axis."""
     limits: tuple[float, float]
     """Range of its voltage [V]."""
     resonance_hz: float
@@ -53,11 +53,11 @@ class DrivenAxis:
     def run(self, voltage: Array) -> Array:
         """Condition the stage by two cycles, and return the reading under a command [m]."""
         before = self.cosine(2)
-        whole = np.concatenate((before, voltage))
-        return self.model.simulate({self.drive: whole}).readings[self.probe][before.size :]
+        full = np.concatenate((before, voltage))
+        return self.model.simulate({self.drive: full}).readings[self.probe][before.size :]
 
     def record(self, voltage: Array) -> Record:
-        """Return command and reading as a record of two columns, ``voltage`` and ``position``."""
+        """Return command and reading as a record with columns ``voltage`` and ``position``."""
         return Record(
             channels=(
                 Channel(name="voltage", values=voltage, unit="V"),
@@ -68,7 +68,7 @@ class DrivenAxis:
         )
 
     def cosine(self, cycles: int, share: float = 1.0) -> Array:
-        """Cycles about the middle of the range, begun and ended at their low end [V]."""
+        """Return cosine cycles about the middle of the range, from their low end to it [V]."""
         low, high = self.limits
         t = np.arange(int(cycles * SAMPLE_RATE_HZ / RATE_HZ)) / SAMPLE_RATE_HZ
         swing = 0.5 * share * (high - low)
@@ -76,39 +76,38 @@ class DrivenAxis:
 
 
 def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int = 0) -> DrivenAxis:
-    """Wire an axis: amplifier, virtual stack, creep, all modes of the stage, and a noisy sensor.
+    """Connect an axis: amplifier, virtual stack, creep, all modes of the stage, and a noisy sensor.
 
-    Its stroke and the width of its loop are set to what was measured of the stage, where that is
-    published, since no model knows them; everything else follows. `system` is a model of the stage,
-    `seed` that of the noise of its sensor.
+    Stroke and loop width are set to published measurements where there are any, since no model
+    predicts them. `system` is a model of the stage; `seed` is that of the sensor noise.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
-    >>> made = driven_axis(stage, lumped_system(stage), "x")
-    >>> print(f"{np.ptp(made.run(made.cosine(3))) * 1e6:.1f} um")
+    >>> bench = driven_axis(stage, lumped_system(stage), "x")
+    >>> print(f"{np.ptp(bench.run(bench.cosine(3))) * 1e6:.1f} um")
     63.2 um
     """
     port = stage.axis(axis)
     drive = stage.drive_of(axis)
     if not isinstance(drive, PiezoStack) or drive.voltage_range is None:
         raise ModelError(
-            f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: its "
-            "hysteresis cannot be tried"
+            f"axis '{axis}' of {stage.name} has no piezo stack with a voltage range: it has no "
+            "hysteresis to compensate"
         )
     limits = drive.voltage_range
     lowest = float(modes(system, drives="in place", count=1).frequency_hz[0])
     stroke = measured_value(stage.published, "output_displacement", axis)
     share = LOOP_WIDTH if stroke is None else loop_share(stage, axis, stroke)
 
-    def wired(free: float, own: float) -> DrivenAxis:
+    def bench(free: float, width: float) -> DrivenAxis:
         model = dynamic_model(
             stage,
             system,
             time_step=1.0 / SAMPLE_RATE_HZ,
-            hysteresis={drive.name: virtual_stack(limits, free, own)},
+            hysteresis={drive.name: virtual_stack(limits, free, width)},
             creep=LogCreep(rate_per_decade=CREEP),
             bandwidth=AMPLIFIER_BANDWIDTH_HZ,
             sensors={port.probe: Sensor(noise_rms=POSITION_NOISE, seed=seed)},
@@ -117,12 +116,12 @@ def driven_axis(stage: Stage, system: MechanicalSystem, axis: str, *, seed: int 
             model=model, drive=drive.name, probe=port.probe, limits=limits, resonance_hz=lowest
         )
 
-    def measured(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        made = wired(*sizes[0])
-        voltage = made.cosine(CYCLES)
-        reading = made.run(voltage)[LATE]
-        got = float(np.ptp(reading))
-        return [(got, loop_width(voltage[LATE], reading, BOUNDS) / got)]
+    def measure(sizes: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        axis_bench = bench(*sizes[0])
+        voltage = axis_bench.cosine(CYCLES)
+        reading = axis_bench.run(voltage)[LATE]
+        swing = float(np.ptp(reading))
+        return [(swing, loop_width(voltage[LATE], reading, BOUNDS) / swing)]
 
-    (size,) = matched_stacks([(drive.free_stroke, share)], [(stroke, share)], measured)
-    return wired(*size)
+    (size,) = matched_stacks([(drive.free_stroke, share)], [(stroke, share)], measure)
+    return bench(*size)

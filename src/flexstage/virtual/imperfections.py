@@ -1,4 +1,4 @@
-"""A stage as it comes from the machine: necks and notches a little off, guides not straight."""
+"""Imperfections of a manufactured stage: scatter of necks and notches, guide errors."""
 
 import math
 from collections.abc import Mapping
@@ -18,20 +18,20 @@ from flexstage.quantities.units import DIMENSIONS, Angle, Length
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem
 
-#: Motions beside the one along the axis: sideways in the plane, out of it, and the rotations about
-#: the axis, about the sideways direction and about the normal of the plane.
+#: Error motions of an axis (ISO 230): straightness in the plane and out of it, and rotations about
+#: the axis, about the lateral direction and about the normal of the plane.
 MOTIONS: tuple[str, ...] = ("across", "vertical", "roll", "pitch", "yaw")
-#: Those that are angles.
+#: Error motions that are angles.
 ANGLES: tuple[str, ...] = ("roll", "pitch", "yaw")
 
-#: Highest order of a curve: what bending and manufacture leave is smooth.
+#: Highest order of a curve: error motions by bending and manufacture are smooth.
 _ORDER = 5
 _GRID = 4001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GuideErrors:
-    """Motions beside the one along the axis, as curves over the stroke.
+    """Error motions of an axis as curves over the stroke.
 
     Examples
     --------
@@ -44,14 +44,11 @@ class GuideErrors:
     """Length of the stroke [m]."""
     coefficients: Mapping[str, Array]
     """Coefficients of the Legendre polynomials over the stroke, from order 0 [m, or rad], by the
-    names of `MOTIONS`, and ``along`` for what the position itself is off by.
+    names of `MOTIONS`; ``along`` is the position error.
     """
 
     def at(self, position: ArrayLike, motion: str) -> Array:
-        """Return a motion.
-
-        In m or rad, 0 at position 0; the motion is one of `MOTIONS`, or ``along``.
-        """
+        """Return an error motion [m, or rad], 0 at position 0: one of `MOTIONS`, or ``along``."""
         c = self.coefficients.get(motion)
         t = 2.0 * np.asarray(position, dtype=np.float64) / self.stroke - 1.0
         if c is None:
@@ -59,7 +56,7 @@ class GuideErrors:
         return legendre.legval(t, c) - legendre.legval(-1.0, c)
 
     def straightness(self, motion: str) -> float:
-        """Return largest less smallest deviation from the least-squares straight line."""
+        """Return the peak-to-valley deviation from the least-squares straight line."""
         p = np.linspace(0.0, self.stroke, _GRID)
         e = self.at(p, motion)
         return float(np.ptp(e - straight_line(p, e)(p)))
@@ -67,18 +64,18 @@ class GuideErrors:
     def slope(self, motion: str) -> float:
         """Return the slope of the least-squares straight line [1, or rad/m]."""
         p = np.linspace(0.0, self.stroke, _GRID)
-        fitted = straight_line(p, self.at(p, motion)).convert().coef
-        return float(fitted[1]) if fitted.size > 1 else 0.0
+        line = straight_line(p, self.at(p, motion)).convert().coef
+        return float(line[1]) if line.size > 1 else 0.0
 
     def range(self, motion: str) -> float:
-        """Return largest less smallest motion over the stroke [m, or rad]."""
+        """Return the peak-to-valley motion over the stroke [m, or rad]."""
         return float(np.ptp(self.at(np.linspace(0.0, self.stroke, _GRID), motion)))
 
 
 def straight_line(x: Array, y: Array) -> np.polynomial.Polynomial:
-    """Return the least-squares straight line of a curve, all positions alike.
+    """Return the least-squares straight line of a curve at equally spaced positions.
 
-    Of the integral over even positions, so that the ends count by half.
+    The sum approximates the integral: the two ends have half the weight.
     """
     weight = np.ones(x.size)
     weight[[0, -1]] = 0.5**0.5
@@ -93,23 +90,25 @@ def random_guide(
 ) -> GuideErrors:
     """Draw smooth curves of given straightness and slope.
 
-    Straightness is largest less smallest deviation from the least-squares line [m, or rad], slope
-    that of the line [1, or rad/m], 0 where none is given. Drawn are Legendre polynomials of orders
-    2 to 5, whose size falls with the order.
+    Straightness is the peak-to-valley deviation from the least-squares line [m, or rad], slope that
+    of the line [1, or rad/m], by default 0. The curves are Legendre polynomials of orders 2 to 5,
+    whose size falls with the order.
     """
     if not stroke > 0.0:
-        raise ModelError(f"a stroke must be positive, got {stroke!r} m")
+        raise ModelError(f"the stroke of a guide must be positive, got {stroke!r} m")
     coefficients: dict[str, Array] = {}
-    for motion, wanted in straightness.items():
+    for motion, target in straightness.items():
         order = np.arange(_ORDER + 1)
         c = np.where(order >= 2, rng.standard_normal(order.size) / np.maximum(order, 1) ** 1.5, 0.0)
-        # one sign of the lowest order, so that no draw is nearly all high orders
+        # the lowest order is at least 0.5, so that high orders never dominate
         c[2] = np.copysign(0.5 + abs(c[2]), c[2])
-        bent = GuideErrors(stroke=stroke, coefficients={motion: c}).straightness(motion)
-        c *= wanted / bent
+        drawn_straightness = GuideErrors(stroke=stroke, coefficients={motion: c}).straightness(
+            motion
+        )
+        c *= target / drawn_straightness
         c[1] = 0.5 * slopes.get(motion, 0.0) * stroke
         if motion == "along":
-            # the position is right at both ends, which are those of the stroke
+            # no position error at both ends of the stroke
             c[1] = -float(c[3::2].sum())
         coefficients[motion] = c
     return GuideErrors(stroke=stroke, coefficients=coefficients)
@@ -123,25 +122,25 @@ def require_size(what: str, value: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """How far a process misses what it was told.
+    """Standard deviations of a manufacturing process.
 
     `manufactured`, `displacements` and `flexstage.virtual.scattered_motion` draw necks, positions,
-    modulus, lean and drive; `flexstage.studies.explore.tolerance` draws all but the lean, which
-    does nothing in the plane.
+    modulus, lean and drive; `flexstage.studies.explore.tolerance` draws all but the lean, which has
+    no effect in the plane.
 
     Notes
     -----
     Validity: the usual values are those of good wire erosion, a few micrometres, of a ground plate,
-    of one heat of an alloy, of a laboratory, and of stacks as their makers give them (10 % as two
-    standard deviations); they are no measurement of any machine.
+    of one heat of an alloy, of a laboratory, and of stacks by their data sheets (10 % as two
+    standard deviations); they were not measured on a machine.
     """
 
     neck_common: Length = 4e-6
-    """Standard deviation of what all necks of a stage are off by, as from the wire's width: twice
-    the offset of the contours [m].
+    """Standard deviation of the neck error common to all necks of a stage, such as by the wire
+    offset: twice the offset of the contours [m].
     """
     neck_own: Length = 2e-6
-    """Standard deviation of what each neck is off by beside that [m]."""
+    """Standard deviation of the individual neck error [m]."""
     position: Length = 3e-6
     """Standard deviation of each coordinate of a notch [m]."""
     modulus: float = 0.01
@@ -149,17 +148,17 @@ class Scatter:
     lean: Angle = 1e-4
     """Standard deviation of each tilt of a notch's axis: 1 um over a plate of 10 mm [rad]."""
     drive: Length = 50e-6
-    """Standard deviation of where a drive pushes, in the plane and along its normal [m]."""
+    """Standard deviation of the line of action of a drive, in the plane and normal to it [m]."""
     radius: Length = 2e-6
-    """Standard deviation of the radius of each notch at its neck; of one that has none there, as a
-    leaf, of half its length [m].
+    """Standard deviation of the radius of each notch at its neck; for a profile without one, such
+    as a leaf, of half its length [m].
     """
     thickness: Length = 10e-6
     """Standard deviation of the thickness of the plate [m]."""
     density: float = 0.003
     """Relative standard deviation of the density [1]."""
     temperature: Annotated[float, DIMENSIONS["temperature"]] = 1.0
-    """Standard deviation of the temperature, as it expands the plate [K]."""
+    """Standard deviation of the temperature, which expands the plate [K]."""
     stroke: float = 0.05
     """Relative standard deviation of the free displacement of each piezo stack [1]."""
 
@@ -169,16 +168,16 @@ class Scatter:
 
 
 def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
-    """Draw one stage from a process.
+    """Return one random stage from a process.
 
-    Outlines of bodies stay, as the masses that they give change by far less.
+    Outlines of bodies do not change: masses scatter by far less.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> stage = design("vgtu-piezo")
-    >>> made = manufactured(stage, Scatter(), seed=3)
-    >>> off = made.hinges[0].profile.neck_thickness - stage.hinges[0].profile.neck_thickness
+    >>> part = manufactured(stage, Scatter(), seed=3)
+    >>> off = part.hinges[0].profile.neck_thickness - stage.hinges[0].profile.neck_thickness
     >>> print(f"{off * 1e6:.1f} um")
     1.3 um
     """
@@ -187,8 +186,8 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
     factor = 1.0 + scatter.modulus * rng.standard_normal()
     hinges = []
     for hinge in stage.hinges:
-        own = shift + scatter.neck_own * rng.standard_normal()
-        neck = hinge.profile.neck_thickness + own
+        deviation = shift + scatter.neck_own * rng.standard_normal()
+        neck = hinge.profile.neck_thickness + deviation
         if not neck > 0.2 * hinge.profile.neck_thickness:
             raise ModelError(
                 f"a scatter of {scatter.neck_common:g} and {scatter.neck_own:g} m leaves hinge "
@@ -204,14 +203,14 @@ def manufactured(stage: Stage, scatter: Scatter, *, seed: int = 0) -> Stage:
 def displacements(
     stage: Stage, scatter: Scatter, *, seed: int = 0
 ) -> dict[str, tuple[float, float]]:
-    """Draw how far each notch is out of place, along x and y [m]."""
+    """Return the random position error of each notch, along x and y [m]."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
     moved = scatter.position * rng.standard_normal((len(stage.hinges), 2))
     return {h.name: (float(d[0]), float(d[1])) for h, d in zip(stage.hinges, moved, strict=True)}
 
 
 def displaced_system(stage: Stage, moved: Mapping[str, tuple[float, float]]) -> MechanicalSystem:
-    """Return the lumped model of a stage whose notches are out of place.
+    """Return the lumped model of a stage with displaced notches.
 
     Each spring acts at its displaced neck; outlines, and with them masses and roots, stay where
     they were drawn. `moved` says by hinge how far its neck is off along x and y [m].
@@ -232,7 +231,7 @@ def displaced_system(stage: Stage, moved: Mapping[str, tuple[float, float]]) -> 
     for spring in hinge_springs(stage):
         dx, dy = moved.get(spring.hinge.name, (0.0, 0.0))
         at = (spring.hinge.at[0] + dx, spring.hinge.at[1] + dy)
-        drawn = hinge_matrix(layout, spring.hinge)
-        made = hinge_matrix(layout, replace(spring.hinge, at=at))
-        K += made.T @ spring.stiffness @ made - drawn.T @ spring.stiffness @ drawn
+        nominal = hinge_matrix(layout, spring.hinge)
+        displaced = hinge_matrix(layout, replace(spring.hinge, at=at))
+        K += displaced.T @ spring.stiffness @ displaced - nominal.T @ spring.stiffness @ nominal
     return replace(system, K=0.5 * (K + K.T))

@@ -1,11 +1,8 @@
-"""The loop of a piezo stage, one sample after the other: drives, modes, sensors, control.
+"""The control loop of a piezo stage, sample by sample: drives, modes, sensors, servo.
 
-In sample k the stage is led from the time of sample k - 1 to its own, with what the converters hold
-since then. Then it is read. The control takes the reading of sample k - 1, which has just been
-converted; what it computes is put out in sample k + 1.
-
-Compiled loops are kept beside this file and not made anew when only the steps of the stacks change:
-touch this file then.
+In sample k the stage moves from the time of sample k - 1 to its own, with the voltages that the
+converters have held since then. Then the sensors read it. The servo uses the reading of sample
+k - 1, which has just been converted; its result is put out in sample k + 1.
 """
 
 import math
@@ -21,172 +18,192 @@ from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.chain.modal import UnitStep, unit_step
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
-from flexstage.virtual.stack_stepping import StackArrays, StackState, step_stack
+from flexstage.virtual.stack import StackArrays, StackState, step_stack
 
 Flags = NDArray[np.bool_]
 
 
 class DriveArrays(NamedTuple):
-    """Converters and amplifiers, one row an axis."""
+    """Converters and amplifiers; each of shape (axes,)."""
 
-    converter: Array
-    """Lowest and highest voltage [V], step of the converter [V] (0 for none), shape (axes, 3)."""
-    amplifier: Array
-    """Step over time constant [1], largest rate times time constant [V], shape (axes, 2)."""
+    lowest: Array
+    """Lowest voltage of the converter [V]."""
+    highest: Array
+    """Highest voltage of the converter [V]."""
+    resolution: Array
+    """Step of the converter [V]; 0 for none."""
+    step_ratio: Array
+    """Time step over time constant of the amplifier [1]."""
+    slew_threshold: Array
+    """Error above which the amplifier slews: largest rate times time constant [V]."""
 
 
 class ModeArrays(NamedTuple):
-    """Modes of the stage with the stacks in place, as they are stepped."""
+    """Modes of the stage with its stacks in place, stepped exactly."""
 
     force: Array
-    """Where a free displacement of 1 m leads each mode, shape (axes, k)."""
+    """Static deflection of each mode for a free displacement of 1 m, shape (axes, k)."""
     transition: Array
-    """From deflection and rate to the same a sample later, shape (4, k)."""
+    """Deflection and rate after a sample by those before: zz, zv, vz, vv, shape (4, k)."""
     moments: Array
-    """What a force, and its derivative, do in a sample, shape (3, k)."""
+    """Response to a force and to its derivative over a sample, shape (3, k)."""
     reader: Array
-    """What the sensors of the axes see of each mode [1], shape (axes, k)."""
+    """Shape of each mode at the sensors of the axes [1], shape (axes, k)."""
 
 
 class SensorArrays(NamedTuple):
-    """What lies between modes and readings."""
+    """Guide errors and sensors, between the modes and the readings."""
 
-    bow: Array
-    """Motion along axis a that another axis causes by its guide, polynomials in the position of
-    that axis, from the constant up; entry (a, s), shape (axes, axes, 6).
+    guide: Array
+    """Motion along axis a that the guide of axis s adds: polynomials in the position of s, from the
+    constant up; entry (a, s), shape (axes, axes, 6).
     """
     gain: Array
     """Reading over motion [1], shape (axes,)."""
-    step: float
+    resolution: float
     """Smallest step of a reading [m]; 0 for none."""
 
 
 class ServoArrays(NamedTuple):
-    """Settings of the control, one row an axis."""
+    """Settings of the servos."""
 
     on: Flags
-    """Whether it is on, shape (axes,)."""
+    """Servo on, shape (axes,)."""
     begins: Flags
-    """Whether it was off before, shape (axes,); cleared."""
+    """Servo off in the sample before; the loop clears it, shape (axes,)."""
     gains: Array
-    """Proportional gain [V/m], integral gain times step [V/m], shape (axes, 2)."""
+    """Proportional gain, and integral gain times the time step [V/m], shape (axes, 2)."""
     filters: NDArray[np.int64]
     """Number of filters, shape (axes,)."""
     sections: Array
-    """b0, b1, b2, a1, a2 of each, shape (axes, most, 5)."""
+    """b0, b1, b2, a1, a2 of each filter, shape (axes, filters, 5)."""
+
+
+class ServoState(NamedTuple):
+    """State of the servos; changed in place."""
+
+    integral: Array
+    """Integral term [V], shape (axes,)."""
+    feedforward: Array
+    """Last feedforward [V], NaN for none, shape (axes,)."""
+    filters: Array
+    """State of each filter, shape (axes, filters, 2)."""
 
 
 class LoopState(NamedTuple):
-    """What the loop remembers beside the stacks; changed in place."""
+    """State of the loop but for the stacks; changed in place."""
 
-    axis: Array
-    """Of each axis: voltage that its converter holds, voltage to be put out next, voltage of the
-    amplifier [V], last reading [m], integral [V], last feedforward [V] (NaN for none), last free
-    displacement [m], shape (axes, 7).
-    """
+    output: Array
+    """Voltage that the converter puts out now [V], shape (axes,)."""
+    next: Array
+    """Voltage that the converter puts out next [V], shape (axes,)."""
+    voltage: Array
+    """Voltage behind the amplifier [V], shape (axes,)."""
+    reading: Array
+    """Last reading [m], shape (axes,)."""
+    free: Array
+    """Last free displacement of the stack [m], shape (axes,)."""
     modes: Array
-    """Deflections, rates [per sample], and last forces of the modes [m], shape (3, k)."""
-    filters: Array
-    """Two numbers of each filter, shape (axes, most, 2)."""
+    """Deflections, rates [per sample] and last forces of the modes [m], shape (3, k)."""
+    servo: ServoState
+    """State of the servos."""
 
 
 class LoopSignals(NamedTuple):
-    """What goes into some samples of the loop, and what comes of them, each of shape (axes, n)."""
+    """Signals over n samples of the loop, each of shape (axes, n) or with more rows."""
 
     command: Array
-    """A position [m] where control is on, else a voltage [V]."""
+    """Input: position [m] under servo control, else voltage [V]."""
     feedforward: Array
-    """Voltage that is added under control [V], NaN for none."""
+    """Input: voltage added under servo control [V], NaN for none."""
     drift: Array
-    """Drift of the platform [m]; more rows may follow."""
+    """Input: drift of the platform [m]."""
     noise: Array
-    """Noise of the sensors [m]; more rows may follow."""
+    """Input: noise of the sensors [m]."""
     reading: Array
-    """Written: what the sensors read [m]; more rows may follow."""
+    """Output: reading of the sensors [m]."""
     position: Array
-    """Written: true position [m]."""
+    """Output: true position [m]."""
     voltage: Array
-    """Written: voltage at the stacks [V]."""
-    asked: Array
-    """Written: voltage that is asked of the amplifiers [V]."""
+    """Output: voltage at the stacks [V]."""
+    requested: Array
+    """Output: voltage requested of the amplifiers [V]."""
 
 
 @compiled
 def run_loop(
     drives: DriveArrays,
     stacks: StackArrays,
-    memory: StackState,
+    stack_state: StackState,
     modes: ModeArrays,
     sensors: SensorArrays,
     servo: ServoArrays,
     state: LoopState,
     signals: LoopSignals,
 ) -> None:
-    """Run some samples; `memory` and `state` are changed, and what comes of it is written."""
-    command, feedforward, drift, noise, reading, position, voltage, asked = signals
-    axes, n = command.shape
+    """Run the samples of the signals; the states change in place."""
+    axes, n = signals.command.shape
     rise = np.empty(axes)
-    own = np.empty(axes)
+    local = np.empty(axes)  # positions by the modes alone
     for k in range(n):
         for a in range(axes):
-            axis = state.axis[a]
-            axis[2] = _amplify(axis[0], axis[2], drives.amplifier[a, 0], drives.amplifier[a, 1])
-            voltage[a, k] = axis[2]
-            free = step_stack(stacks, memory, a, axis[2])
-            rise[a] = free - axis[6]
-            axis[6] = free
-        _move(modes, state.modes, rise)
+            u = _amplify(
+                state.output[a], state.voltage[a], drives.step_ratio[a], drives.slew_threshold[a]
+            )
+            state.voltage[a] = signals.voltage[a, k] = u
+            free = step_stack(stacks, stack_state, a, u)
+            rise[a] = free - state.free[a]
+            state.free[a] = free
+        _step_modes(modes, state.modes, rise)
         for a in range(axes):
-            own[a] = _dot(modes.reader[a], state.modes[0])
+            local[a] = _dot(modes.reader[a], state.modes[0])
         for a in range(axes):
-            at = own[a] + drift[a, k]
+            position = local[a] + signals.drift[a, k]
             for s in range(axes):
                 if s != a:
-                    at += _polynomial(sensors.bow[a, s], own[s])
-            position[a, k] = at
-            seen = sensors.gain[a] * at + noise[a, k]
-            if sensors.step > 0.0:
-                seen = sensors.step * np.round(seen / sensors.step)
-            reading[a, k] = seen
+                    position += _polynomial(sensors.guide[a, s], local[s])
+            signals.position[a, k] = position
+            reading = sensors.gain[a] * position + signals.noise[a, k]
+            if sensors.resolution > 0.0:
+                reading = sensors.resolution * np.round(reading / sensors.resolution)
+            signals.reading[a, k] = reading
         for a in range(axes):
-            axis = state.axis[a]
+            low, high = drives.lowest[a], drives.highest[a]
+            command, feedforward = signals.command[a, k], signals.feedforward[a, k]
             if servo.on[a]:
-                u = _control(
-                    servo, drives.converter[a], axis, state.filters[a], a, command[a, k],
-                    feedforward[a, k],
-                )  # fmt: skip
+                e = command - state.reading[a]
+                u = _control(servo, state.servo, a, e, state.next[a], feedforward, low, high)
             else:
-                u = min(max(command[a, k], drives.converter[a, 0]), drives.converter[a, 1])
-            axis[5] = feedforward[a, k]
-            step = drives.converter[a, 2]
+                u = min(max(command, low), high)
+            state.servo.feedforward[a] = feedforward
+            step = drives.resolution[a]
             if step > 0.0:
-                low = drives.converter[a, 0]
                 u = low + step * np.round((u - low) / step)
-            asked[a, k] = u
-            axis[0] = axis[1]
-            axis[1] = u
-            axis[3] = reading[a, k]
+            signals.requested[a, k] = u
+            state.output[a] = state.next[a]
+            state.next[a] = u
+            state.reading[a] = signals.reading[a, k]
 
 
 @compiled
-def _amplify(target: float, u: float, h: float, threshold: float) -> float:
-    """Follow a held voltage with one pole, and no faster than the threshold allows.
+def _amplify(target: float, u: float, ratio: float, threshold: float) -> float:
+    """Return the voltage of a one-pole amplifier of limited slew rate, a sample later.
 
-    As `Amplifier` does for any line, ten percent of the whole loop faster.
+    This is `Amplifier` for a held input; ten percent of the time of the whole loop is saved.
     """
     e = target - u
     if abs(e) > threshold:
         sign = 1.0 if e > 0.0 else -1.0
         slewing = abs(e) / threshold - 1.0
-        if slewing >= h:
-            return u + sign * threshold * h
-        return target - sign * threshold * math.exp(slewing - h)
-    return target - e * math.exp(-h)
+        if slewing >= ratio:
+            return u + sign * threshold * ratio
+        return target - sign * threshold * math.exp(slewing - ratio)
+    return target - e * math.exp(-ratio)
 
 
 @compiled
-def _move(modes: ModeArrays, state: Array, rise: Array) -> None:
-    """Step all modes, their forces on straight lines."""
+def _step_modes(modes: ModeArrays, state: Array, rise: Array) -> None:
+    """Step all modes by a sample, their forces straight in time."""
     z, v, f = state[0], state[1], state[2]
     t, m = modes.transition, modes.moments
     for i in range(z.size):
@@ -201,7 +218,7 @@ def _move(modes: ModeArrays, state: Array, rise: Array) -> None:
 
 @compiled
 def _dot(x: Array, y: Array) -> float:
-    """A sum of products, in four sums side by side; the size is a multiple of 4."""
+    """Sum of products, in four partial sums; the size is a multiple of 4."""
     s0 = s1 = s2 = s3 = 0.0
     for i in range(0, x.size, 4):
         s0 += x[i] * y[i]
@@ -222,80 +239,86 @@ def _polynomial(c: Array, x: float) -> float:
 @compiled
 def _control(
     servo: ServoArrays,
-    converter: Array,
-    axis: Array,
-    filters: Array,
+    state: ServoState,
     a: int,
-    wanted: float,
+    e: float,
+    last: float,
     feedforward: float,
+    low: float,
+    high: float,
 ) -> float:
-    """Return the next voltage: filters, then proportional and integral terms, then the range."""
-    fresh = servo.begins[a]
-    if fresh:
+    """Return the next voltage of an axis for an error: filters, PI terms, limits.
+
+    `last` is the voltage that is put out next, `low` and `high` are the limits [V].
+    """
+    proportional, integral_gain = servo.gains[a]
+    filters = state.filters[a]
+    first = servo.begins[a]
+    if first:
         servo.begins[a] = False
         filters[:] = 0.0
-    e = wanted - axis[3]
     for i in range(servo.filters[a]):
         b0, b1, b2, a1, a2 = servo.sections[a, i]
         y = b0 * e + filters[i, 0]
         filters[i, 0] = b1 * e - a1 * y + filters[i, 1]
         filters[i, 1] = b2 * e - a2 * y
         e = y
+    before = state.feedforward[a]
     forward = 0.0 if np.isnan(feedforward) else feedforward
-    before = 0.0 if np.isnan(axis[5]) else axis[5]
-    if fresh:
-        # the first voltage is the last one
-        axis[4] = axis[1] - forward - (servo.gains[a, 0] + servo.gains[a, 1]) * e
-    elif np.isnan(feedforward) != np.isnan(axis[5]):
-        axis[4] += before - forward
-    low, high = converter[0], converter[1]
-    integral = axis[4] + servo.gains[a, 1] * e
-    u = forward + servo.gains[a, 0] * e + integral
-    # at an end of the range it stands still, but it may come back from there
+    if first:
+        # bumpless: the first voltage is the last one
+        integral = last - forward - (proportional + integral_gain) * e
+        state.integral[a] = integral
+    elif np.isnan(feedforward) != np.isnan(before):
+        state.integral[a] += (0.0 if np.isnan(before) else before) - forward
+    integral = state.integral[a] + integral_gain * e
+    u = forward + proportional * e + integral
+    # anti-windup: at a limit the integral stops, but it may return
     if not ((u > high and e > 0.0) or (u < low and e < 0.0)):
-        axis[4] = integral
+        state.integral[a] = integral
     return min(max(u, low), high)
 
 
 def amplifier_of(drive: ModelDrive) -> Amplifier:
     """Return the amplifier of a drive after checking that it has one, of gain 1."""
     if drive.amplifier is None or drive.amplifier.gain != 1.0:
-        raise ModelError(f"drive '{drive.name}' needs an amplifier of gain 1 to be run in a loop")
+        raise ModelError(f"drive '{drive.name}' needs an amplifier of gain 1 to run in a loop")
     return drive.amplifier
 
 
 def sampled_response(
     model: DynamicModel, drive: str, probe: str, frequency_hz: ArrayLike, *, slope: float
 ) -> Complex:
-    r"""Return reading over voltage asked for [m/V], for small signals, exactly as it is sampled.
+    r"""Return the sampled response of the reading to the requested voltage [m/V], small signals.
 
     `slope` is that of the stack, without creep [m/V]. With z the shift by one sample, from the
-    voltage that is asked for to the position in the same sample:
+    requested voltage to the position in the same sample:
 
     .. math:: \frac{Y}{U} = z^{-1} \cdot \frac{(1 - d) z^{-1}}{1 - d z^{-1}} \cdot s \cdot C(z)
               \cdot \sum_i r_i g_i M_i(z)
 
-    converter, amplifier, slope of the stack, creep, modes. A mode and a lag are driven by straight
-    lines between the samples, as in the loop itself.
+    The factors are converter, amplifier, slope of the stack, creep and modes. Inputs of modes and
+    lags are straight lines between the samples, as in the loop.
     """
     f = np.asarray(frequency_hz, dtype=np.float64)
     late = np.exp(-2j * np.pi * f * model.step)
-    given = model.drive(drive)
-    d = math.exp(-model.step / amplifier_of(given).time_constant)
+    model_drive = model.drive(drive)
+    creep = model_drive.creep
+    d = math.exp(-model.step / amplifier_of(model_drive).time_constant)
     total = slope * late * (1.0 - d) * late / (1.0 - d * late)
-    if given.creep is not None:
-        ratio = model.step / given.creep.time_constants
+    if creep is not None:
+        ratio = model.step / creep.time_constants
         decay, ramp = decay_share(ratio), ramp_share(ratio)
         lag = decay * late[:, None] + ramp * (1.0 - late[:, None])
         lag /= 1.0 - (1.0 - decay) * late[:, None]
-        total = total * (1.0 + lag @ given.creep.lag_gains)
+        total = total * (1.0 + lag @ creep.lag_gains)
     step = unit_step(model.omega * model.step, model.damping_ratio)
-    weights = given.modal_gain * model.probe_shapes[model.row(probe)]
+    weights = model_drive.modal_gain * model.probe_shapes[model.row(probe)]
     return total * _sum_of_modes(step, weights, late)
 
 
 def _sum_of_modes(unit: UnitStep, weights: Array, late: Complex) -> Complex:
-    """Sum of the modes, each a state of two that a force on straight lines drives."""
+    """Return the sampled response of all modes to a force of straight lines."""
     t, m = unit.transition, unit.moments
     step = late[:, None]
     by_z = m[1] * step + m[2] * (1.0 - step)

@@ -1,4 +1,4 @@
-"""A simulated stage driven by piezo stacks, its position control inside."""
+"""A simulated stage with piezo stacks and position control."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from flexstage.stage.assumptions import LOOP_CONVERTER_BITS
 from flexstage.stage.limits import AxisLimits
 from flexstage.system.servo import ServoSettings
 from flexstage.virtual.imperfections import GuideErrors
-from flexstage.virtual.laboratory import Blow
+from flexstage.virtual.laboratory import HammerImpact
 from flexstage.virtual.piezo_loop import (
     DriveArrays,
     LoopSignals,
@@ -23,94 +23,92 @@ from flexstage.virtual.piezo_loop import (
     ModeArrays,
     SensorArrays,
     ServoArrays,
+    ServoState,
     amplifier_of,
     run_loop,
 )
 from flexstage.virtual.sensors import (
+    error_motion_sources,
     neighbour,
     polynomial,
-    readings_beside,
-    sources,
+    read_error_motions,
 )
-from flexstage.virtual.stack import VirtualStack
-from flexstage.virtual.stack_stepping import ChargeDrive, relaxed_stacks, stack_arrays
+from flexstage.virtual.stack import ChargeDrive, VirtualStack, relaxed_stacks, stack_arrays
 from flexstage.virtual.stage import Conditions, StageSamples, VirtualStage, commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PiezoAxis:
-    """One axis of a piezo stage as it was made."""
+    """One axis of a manufactured piezo stage."""
 
     name: str
     """Name of the axis."""
     drive: str
-    """Name of the drive of its system."""
+    """Name of its drive in the system."""
     probe: str
-    """Name of the probe of its system."""
+    """Name of its probe in the system."""
     limits: AxisLimits
-    """What may be commanded; its voltage range is that of the converter."""
+    """Limits of the commands; the voltage range is that of the converter."""
     guide: GuideErrors | None = None
-    """What its guide does beside it; nothing where not given."""
+    """Error motions of its guide; None for none."""
     low: float = 0.0
-    """Position of the low end of its stroke [m], at which the guide's curves begin."""
+    """Position of the low end of its stroke [m], where the curves of the guide begin."""
     settings: ServoSettings = field(default_factory=ServoSettings)
-    """Settings of its control as delivered."""
+    """Default settings of its servo."""
 
 
 def _drive_arrays(model: DynamicModel, parts: Sequence[PiezoAxis], *, quiet: bool) -> DriveArrays:
-    """Return converters and amplifiers as the loop takes them."""
-    converter, amplifier = [], []
+    """Return converters and amplifiers as arrays for the loop."""
+    rows = []
     for part in parts:
         if part.limits.voltage is None:
-            raise ModelError(f"axis '{part.name}' needs a voltage range: give it in its limits")
+            raise ModelError(f"axis '{part.name}' needs a voltage range in its limits")
         low, high = part.limits.voltage
-        converter.append((low, high, 0.0 if quiet else (high - low) / (2**LOOP_CONVERTER_BITS - 1)))
-        own = amplifier_of(model.drive(part.drive))
-        amplifier.append((model.step / own.time_constant, own.largest_rate * own.time_constant))
-    return DriveArrays(converter=np.array(converter), amplifier=np.array(amplifier))
+        resolution = 0.0 if quiet else (high - low) / (2**LOOP_CONVERTER_BITS - 1)
+        amplifier = amplifier_of(model.drive(part.drive))
+        tau = amplifier.time_constant
+        rows.append((low, high, resolution, model.step / tau, amplifier.largest_rate * tau))
+    return DriveArrays(*np.array(rows).T.copy())
 
 
 def _mode_arrays(model: DynamicModel, parts: Sequence[PiezoAxis]) -> ModeArrays:
-    """Return the modes as the loop takes them.
-
-    A few empty ones follow, so that they are a multiple of 4.
-    """
+    """Return the modes as arrays for the loop, padded to a multiple of 4."""
     step = unit_step(model.omega * model.step, model.damping_ratio)
-    # by fours, as they are summed
-    more = ((0, 0), (0, -model.omega.size % 4))
+    # the loop adds them up by fours
+    padding = ((0, 0), (0, -model.omega.size % 4))
     return ModeArrays(
-        force=np.pad(np.array([model.drive(p.drive).modal_gain for p in parts]), more),
-        transition=np.pad(step.transition, more),
-        moments=np.pad(step.moments[:3], more),
-        reader=np.pad(model.probe_shapes[[model.row(p.probe) for p in parts]], more),
+        force=np.pad(np.array([model.drive(p.drive).modal_gain for p in parts]), padding),
+        transition=np.pad(step.transition, padding),
+        moments=np.pad(step.moments[:3], padding),
+        reader=np.pad(model.probe_shapes[[model.row(p.probe) for p in parts]], padding),
     )
 
 
 def stack_of(drive: ModelDrive) -> VirtualStack:
     """Return the virtual stack of a drive after checking that it has one."""
     if not isinstance(drive.hysteresis, VirtualStack):
-        raise ModelError(f"drive '{drive.name}' needs a virtual stack to be stepped in a loop")
+        raise ModelError(f"drive '{drive.name}' needs a virtual stack to run in a loop")
     return drive.hysteresis
 
 
-#: Most filters of a control.
+#: Largest number of filters of a servo.
 _FILTERS = 8
 
 
 class PiezoStage(VirtualStage):
-    """A piezo stage sample by sample, as `VirtualStage` says: its `DynamicModel` in a loop.
+    """A piezo stage sample by sample, a `VirtualStage`: its `DynamicModel` in a loop.
 
     Each command goes through a converter, which holds it (20 bit over the voltage range), and an
-    amplifier of one pole and limited current, to a stack with hysteresis and creep; all modes of
-    the stage with its stacks in place follow. Sensors add their errors.
+    amplifier of one pole and limited current, to a stack with hysteresis and creep, and to all
+    modes of the stage with its stacks in place. Sensors add their errors.
 
     Notes
     -----
-    Validity: small motion; voltage and free displacement are straight between samples, which is
-    off by less than 1e-4 of the stroke up to 50 Hz at 10 kHz; hysteresis does not depend on the
-    force of the stack, and its capacitance is one number. Guide errors are curves of the position
-    alone. The sensors across an axis read the motion along the other axis, from a place of their
-    own; those out of the plane and of rotations see what their own axis does.
+    Validity: small motion; voltage and free displacement are straight between samples, an error
+    below 1e-4 of the stroke up to 50 Hz at 10 kHz. Hysteresis does not depend on the force of the
+    stack, and its capacitance is constant. Guide errors depend on the position alone. The sensors
+    across an axis read the motion along the other axis; those out of the plane and of rotations
+    read the error motions of their own axis.
     """
 
     kind = "piezo"
@@ -125,7 +123,7 @@ class PiezoStage(VirtualStage):
         conditions: Conditions,
     ) -> None:
         super().__init__(stage, {a.name: a.limits for a in axes}, conditions)
-        #: What guides each axis; what is stepped, at the rate of the loop.
+        #: The axes, and the dynamic model at the loop rate.
         self.parts, self.model = tuple(axes), replace(model, step=1.0 / self.sample_rate_hz)
         drives = [model.drive(part.drive) for part in self.parts]
         self._modes = _mode_arrays(self.model, self.parts)
@@ -135,8 +133,10 @@ class PiezoStage(VirtualStage):
         )  # fmt: skip
         self._drives = _drive_arrays(self.model, self.parts, quiet=conditions.quiet)
         guides = {a.name: a.guide or GuideErrors(stroke=1.0, coefficients={}) for a in self.parts}
-        self._source, self._rows = sources(self.axes, guides, {a.name: a.low for a in self.parts})
-        self._bow = self._bows(guides)
+        self._source, self._rows = error_motion_sources(
+            self.axes, guides, {a.name: a.low for a in self.parts}
+        )
+        self._guide_motion = self._guide_polynomials(guides)
         self._servo = ServoArrays(
             on=np.zeros(len(axes), dtype=np.bool_),
             begins=np.zeros(len(axes), dtype=np.bool_),
@@ -156,10 +156,10 @@ class PiezoStage(VirtualStage):
         sections = settings.sections(self.sample_rate_hz)
         if len(sections) > _FILTERS:
             raise ModelError(
-                f"the control of an axis has room for {_FILTERS} filters, got {len(sections)}"
+                f"the servo of an axis has at most {_FILTERS} filters, got {len(sections)}"
             )
         if len(sections) != self._servo.filters[a]:
-            self._state.filters[a] = 0.0
+            self._state.servo.filters[a] = 0.0
         self._servo.filters[a] = len(sections)
         self._servo.sections[a, : len(sections)] = sections
         self._servo.gains[a] = settings.proportional, settings.integral / self.sample_rate_hz
@@ -169,13 +169,13 @@ class PiezoStage(VirtualStage):
         self, command: Array, servo: Sequence[bool], feedforward: Array | None = None
     ) -> StageSamples:
         axes = len(self.parts)
-        wanted = commands(command, axes)
-        n = wanted.shape[1]
+        command = commands(command, axes)
+        n = command.shape[1]
         forward = np.full((axes, n), np.nan)
         if feedforward is not None:
             forward = np.array(feedforward, dtype=np.float64, order="C")
         on = np.array(servo, dtype=np.bool_)
-        if forward.shape != wanted.shape or on.shape != (axes,):
+        if forward.shape != command.shape or on.shape != (axes,):
             raise ModelError(
                 f"a run of {axes} axes and {n} samples needs a feedforward of the same shape and "
                 f"{axes} flags, got {forward.shape} and {on.shape}"
@@ -184,43 +184,46 @@ class PiezoStage(VirtualStage):
         self._servo.on[:] = on
         drift, noise = self._disturbances.take(self._count, n)
         reading = np.empty((len(self.channels), n))
-        position, voltage, asked = (np.empty((axes, n)) for _ in range(3))
+        position, voltage, requested = (np.empty((axes, n)) for _ in range(3))
         run_loop(
-            self._drives, self._stacks, self._memory, self._modes, self._sensors, self._servo,
+            self._drives, self._stacks, self._stack_state, self._modes, self._sensors, self._servo,
             self._state,
-            LoopSignals(wanted, forward, drift, noise, reading, position, voltage, asked),
+            LoopSignals(command, forward, drift, noise, reading, position, voltage, requested),
         )  # fmt: skip
-        readings_beside(
+        read_error_motions(
             self._source, self._rows, position, drift, noise, self._disturbances.gain,
             self._disturbances.step, reading,
         )  # fmt: skip
         time = (self._count + np.arange(n)) / self.sample_rate_hz
         self._count += n
         return StageSamples(
-            time=time, reading=reading, position=position, voltage=voltage, command=asked
+            time=time, reading=reading, position=position, voltage=voltage, command=requested
         )
 
-    def strike(self, axis: str) -> Blow:
+    def strike(self, axis: str) -> HammerImpact:
         self._number(axis)
         return super().strike(axis)
 
     def reset(self) -> None:
-        """Relax the stage: time and all memory back to 0, settings as delivered."""
+        """Relax the stage: time 0, no history, default settings."""
         axes = len(self.parts)
         self._count = 0
         self._disturbances = self.conditions.disturbances(self.channels)
         self._sensors = SensorArrays(
-            bow=self._bow,
+            guide=self._guide_motion,
             gain=self._disturbances.gain[:axes].copy(),
-            step=float(self._disturbances.step[0]),
+            resolution=float(self._disturbances.step[0]),
         )
-        self._memory = relaxed_stacks(self._stacks)
+        self._stack_state = relaxed_stacks(self._stacks)
         self._state = LoopState(
-            axis=np.zeros((axes, 7)),
+            *np.zeros((5, axes)),
             modes=np.zeros((3, self._modes.force.shape[1])),
-            filters=np.zeros((axes, _FILTERS, 2)),
+            servo=ServoState(
+                integral=np.zeros(axes),
+                feedforward=np.full(axes, np.nan),
+                filters=np.zeros((axes, _FILTERS, 2)),
+            ),
         )
-        self._state.axis[:, 5] = np.nan
         self._servo.on[:] = False
         self._servo.begins[:] = False
         for part in self.parts:
@@ -236,18 +239,18 @@ class PiezoStage(VirtualStage):
             raise ModelError(has_no("the stage", "axis", axis, self.axes))
         return self.axes.index(axis)
 
-    def _bows(self, guides: Mapping[str, GuideErrors]) -> Array:
-        """What the guide of one axis adds along another, beside what the model does."""
+    def _guide_polynomials(self, guides: Mapping[str, GuideErrors]) -> Array:
+        """Motion that the guide of one axis adds along another, less that of the model."""
         names = self.axes
-        bow = np.zeros((len(names), len(names), 6))
+        curves = np.zeros((len(names), len(names), 6))
         for s, part in enumerate(self.parts):
             other = neighbour(names, part.name)
             if other is None or part.guide is None:
                 continue
             a = names.index(other)
-            bow[a, s] = polynomial(guides[part.name], "across", part.low)
+            curves[a, s] = polynomial(guides[part.name], "across", part.low)
             along, across = (
                 self.model.static_gain(part.drive, p.probe) for p in (part, self.parts[a])
             )
-            bow[a, s, 1] -= across / along
-        return bow
+            curves[a, s, 1] -= across / along
+        return curves

@@ -1,7 +1,7 @@
-"""Motion beside the axis of hundreds of stages as they come from the machine, all at once.
+"""Error motions of many manufactured stages at once.
 
 The lumped model in space: rigid bodies with six coordinates, each notch a spring in its plane and
-out of it, its neck, place and direction a little off.
+out of it, with deviations of neck, position and direction.
 """
 
 from collections.abc import Mapping
@@ -21,43 +21,47 @@ from flexstage.stage import Axis, Stage
 from flexstage.stage.model import only_drive
 from flexstage.virtual.imperfections import Scatter
 
-# Step of the difference quotient of a hinge's stiffness by its neck, as part of the neck.
+# Relative step of the difference quotient of a hinge's stiffness by its neck.
 _STEP = 1e-3
-#: Where the motion in the plane and that out of it stand among the six of a hinge.
+#: Indices of the motions in the plane and out of it among the six of a hinge.
 _IN_PLANE, _OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deviations:
-    """How far stages are off from their drawing; hinges and drives in the order of the stage."""
+    """Deviations of stages from their drawing; hinges and drives in the order of the stage."""
 
     neck: Array
-    """Thickness of each neck [m], shape (samples, hinges)."""
+    """Error of the thickness of each neck [m], shape (samples, hinges)."""
     position: Array
-    """Place of each notch along x and y [m], shape (samples, hinges, 2)."""
+    """Position error of each notch along x and y [m], shape (samples, hinges, 2)."""
     lean: Array
-    """Rotation of each notch's axis about x and y [rad], shape (samples, hinges, 2)."""
+    """Tilt of the axis of each notch about x and y [rad], shape (samples, hinges, 2)."""
     drive: Array
-    """Line of each drive, to its left and along the normal [m], shape (samples, drives, 2)."""
+    """Offset of the line of action of each drive, to its left and along the normal [m], shape
+    (samples, drives, 2).
+    """
 
 
 def draw_deviations(
     stage: Stage, scatter: Scatter, samples: int, *, seed: int = 0, stream: int = 0
 ) -> Deviations:
-    """Draw how far stages are off; sample i is the same however many there are.
+    """Draw the deviations of stages; sample i does not depend on the number of samples.
 
-    Parts of one product that are made apart take streams of their own.
+    Parts of one product that are made independently use different streams.
     """
     if samples < 1:
-        raise ModelError(f"there must be at least 1 sample, got {samples}")
+        raise ModelError(f"the number of samples must be at least 1, got {samples}")
     h, d = len(stage.hinges), len(stage.drives)
-    drawn = np.empty((samples, 1 + 5 * h + 2 * d))
+    normal = np.empty((samples, 1 + 5 * h + 2 * d))
     for i in range(samples):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream, i)))
-        drawn[i] = rng.standard_normal(drawn.shape[1])
-    common, own, position, lean, drive = np.split(drawn, np.cumsum([1, h, 2 * h, 2 * h]), axis=1)
+        normal[i] = rng.standard_normal(normal.shape[1])
+    common, individual, position, lean, drive = np.split(
+        normal, np.cumsum([1, h, 2 * h, 2 * h]), axis=1
+    )
     return Deviations(
-        neck=scatter.neck_common * common + scatter.neck_own * own,
+        neck=scatter.neck_common * common + scatter.neck_own * individual,
         position=scatter.position * position.reshape(samples, h, 2),
         lean=scatter.lean * lean.reshape(samples, h, 2),
         drive=scatter.drive * drive.reshape(samples, d, 2),
@@ -65,20 +69,20 @@ def draw_deviations(
 
 
 def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str, Array]:
-    r"""Return how the point of each probe moves for each metre that it goes along its axis.
+    r"""Return the error motions at each probe per metre along its axis.
 
     Every stage is a set of rigid bodies with six coordinates, joined at the displaced necks by
     springs whose axes lean as the notches do:
     :math:`K = \sum_h B_h^T k_h(t_h) B_h`, :math:`K q = d`, and the motion :math:`P q` of the probed
-    body at the probe, over its part along the axis. In its plane, without deviations, it is the
-    model of `flexstage.lumped.lumped_system`.
+    body at the probe, divided by its component along the axis. In its plane, without deviations,
+    this is the model of `flexstage.lumped.lumped_system`.
 
     Parameters
     ----------
     stage : Stage
         The stage, whose axes have a drive each; the other drives are removed.
     deviations : Deviations, optional
-        How far each sample is off; none where not given.
+        Deviations of each sample; by default none.
 
     Returns
     -------
@@ -89,13 +93,13 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
     Raises
     ------
     ModelError
-        The stage has no axis, or one that several drives move or that is a rotation, or it can move
+        The stage has no axis, an axis has several drives or is a rotation, or the stage can move
         without deforming a hinge.
 
     Notes
     -----
     Validity: small displacements of rigid bodies; stiffness of a neck to first order in its
-    thickness. Masses, and what outlines are off by, do not matter at rest.
+    thickness. Masses and errors of outlines have no effect at rest.
 
     Examples
     --------
@@ -105,14 +109,14 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
     -3.19 urad over 200 um
     """
     if not stage.axes:
-        raise ModelError(f"stage '{stage.name}' names no axis: there is no motion to follow")
-    off = deviations or _none(stage)
+        raise ModelError(f"stage '{stage.name}' has no axis: there is no motion to compute")
+    deviation = deviations or _none(stage)
     model = mechanism(stage)
-    K = _stiffness(stage, model, off)
+    K = _stiffness(stage, model, deviation)
     drives = {d.name: i for i, d in enumerate(model.drives)}
     forces = np.stack(
         [
-            _sight_row(model, model.drives[i], off.drive[:, i])[:, 0]
+            _sight_row(model, model.drives[i], deviation.drive[:, i])[:, 0]
             for i in (drives[drive_of(axis)] for axis in stage.axes)
         ],
         axis=-1,
@@ -129,13 +133,13 @@ def motion_rates(stage: Stage, deviations: Deviations | None = None) -> dict[str
     rates = {}
     for k, axis in enumerate(stage.axes):
         row = _sight_row(model, model.probe(axis.probe), np.zeros((1, 2)))[0]
-        moved = q[:, :, k] @ row.T
-        rates[axis.name] = moved / moved[:, :1]
+        motion = q[:, :, k] @ row.T
+        rates[axis.name] = motion / motion[:, :1]
     return rates
 
 
 def drive_of(axis: Axis) -> str:
-    """Return the one drive that moves an axis; refuse an axis that several move."""
+    """Return the only drive of an axis; refuse an axis with several drives."""
     return only_drive(axis.name, axis.moved_by, ModelError)
 
 
@@ -149,18 +153,18 @@ def _none(stage: Stage) -> Deviations:
     )
 
 
-def _stiffness(stage: Stage, model: Mechanism, off: Deviations) -> Array:
-    """Stiffness of every sample, shape (samples, n, n)."""
-    samples = off.neck.shape[0]
+def _stiffness(stage: Stage, model: Mechanism, deviation: Deviations) -> Array:
+    """Return the stiffness matrix of every sample, shape (samples, n, n)."""
+    samples = deviation.neck.shape[0]
     n = 6 * len(model.free)
     K = np.zeros((samples, n, n))
     for i, (spring, hinge) in enumerate(zip(hinge_springs(stage), model.hinges, strict=True)):
-        whole, slope = _spring(stage, spring)
-        k = whole + slope * off.neck[:, i, None, None]
+        nominal, slope = _spring(stage, spring)
+        k = nominal + slope * deviation.neck[:, i, None, None]
         at = np.zeros((samples, 3))
-        at[:, :2] = hinge.at + off.position[:, i]
-        turned = _leaning(off.lean[:, i]) @ _axes(hinge.direction)
-        b = _difference(model, hinge.bodies, at, turned)
+        at[:, :2] = hinge.at + deviation.position[:, i]
+        axes = _leaning(deviation.lean[:, i]) @ _axes(hinge.direction)
+        b = _difference(model, hinge.bodies, at, axes)
         columns = np.flatnonzero(b.any(axis=(0, 1)))
         b = b[:, :, columns]
         K[:, columns[:, None], columns] += np.swapaxes(b, 1, 2) @ k @ b
@@ -168,11 +172,11 @@ def _stiffness(stage: Stage, model: Mechanism, off: Deviations) -> Array:
 
 
 def _spring(stage: Stage, spring: HingeSpring) -> tuple[Array, Array]:
-    """Stiffness of a hinge for its six motions, and its derivative by the neck, shape (6, 6)."""
+    """Return the stiffness of a hinge in six coordinates and its derivative by the neck."""
     hinge, material = spring.hinge, stage.material
     elastic = (material.youngs_modulus, material.poissons_ratio, stage.thickness)
     neck = hinge.profile.neck_thickness
-    found = []
+    pair = []
     for part in (-_STEP, _STEP):
         profile = with_neck_thickness(hinge.profile, (1.0 + part) * neck)
         in_plane = compliance(
@@ -185,34 +189,34 @@ def _spring(stage: Stage, spring: HingeSpring) -> tuple[Array, Array]:
         k = np.zeros((6, 6))
         k[np.ix_(_IN_PLANE, _IN_PLANE)] = in_plane.stiffness
         k[_OUT_OF_PLANE, _OUT_OF_PLANE] = 1.0 / out_of_plane_compliance(profile, *elastic)
-        found.append(k)
-    slope = (found[1] - found[0]) / (2.0 * _STEP * neck)
-    whole = 0.5 * (found[0] + found[1])
-    whole[np.ix_(_IN_PLANE, _IN_PLANE)] = spring.stiffness
-    return whole, slope
+        pair.append(k)
+    slope = (pair[1] - pair[0]) / (2.0 * _STEP * neck)
+    middle = 0.5 * (pair[0] + pair[1])
+    middle[np.ix_(_IN_PLANE, _IN_PLANE)] = spring.stiffness
+    return middle, slope
 
 
 def _axes(direction: float) -> Array:
-    """Axes along, across and normal as columns, shape (3, 3)."""
+    """Return the axes along, across and normal as columns, shape (3, 3)."""
     c, s = np.cos(direction), np.sin(direction)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _leaning(lean: Array) -> Array:
-    """Rotations by small angles about x and y, to their third order; shape (samples, 3, 3)."""
+    """Return rotations by small angles about x and y, to third order, shape (samples, 3, 3)."""
     turn = _cross(np.concatenate((lean, np.zeros((len(lean), 1))), axis=1))
     return np.eye(3) + turn + 0.5 * turn @ turn
 
 
 def _cross(v: Array) -> Array:
-    """Matrices of a cross product from the left, shape (..., 3, 3)."""
+    """Return matrices of the cross product from the left, shape (..., 3, 3)."""
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return out - np.swapaxes(out, -1, -2)
 
 
 def _difference(model: Mechanism, bodies: tuple[int, int], at: Array, axes: Array) -> Array:
-    """Motion of body b against body a at a point, in given axes, shape (samples, 6, n)."""
+    """Return the relative motion of two bodies at a point, in some axes, shape (samples, 6, n)."""
     column = {body: 6 * k for k, body in enumerate(model.free)}
     out = np.zeros((len(at), 6, 6 * len(column)))
     back = np.swapaxes(np.broadcast_to(axes, (len(at), 3, 3)), 1, 2)
@@ -227,14 +231,13 @@ def _difference(model: Mechanism, bodies: tuple[int, int], at: Array, axes: Arra
 
 
 def _sight_row(model: Mechanism, sight: Sight, off: Array) -> Array:
-    """Motion of b against a at a drive's or probe's point on b, shape (samples, 6, n).
+    """Return the relative motion at the point of a drive or probe, shape (samples, 6, n).
 
-    Push and reaction share one line; `off` is how far it is to the left, and along the normal.
+    Push and reaction share a line of action; `off` is its offset to the left and along the normal.
     """
     if sight.direction is None:
         raise ModelError(
-            f"'{sight.name}' reads a rotation, which is no motion along an axis: name a probe that "
-            "reads a displacement"
+            f"probe '{sight.name}' reads a rotation: the probe of an axis must read a displacement"
         )
     axes = _axes(sight.direction)
     at = np.array([*sight.points[1], 0.0]) + off @ axes[:, 1:].T
@@ -243,7 +246,7 @@ def _sight_row(model: Mechanism, sight: Sight, off: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ErrorMotion:
-    """Motion of a body along an axis, with the motions beside it, of many samples.
+    """Motion of a body along an axis, with its error motions, of many samples.
 
     Axes: 1 along, 2 to its left, 3 along the normal of the plate.
     """
@@ -251,15 +254,15 @@ class ErrorMotion:
     along: Array
     """Travel [m], shape (k,)."""
     displacement: Array
-    """Displacement of a point beside the travel [m], shape (samples, k, 3)."""
+    """Displacement of a point in addition to the travel [m], shape (samples, k, 3)."""
     rotation: Array
     """Roll, pitch and yaw: rotation about the three axes [rad], shape (samples, k, 3)."""
 
     def at(self, offset: tuple[float, float, float]) -> "ErrorMotion":
-        r"""Return the motion of another point of the body: the Abbe offset in all its directions.
+        r"""Return the motion of another point of the body: Abbe errors in all directions.
 
-        :math:`u' = u + \theta\times r` (J. B. Bryan, Precision Engineering 1 (1979) 129: what holds
-        for a displacement holds for straightness as well).
+        :math:`u' = u + \theta\times r`, for displacement and straightness (J. B. Bryan, Precision
+        Engineering 1 (1979) 129).
 
         Examples
         --------
@@ -269,33 +272,34 @@ class ErrorMotion:
         >>> print(f"{above.displacement[0, 0, 1] * 1e9:.0f} nm")
         -60 nm
         """
-        moved = np.cross(self.rotation, np.array(offset))
-        return replace(self, displacement=self.displacement + moved)
+        abbe = np.cross(self.rotation, np.array(offset))
+        return replace(self, displacement=self.displacement + abbe)
 
     def with_assembly(self, squareness: Array, tilt: Array) -> "ErrorMotion":
-        """Return the motion of a guide that was mounted askew.
+        """Return the motion of a guide with mounting errors.
 
-        Turned in its plane and tilted out of it by angles of each sample [rad], shape (samples,).
+        It is turned in its plane and tilted out of it by angles of each sample [rad], shape
+        (samples,).
         """
-        askew = np.zeros_like(self.displacement)
-        askew[..., 1] = squareness[:, None] * self.along
-        askew[..., 2] = tilt[:, None] * self.along
-        return replace(self, displacement=self.displacement + askew)
+        offset = np.zeros_like(self.displacement)
+        offset[..., 1] = squareness[:, None] * self.along
+        offset[..., 2] = tilt[:, None] * self.along
+        return replace(self, displacement=self.displacement + offset)
 
 
 def error_motion(
     along: Array, across: Array, yaw: Array, rates: Array, mean: Mapping[str, float] | None = None
 ) -> ErrorMotion:
-    """Join the motion of the stage as drawn with what scatter adds to it.
+    """Return the motion of the nominal stage with the error motions by scatter.
 
     Parameters
     ----------
     along, across, yaw : numpy.ndarray
-        Path of the stage as drawn [m, m, rad], shape (k,).
+        Path of the nominal stage [m, m, rad], shape (k,).
     rates : numpy.ndarray
-        What each sample adds for each metre, as `motion_rates` gives it, shape (samples, 6).
+        Error motions of each sample per metre, from `motion_rates`, shape (samples, 6).
     mean : mapping, optional
-        What all of them add for each metre: ``across`` [m/m] and ``yaw`` [rad/m].
+        Error motions of all samples per metre: ``across`` [m/m] and ``yaw`` [rad/m].
     """
     added = mean or {}
     motion = rates[:, None, :] * along[None, :, None]

@@ -1,9 +1,9 @@
-"""A virtual rotary table: an axis that wanders, a scale with errors, heads that are noisy."""
+"""A virtual rotary table: axis motion, scale errors, noisy heads, and the stage on it."""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,19 +17,285 @@ from flexstage.centring.calibration import (
 )
 from flexstage.centring.eccentricity import HeadReadings, eccentricity
 from flexstage.centring.geometry import ScaleKind, exact_error
+from flexstage.centring.move import Positioner, PositionerAxis
 from flexstage.centring.procedure import CentreReading, centre_reading, table_reading
 from flexstage.centring.turns import whole_orders
 from flexstage.records import Channel, Record
-from flexstage.stage.assumptions import ASYNCHRONOUS_ORDERS
+from flexstage.stage import PiezoStack, Screw, Stage
+from flexstage.stage.assumptions import (
+    ASYNCHRONOUS_ORDERS,
+    CONVERTER_BITS,
+    POSITION_NOISE,
+    SETTLING,
+    VOLTAGE_RANGE,
+)
+from flexstage.virtual.as_built import loop_share, platform_stroke
 from flexstage.virtual.imperfections import require_size
+from flexstage.virtual.stack import virtual_stack
+
+if TYPE_CHECKING:
+    from flexstage.hysteresis import HysteresisModel
+
+
+#: Deviation of the slope of a move from that of the full loop, over the loop width [1].
+_SLOPE_SPREAD = 1.6
+
+
+class VirtualAxis(PositionerAxis):
+    """A simulated axis, moved from command to command.
+
+    The motion of a piezo axis is proportional to the free displacement of its `stack` over the
+    range of `voltage`; without a stack the axis follows its commands.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        stroke: float,
+        quantum: float,
+        resolution: float,
+        *,
+        stack: "HysteresisModel | None" = None,
+        voltage: tuple[float, float] = VOLTAGE_RANGE,
+        backlash: float = 0.0,
+        hysteresis: float = 0.0,
+    ) -> None:
+        if not 0.0 < stroke < math.inf:
+            raise ModelError(f"the stroke of axis '{name}' must be positive, got {stroke!r} m")
+        if not (0.0 <= quantum < stroke and 0.0 <= backlash < stroke):
+            raise ModelError(
+                f"step and backlash of axis '{name}' must be 0 or more and less than its stroke, "
+                f"got {quantum!r} and {backlash!r} m"
+            )
+        super().__init__(
+            name=name,
+            half=0.5 * stroke,
+            quantum=quantum,
+            resolution=resolution,
+            hysteresis=hysteresis,
+            backlash=backlash,
+        )
+        self._stack = stack
+        self._voltage = voltage
+        self._play = 0.0
+        if stack is not None:
+            low, high = voltage
+            # conditioned by two full cycles; it comes to rest at the low end
+            before = stack.simulate([high, low, high, low])
+            self._state = before.state
+            ends = before.values[2:]
+            self._zero, self._gain = float(ends.mean()), stroke / float(ends[0] - ends[1])
+
+    def move(self, command: float) -> float:
+        """Move to a command within range on a straight ramp; return the displacement [m]."""
+        if self._stack is None:
+            half = 0.5 * self.backlash
+            self._play = max(command - half, min(command + half, self._play))
+            return self._play
+        low, high = self._voltage
+        volts = 0.5 * (low + high) + 0.5 * (high - low) * command / self.half
+        self._state, free = self._stack.step(self._state, volts)
+        return self._gain * (free - self._zero)
+
+
+def _open_loop_axis(
+    stage: Stage, axis: str, quantum: float | None, backlash: float, noise: float
+) -> VirtualAxis:
+    """Return an axis in open loop: commanded by its drive, without a sensor."""
+    drive = stage.drive_of(axis)
+    stroke = _stroke(stage, axis)
+    if isinstance(drive, Screw):
+        step = drive.smallest_step * stroke / drive.travel if quantum is None else quantum
+        return VirtualAxis(axis, stroke, step, noise, backlash=backlash)
+    if not isinstance(drive, PiezoStack):
+        raise ModelError(
+            f"axis '{axis}' of {stage.name} must be driven by a screw or a piezo stack to be "
+            f"simulated, got {drive.kind}"
+        )
+    if backlash:
+        raise ModelError("a piezo stack has no backlash: omit the backlash")
+    share = loop_share(stage, axis, stroke)
+    voltage = VOLTAGE_RANGE if drive.voltage_range is None else drive.voltage_range
+    return VirtualAxis(
+        axis,
+        stroke,
+        stroke / 2**CONVERTER_BITS if quantum is None else quantum,
+        noise,
+        stack=virtual_stack(voltage, drive.free_stroke, share),
+        voltage=voltage,
+        hysteresis=_SLOPE_SPREAD * share,
+    )
+
+
+def _stroke(stage: Stage, axis: str) -> float:
+    stroke = platform_stroke(stage, axis)
+    if stroke is None:
+        raise ModelError(
+            f"the drive of axis '{axis}' of {stage.name} has no stroke: give one to simulate it"
+        )
+    return stroke
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableMounting:
+    """Mounting of a stage on the table, and squareness of its axes."""
+
+    angle: float = 0.0
+    """Angle of the stage on the table, mu [rad]."""
+    mirrored: bool = False
+    """With its y axis reversed."""
+    squareness: float = 0.0
+    """Squareness error: 90 degrees less the angle between the axes, sigma [rad]."""
+    cross_coupling: tuple[float, float] = (0.0, 0.0)
+    """Motion in y per motion of the x drive, c_yx, and in x per motion of the y drive, c_xy [1]."""
+
+    @property
+    def matrix(self) -> Array:
+        """Motion of the scale for that of the axes, shape (2, 2)."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        axes = np.array(
+            [
+                [1.0, math.sin(self.squareness) + self.cross_coupling[1]],
+                [self.cross_coupling[0], math.cos(self.squareness)],
+            ]
+        )
+        sign = np.diag([1.0, -1.0 if self.mirrored else 1.0])
+        return np.array([[c, -s], [s, c]]) @ sign @ axes
+
+
+class VirtualPositioner(Positioner):
+    r"""A simulated stage on the table: stroke, hysteresis, steps and mounting.
+
+    A command is in metres from the middle of the stroke. The axes answer one by one,
+    (a, b) = (f_x(x), f_y(y)), and carry the scale by
+
+    .. math:: p = R(\mu) \begin{pmatrix} 1 & 0 \\ 0 & \pm 1 \end{pmatrix}
+              \left(\begin{pmatrix} 1 & \sin\sigma \\ 0 & \cos\sigma \end{pmatrix}
+              + \begin{pmatrix} 0 & c_{xy} \\ c_{yx} & 0 \end{pmatrix}\right)
+              \begin{pmatrix} a \\ b \end{pmatrix}
+
+    in the frame that turns with the table.
+
+    Parameters
+    ----------
+    stage : Stage
+        The stage, with two axes. Strokes and loop widths are published measured values where there
+        are any, else strokes of the lumped model and usual widths.
+    mode : {"open loop", "closed loop"}
+        Without or with position control of each axis.
+    start : tuple of float
+        First position of the axes, as shares of half the stroke from -1 to 1.
+    mounting : TableMounting
+        Mounting on the table, and squareness of the axes.
+    noise : float
+        Standard deviation of the position after settling [m].
+    sensor_noise : float
+        Standard deviation of a sensor reading after settling [m], in closed loop.
+    quantum : float, optional
+        Step of the commands [m]; by default that of a 16-bit converter over the stroke, or the
+        smallest step of a screw times the ratio.
+    backlash : float
+        Backlash of a screw, at the scale [m].
+    seed : int
+        Seed of the noise.
+
+    Validity
+    --------
+    Quasi-static: each command is held until creep and drift have decayed. Hysteresis of the axes is
+    independent, and a sensor of the closed loop is linear. This is a simulation, not a measurement.
+
+    Raises
+    ------
+    ModelError
+        The stage does not have two axes, an axis has no stroke, or a value is out of range.
+
+    Examples
+    --------
+    >>> from flexstage.stage.designs import design
+    >>> stage = VirtualPositioner(design("vgtu-piezo"), mounting=TableMounting(angle=0.4))
+    >>> low, high = stage.limits[0]
+    >>> print(f"{1e6 * (high - low):.2f} um")
+    63.12 um
+    >>> before = stage.true_position
+    >>> _ = stage.move_to(10e-6, 0.0)
+    >>> print(f"{1e6 * np.hypot(*(stage.true_position - before)):.1f} um")
+    10.9 um
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        *,
+        mode: Literal["open loop", "closed loop"] = "open loop",
+        start: tuple[float, float] = (0.0, 0.0),
+        mounting: TableMounting = TableMounting(),
+        noise: float = SETTLING,
+        sensor_noise: float = POSITION_NOISE,
+        quantum: float | None = None,
+        backlash: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        if mode not in ("open loop", "closed loop"):
+            raise ModelError(f"the mode must be 'open loop' or 'closed loop', got '{mode}'")
+        if len(stage.axes) != 2:
+            raise ModelError(
+                f"stage '{stage.name}' must have two axes to centre a scale, got {len(stage.axes)}"
+            )
+        for what, value in (("noise", noise), ("sensor noise", sensor_noise)):
+            require_size(f"the {what}", value)
+        if any(not -1.0 <= share <= 1.0 for share in start):
+            raise ModelError(f"the start must be shares of the stroke from -1 to 1, got {start!r}")
+        if mode == "open loop":
+            self._axes = [
+                _open_loop_axis(stage, a.name, quantum, backlash, noise) for a in stage.axes
+            ]
+        else:
+            # under position control the axes follow their commands
+            self._axes = []
+            for axis in stage.axes:
+                stroke = _stroke(stage, axis.name)
+                step = stroke / 2**CONVERTER_BITS if quantum is None else quantum
+                spread = math.hypot(noise, sensor_noise)
+                self._axes.append(VirtualAxis(axis.name, stroke, step, spread))
+        super().__init__(self._axes)
+        self._matrix = mounting.matrix
+        self._random = np.random.default_rng(seed)
+        self.name = f"virtual {stage.name}, {mode}"
+        self.move_to(*(share * axis.half for share, axis in zip(start, self._axes, strict=True)))
+
+    @property
+    def matrix(self) -> Array:
+        """True motion of the scale for that of the axes, unknown to the centring, shape (2, 2)."""
+        return self._matrix.copy()
+
+    @property
+    def true_position(self) -> Array:
+        """True position of the scale, unknown to the centring: x, y on table [m], shape (2,)."""
+        return self._true.copy()
+
+    def move_to(self, x: float, y: float) -> tuple[float, float]:
+        for axis, u in zip(self._axes, (x, y), strict=True):
+            if not abs(u) <= axis.half * (1.0 + 1e-9):
+                raise ModelError(
+                    f"the command of axis '{axis.name}' must be within {-axis.half:.4g} and "
+                    f"{axis.half:.4g} m, got {u!r}"
+                )
+        return super().move_to(x, y)
+
+    def _go(self, command: tuple[float, float]) -> None:
+        reached = [
+            axis.move(u) + axis.resolution * self._random.standard_normal()
+            for axis, u in zip(self._axes, command, strict=True)
+        ]
+        self._true: Array = self._matrix @ np.asarray(reached)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScaleErrors:
-    r"""Errors of the lines of a scale, :math:`g(s) = \sum_n a_n \cos n s + b_n \sin n s`."""
+    r"""Graduation errors of a scale, :math:`g(s) = \sum_n a_n \cos n s + b_n \sin n s`."""
 
     orders: tuple[int, ...] = ()
-    """The orders n."""
+    """Orders n."""
     cosine: Array = field(default_factory=lambda: np.zeros(0))
     """Amplitudes a of the cosines [rad], shape (n,)."""
     sine: Array = field(default_factory=lambda: np.zeros(0))
@@ -43,7 +309,7 @@ class ScaleErrors:
             )
 
     def at(self, angle: ArrayLike) -> Array:
-        """Return the errors at lines of the scale [rad]: reading less angle."""
+        """Return the errors at lines of the scale [rad]: reading minus angle."""
         s = np.asarray(angle, dtype=np.float64)
         out = np.zeros_like(s)
         for n, a, b in zip(self.orders, self.cosine, self.sine, strict=True):
@@ -52,14 +318,14 @@ class ScaleErrors:
 
 
 def scale_errors(orders: Iterable[int], rms: float, *, seed: int = 0) -> ScaleErrors:
-    """Return errors of a scale as a divided circle has them: random, and less at higher orders.
+    """Return random graduation errors of a scale, smaller at higher orders.
 
     Parameters
     ----------
     orders : iterable of int
-        Their orders.
+        Orders of the errors.
     rms : float
-        Root mean square over the turn [rad].
+        Root mean square over a turn [rad].
     seed : int
         Seed of amplitudes and phases.
 
@@ -70,12 +336,12 @@ def scale_errors(orders: Iterable[int], rms: float, *, seed: int = 0) -> ScaleEr
 
     Validity
     --------
-    An invention for trials: normal amplitudes that fall as one over the order.
+    Synthetic: normal amplitudes that fall as one over the order.
 
     Raises
     ------
     ModelError
-        The errors are not finite or negative.
+        The rms is negative or not finite.
 
     Examples
     --------
@@ -85,24 +351,24 @@ def scale_errors(orders: Iterable[int], rms: float, *, seed: int = 0) -> ScaleEr
     5.000 urad
     """
     require_size("the errors of a scale", rms)
-    asked = whole_orders(orders)
+    numbers = whole_orders(orders)
     random = np.random.default_rng(seed)
-    parts = random.standard_normal((2, len(asked))) / np.asarray(asked, dtype=np.float64)
+    parts = random.standard_normal((2, len(numbers))) / np.asarray(numbers, dtype=np.float64)
     parts *= rms / math.sqrt(0.5 * float(np.sum(parts**2)))
-    return ScaleErrors(orders=asked, cosine=parts[0], sine=parts[1])
+    return ScaleErrors(orders=numbers, cosine=parts[0], sine=parts[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VirtualTable:
     r"""A rotary table with a scale and heads on it, simulated by its exact geometry.
 
-    Head j stands at the angle alpha_j and reads the line s = theta + alpha_j + d_j, where d_j is
-    the exact error of the eccentric scale; its error is d_j + g(s) and noise.
+    Head j at the angle alpha_j reads the line s = theta + alpha_j + d_j, where d_j is the exact
+    error of the eccentric scale. Its error is d_j + g(s) plus noise.
 
     Raises
     ------
     ModelError
-        Figures do not belong together, or one is impossible.
+        Values do not fit one another, or one is out of range.
 
     Examples
     --------
@@ -113,9 +379,9 @@ class VirtualTable:
     """
 
     radius: float
-    """Radius at which the scale is read [m]."""
+    """Reading radius of the scale [m]."""
     heads: tuple[float, ...] = (0.0,)
-    """Angles at which the heads are thought to stand [rad]."""
+    """Nominal angles of the heads [rad]."""
     eccentricity: tuple[float, float] = (0.0, 0.0)
     """Centre of the scale with the stage in the middle of its stroke, x and y in the frame that
     turns with the table [m].
@@ -123,44 +389,45 @@ class VirtualTable:
     noise: float = 0.0
     """Standard deviation of each reading [rad]."""
     head_angle_errors: tuple[float, ...] = ()
-    """How much further each head really stands [rad]; none where empty."""
+    """Angle error of each head [rad]; empty for none."""
     head_radius_errors: tuple[float, ...] = ()
-    """How much further out each head reads [m]; none where empty."""
+    """Radius error of each head [m]; empty for none."""
     scale: ScaleErrors = field(default_factory=ScaleErrors)
-    """Errors of the lines of the scale."""
+    """Graduation errors of the scale."""
     kind: ScaleKind = "disc"
     """Kind of scale."""
     ellipticity: float = 0.0
-    """Relative stretch of the scale in one direction, and shortening across [1]."""
+    """Relative elongation of the scale in one direction, and contraction across it [1]."""
     ellipticity_direction: float = 0.0
-    """Direction of the stretch in the scale [rad]."""
+    """Direction of the elongation in the scale [rad]."""
     axis_orders: tuple[int, ...] = ()
-    """Orders of the motion of the axis that repeats from turn to turn, 1 or more."""
+    """Orders of the synchronous motion of the axis, 1 or more."""
     axis_motion: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    """Its amplitudes in the room: cosine and sine in x, then in y [m], shape (n, 4)."""
+    """Amplitudes of the synchronous motion: cosine and sine in x, then in y [m], shape (n, 4)."""
     asynchronous: float = 0.0
-    """Root mean square of the motion of the axis that does not repeat, in each direction [m]."""
+    """Root mean square of the asynchronous motion of the axis, in each direction [m]."""
     reference_noise: float = 0.0
-    """Standard deviation of the reference of angle, or of the table's position where nothing
-    measures it; all heads have it in common [rad].
+    """Standard deviation of the angle reference, or of the table position without a reference;
+    common to all heads [rad].
     """
     samples: int = 360
-    """Samples in a turn."""
+    """Samples per turn."""
     turns: int = 1
     """Number of turns."""
     start: float = 0.0
     """Angle of the first sample [rad]."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
 
     def __post_init__(self) -> None:
         if not self.heads:
             raise ModelError("a table needs at least one head")
         for name in ("head_angle_errors", "head_radius_errors"):
-            given = getattr(self, name)
-            if given and len(given) != len(self.heads):
+            values = getattr(self, name)
+            if values and len(values) != len(self.heads):
                 raise ModelError(
-                    f"{name} must be one for each of {len(self.heads)} heads, got {len(given)}"
+                    f"{name} must have one value for each of {len(self.heads)} heads, "
+                    f"got {len(values)}"
                 )
         for name in ("noise", "asynchronous", "reference_noise"):
             require_size(name, getattr(self, name))
@@ -171,16 +438,16 @@ class VirtualTable:
             )
         if self.samples < 3 or self.turns < 1:
             raise ModelError(
-                f"a record needs 3 samples in a turn and one turn at least, got {self.samples} and "
+                f"a record needs at least 3 samples per turn and 1 turn, got {self.samples} and "
                 f"{self.turns}"
             )
 
     @property
     def apparent_eccentricity(self) -> Array:
-        """Eccentricity and the scale's own errors of order 1 together, x and y [m], shape (2,).
+        """Eccentricity with the scale errors of order 1, x and y [m], shape (2,).
 
-        No head can tell the two apart, as to first order they read the same: b sin s and a cos s
-        count like an eccentricity of R b in x and -R a in y.
+        To first order heads cannot separate the two: b sin s and a cos s act like an eccentricity
+        of R b in x and -R a in y.
         """
         e = np.array(self.eccentricity, dtype=np.float64)
         for n, a, b in zip(self.scale.orders, self.scale.cosine, self.scale.sine, strict=True):
@@ -189,12 +456,12 @@ class VirtualTable:
         return e
 
     def moved(self, x: float, y: float) -> "VirtualTable":
-        """Return the same table with the scale elsewhere.
+        """Return the same table with the scale moved.
 
         Parameters
         ----------
         x, y : float
-            How the stage moved it [m].
+            Displacement of the scale [m].
 
         Returns
         -------
@@ -204,18 +471,18 @@ class VirtualTable:
         return replace(self, eccentricity=(self.eccentricity[0] + x, self.eccentricity[1] + y))
 
     def record(self, *, index: int = 0) -> Record:
-        """Turn the table and return what the heads read.
+        """Turn the table and return the readings of the heads.
 
         Parameters
         ----------
         index : int
-            Number of the measurement, which has noise of its own.
+            Number of the measurement; each has different noise.
 
         Returns
         -------
         Record
-            Column ``angle`` of the reference [rad], and ``head 1``... : reading less angle [rad],
-            over the points.
+            Columns ``angle`` of the reference [rad] and ``head 1``..., reading minus angle [rad],
+            over points.
         """
         random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
         count = self.samples * self.turns
@@ -243,13 +510,13 @@ class VirtualTable:
             channels=tuple(columns),
             time=np.arange(count, dtype=np.float64),
             source="virtual table",
-            notes=("simulated by the exact geometry of a table with a scale, not measured",),
+            notes=("simulated with the exact geometry of a table with a scale, not measured",),
             attributes={"seed": str(self.seed), "index": str(index)},
             over="point",
         )
 
     def _motion(self, theta: Array, random: np.random.Generator) -> Array:
-        """Where the axis is in the room, shape (k, 2)."""
+        """Return the motion of the axis [m], shape (k, 2)."""
         motion = np.zeros((theta.size, 2))
         for n, (cx, sx, cy, sy) in zip(self.axis_orders, self.axis_motion, strict=True):
             c, s = np.cos(n * theta), np.sin(n * theta)
@@ -263,11 +530,11 @@ class VirtualTable:
 
 
 class Carrier(Protocol):
-    """A stage on a virtual table, simulated or real, that carries the scale."""
+    """A simulated or real stage on a virtual table that carries the scale."""
 
     @property
     def true_position(self) -> Array:
-        """Where it has carried the scale, x and y on the table [m], shape (2,)."""
+        """Displacement of the scale, x and y on the table [m], shape (2,)."""
         ...
 
 
@@ -281,17 +548,17 @@ class VirtualBench:
     stage : Carrier
         The stage, such as a `flexstage.virtual.VirtualPositioner`.
     method : {"reference", "heads alone", "eccentricity"}
-        How the readings are evaluated: compared with the reference of angle, by
-        `flexstage.centring.calibration.against_reference`; with one another, of two heads or
-        more; or by `flexstage.centring.eccentricity.eccentricity`, which looks for outliers and
-        correlated noise and takes longer.
+        Evaluation of the readings: against the angle reference, by
+        `flexstage.centring.calibration.against_reference`; against one another, with two heads or
+        more; or by `flexstage.centring.eccentricity.eccentricity`, which also looks for outliers
+        and correlated noise and takes longer.
     orders : iterable of int
-        Orders of the errors that are solved for beside the eccentricity.
+        Orders of the errors that are solved for in addition to the eccentricity.
 
     Raises
     ------
     RecordError
-        One head is to be read alone, or the method is none.
+        Method "heads alone" with one head, or an unknown method.
 
     Examples
     --------
@@ -313,10 +580,10 @@ class VirtualBench:
     ) -> None:
         if method not in ("reference", "heads alone", "eccentricity"):
             raise RecordError(
-                f"the method is 'reference', 'heads alone' or 'eccentricity', got '{method}'"
+                f"the method must be 'reference', 'heads alone' or 'eccentricity', got '{method}'"
             )
         if method == "heads alone" and len(table.heads) < 2:
-            raise RecordError("one head needs a reference of angle to be compared with")
+            raise RecordError("method 'heads alone' needs two heads or more, got 1")
         self._table, self._stage = table, stage
         self._orders = tuple(orders)
         self._method = method
@@ -325,21 +592,23 @@ class VirtualBench:
 
     @property
     def true_eccentricity(self) -> Array:
-        """Where the centre really appears to be [m], shape (2,): the scale's order 1 is in it."""
+        """True apparent eccentricity [m], shape (2,), with the scale errors of order 1."""
         return self._table.apparent_eccentricity + self._stage.true_position
 
     def measure(self) -> CentreReading:
         """Turn the table and return the eccentricity of the scale."""
         x, y = self._stage.true_position
-        turned = self._table.moved(float(x), float(y))
-        record = turned.record(index=len(self.true_lengths))
-        self.true_lengths.append(float(np.hypot(*turned.apparent_eccentricity)))
+        table = self._table.moved(float(x), float(y))
+        record = table.record(index=len(self.true_lengths))
+        self.true_lengths.append(float(np.hypot(*table.apparent_eccentricity)))
         angle, *errors = (channel.values for channel in record.channels)
         heads = self._table.heads
         if self._method != "eccentricity":
             separate = against_reference if self._method == "reference" else self_calibration
-            read = ScaleReadings(angle=angle, errors=np.stack(errors), heads=np.array(heads))
-            return table_reading(separate(read, self._orders), self._table.radius)
+            scale_readings = ScaleReadings(
+                angle=angle, errors=np.stack(errors), heads=np.array(heads)
+            )
+            return table_reading(separate(scale_readings, self._orders), self._table.radius)
         readings = [
             HeadReadings(angle=angle, error=error, head_angle=alpha)
             for alpha, error in zip(heads, errors, strict=True)

@@ -18,7 +18,7 @@ from flexstage.experiments.verbs.excite import (
     require_stack,
     whole_part,
 )
-from flexstage.files.ranges import Count, Range, Whole
+from flexstage.files.ranges import Count, CountOrZero, Range
 from flexstage.files.request import require_fields
 from flexstage.hysteresis.excitations.design import excitation
 from flexstage.hysteresis.excitations.excitation import Excitation
@@ -39,7 +39,7 @@ class EqualCycles(Excite):
     """Cycles in a second [Hz]."""
     cycles: Count = 3
     """How many."""
-    condition: Whole = 1
+    condition: CountOrZero = 1
     """How many more of them before, that are not evaluated."""
     shape: Literal["triangle", "cosine"] = "triangle"
     """How each runs."""
@@ -100,7 +100,7 @@ class Falling(Excite):
     """Cycles over which the range falls."""
     smallest: Annotated[float, Range(low=0.001, high=0.999)] = 0.1
     """Range of the last one, as a share of the whole [1]."""
-    condition: Whole = 2
+    condition: CountOrZero = 2
     """How many full ones before them, that are not evaluated."""
 
     def design(self, settings: Sequence[AxisSetting], fs: float, base: float) -> CommandWaveform:

@@ -20,7 +20,7 @@ from flexstage.experiments.verb import (
     Verb,
 )
 from flexstage.experiments.verbs.identify import IdentifiedStep
-from flexstage.files.ranges import Count, Range, Whole, require_ranges
+from flexstage.files.ranges import Count, CountOrZero, Range, require_ranges
 from flexstage.instruments.protocol import Waveform
 from flexstage.quantities.units import Frequency
 from flexstage.stage.limits import AxisLimits
@@ -48,7 +48,7 @@ class Reference:
     """Cycles in a second [Hz]."""
     cycles: Count = 3
     """How many are evaluated."""
-    settle: Whole = 3
+    settle: CountOrZero = 3
     """How many run before them."""
     shape: Literal["cosine", "triangle"] = "cosine"
     """How each runs; a triangle has rounded corners."""

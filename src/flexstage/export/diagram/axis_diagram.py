@@ -1,4 +1,4 @@
-"""One axis of a stage as masses, springs, dampers and a lever: in numbers, and as a diagram."""
+"""One axis of a stage as masses, springs, dampers and a lever: parameters and diagram."""
 
 from dataclasses import dataclass
 
@@ -17,32 +17,30 @@ from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive, ModelPr
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
 from flexstage.system.mechanical import AxisPort
 
-# A drive and a probe whose ratio differs by less from mode to mode move as one.
-_AS_ONE = 1e-6
+# Largest relative difference of the ratio of drive and probe between modes for one mass.
+_ONE_MASS = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisChain:
-    """An input mass and an output mass with a lever and a spring between them.
+    """An input mass and an output mass, joined by a lever and a spring.
 
     With the elongation d of the drive and the reading p, the potential energy is
     ``(k_in d^2 + k_t (p - i d)^2)/2`` and the kinetic one ``(m_in d'^2 + m_out p'^2)/2``.
     """
 
     ratio: float
-    """Static ratio i of reading to elongation of the drive [1]."""
+    """Static ratio i of reading over elongation of the drive [1]."""
     input_stiffness: float
-    """Stiffness k_in that the drive feels [N/m], its own left out."""
+    """Input stiffness k_in of the stage at the drive [N/m], without that of the drive."""
     transmission_stiffness: float
-    """Stiffness k_t of the transmission at its output [N/m]; 0 where the input and the output move
-    as one.
-    """
+    """Stiffness k_t of the transmission at its output [N/m]; 0 for one mass."""
     input_mass: float
     """Mass m_in at the drive [kg]."""
     output_mass: float
-    """Mass m_out at the probe [kg]; 0 where they move as one."""
+    """Mass m_out at the probe [kg]; 0 for one mass."""
     frequency_hz: float
-    """Frequency of the mode that it holds, drives in place [Hz]."""
+    """Frequency of its mode, drives in place [Hz]."""
 
 
 def axis_blocks(
@@ -60,11 +58,11 @@ def axis_blocks(
     b = DiagramBuilder()
     group = b.group("drive", title=f"Drive {drive.name} ({drive.kind})", kind="drive")
     free = add_drive_chain(b, model, drive, group)
-    two = chain.output_mass > 0.0
+    two_masses = chain.output_mass > 0.0
     head = _mass(
         b,
         "input",
-        "Input" if two else "Stage",
+        "Input" if two_masses else "Stage",
         "d",
         chain.input_mass,
         damping.alpha * chain.input_mass + damping.beta * chain.input_stiffness,
@@ -74,14 +72,14 @@ def axis_blocks(
     if spring.stiffness > 0.0:
         force = _drive_spring(b, drive, spring, damping, free, head, group)
     b.term(head.forces, force, 1, "F [N]")
-    read = _transmission(b, chain, damping, head).motion if two else head.motion
+    read = _transmission(b, chain, damping, head).motion if two_masses else head.motion
     probe_group = b.group("probe", title=f"Probe {probe.name}", kind="probe")
-    if not two:
+    if not two_masses:
         meaning = f"ratio of reading to drive {drive.name} [1]"
         lever = probe_group.gain("ratio", "i", meaning, chain.ratio, "geometry")
         b.connect(read, lever, "d [m]")
         read = lever
-    add_probe_chain(b, probe, read, probe_group, "p [m]" if two else "")
+    add_probe_chain(b, probe, read, probe_group, "p [m]" if two_masses else "")
     return b.diagram(title, notes)
 
 
@@ -96,7 +94,7 @@ def _mass(
 ) -> BodyBlocks:
     """Add a mass, with a spring and a damper to the ground."""
     low = title.lower()
-    # one mass alone needs no mark
+    # a single mass needs no subscript
     short = {"Input": "_in", "Output": "_out"}.get(title, "")
     group = b.group(name, title=f"{title} mass", kind="body")
     forces = group.sum("forces", f"forces on the {low} [N]")
@@ -107,15 +105,15 @@ def _mass(
     b.chain(forces, inverse, rate, motion)
     if stiffness > 0.0:
         meaning = f"spring between the {low} and the ground [N/m]"
-        hold = group.gain("spring", f"k{short}", meaning, stiffness, "spring")
-        b.connect(motion, hold)
-        b.term(forces, hold, -1, last=True)
-    # after the spring: its line runs back within that of the spring
+        ground_spring = group.gain("spring", f"k{short}", meaning, stiffness, "spring")
+        b.connect(motion, ground_spring)
+        b.term(forces, ground_spring, -1, last=True)
+    # after the spring: its line is inside that of the spring
     if damper > 0.0:
         meaning = f"damper between the {low} and the ground [N s/m]"
-        drag = group.gain("damper", f"c{short}", meaning, damper, "damper")
-        b.connect(rate, drag)
-        b.term(forces, drag, -1, last=True)
+        ground_damper = group.gain("damper", f"c{short}", meaning, damper, "damper")
+        b.connect(rate, ground_damper)
+        b.term(forces, ground_damper, -1, last=True)
     return BodyBlocks(forces=forces, rate=rate, motion=motion, name=name)
 
 
@@ -132,11 +130,15 @@ def _drive_spring(
     stretch = group.sum("compression", f"compression of drive {drive.name} [m]")
     b.term(stretch, free, 1, f"w_{drive.name} [m]")
     b.term(stretch, head.motion, -1, "d [m]")
-    words = "stiff spring in place of an imposed displacement" if spring.stands_in else "stiffness"
+    words = (
+        "stiff spring in place of an imposed displacement"
+        if spring.replaces_imposed
+        else "stiffness"
+    )
     meaning = f"{words} of drive {drive.name} [N/m]"
     stiffness = group.gain("spring", "k_s", meaning, spring.stiffness, "spring")
     b.connect(stretch, stiffness)
-    if spring.stands_in or damping.beta == 0.0:
+    if spring.replaces_imposed or damping.beta == 0.0:
         return stiffness
     meaning = f"damping of drive {drive.name} [N s/m]"
     damper = group.gain("damper", "c_s", meaning, damping.beta * spring.stiffness, "damper")
@@ -185,13 +187,12 @@ def _transmission(
 
 
 def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) -> AxisChain:
-    r"""Return two masses that stand for an axis of a stage, or one where no two positive ones do.
+    r"""Return an equivalent two-mass model of an axis, or one mass if two are not positive.
 
-    `pushed_mass`, of the body that the drive pushes [kg], is the input mass where the displacement
-    is imposed, which takes no part in the modes. All else follows in closed form from what is
-    to be kept: the static elongation and reading for a unit of the drive, and of the mode that
-    carries most of the reading its frequency :math:`\omega`, its shape :math:`(\phi_d, \phi_p)` and
-    its modal mass 1,
+    `pushed_mass`, of the body that the drive pushes [kg], is the input mass if the displacement is
+    imposed: it takes no part in the modes. The model reproduces, in closed form, the static
+    elongation and reading for a unit of the drive, and for the dominant mode its frequency
+    :math:`\omega`, its shape :math:`(\phi_d, \phi_p)` and its modal mass 1,
 
     .. math:: k_t = \frac{\omega^2 - (k_{in} + k_s)\phi_d^2}{(\phi_p - i\phi_d)^2}, \quad
               m_{out} = \frac{k_t (\phi_p - i\phi_d)}{\omega^2\phi_p}, \quad
@@ -207,13 +208,13 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
     (1.777, 910.3)
     """
     drive, probe = system.drive(axis.drive), system.probe(axis.probe).vector
-    found = modes(system, drives="in place", count=None)
-    own = drive.stiffness or 0.0
-    shape, stiffness = _solved(system, axis.drive)
+    in_place = modes(system, drives="in place", count=None)
+    drive_stiffness = drive.stiffness or 0.0
+    shape, stiffness = _unit_elongation(system, axis.drive)
     ratio = float(probe @ shape)
     if abs(ratio) <= 1e-12:
         raise ModelError(f"drive '{axis.drive}' does not move probe '{axis.probe}'")
-    phi_p = probe @ found.shapes
+    phi_p = probe @ in_place.shapes
 
     def chain(k_t: float, m_in: float, m_out: float, omega: float) -> AxisChain:
         return AxisChain(
@@ -226,34 +227,34 @@ def axis_chain(system: MechanicalSystem, axis: AxisPort, *, pushed_mass: float) 
         )
 
     if drive.stiffness is None:
-        share = phi_p * (found.shapes.T @ system.M @ shape)
+        share = phi_p * (in_place.shapes.T @ system.M @ shape)
         first = int(np.argmax(np.abs(share)))
-        if abs(share[first]) < _AS_ONE * abs(ratio):
-            # the probe follows the imposed displacement at once
+        if abs(share[first]) < _ONE_MASS * abs(ratio):
+            # the probe follows the imposed displacement directly
             bare = modes(system, drives="removed", count=1).omega[0]
             return chain(0.0, stiffness / float(bare**2), 0.0, bare)
-        omega, at_p = found.omega[first], float(phi_p[first])
+        omega, at_p = in_place.omega[first], float(phi_p[first])
         return chain(float(omega**2) / at_p**2, pushed_mass, 1.0 / at_p**2, omega)
-    phi_d = drive.vector @ found.shapes
-    first = int(np.argmax(np.abs(phi_p * phi_d / found.omega**2)))
-    omega = found.omega[first]
+    phi_d = drive.vector @ in_place.shapes
+    first = int(np.argmax(np.abs(phi_p * phi_d / in_place.omega**2)))
+    omega = in_place.omega[first]
     omega2 = float(omega**2)
     at_d, at_p = float(phi_d[first]), float(phi_p[first])
     swing = at_p - ratio * at_d
-    if abs(swing) > _AS_ONE * abs(at_p):
-        k_t = (omega2 - (stiffness + own) * at_d**2) / swing**2
+    if abs(swing) > _ONE_MASS * abs(at_p):
+        k_t = (omega2 - (stiffness + drive_stiffness) * at_d**2) / swing**2
         m_out = k_t * swing / (omega2 * at_p)
         m_in = (1.0 - m_out * at_p**2) / at_d**2
         if k_t > 0.0 and m_out > 0.0 and m_in > 0.0:
             return chain(k_t, m_in, m_out, omega)
-    return chain(0.0, (stiffness + own) / omega2, 0.0, omega)
+    return chain(0.0, (stiffness + drive_stiffness) / omega2, 0.0, omega)
 
 
-def _solved(system: MechanicalSystem, name: str) -> tuple[Array, float]:
-    """Shape for a unit elongation of one drive, the others in place, and the force it takes."""
-    chosen = system.drive(name)
+def _unit_elongation(system: MechanicalSystem, name: str) -> tuple[Array, float]:
+    """Return shape and force for a unit elongation of one drive, the others in place."""
+    drive = system.drive(name)
     added = np.zeros_like(system.K)
-    columns = [chosen.vector]
+    columns = [drive.vector]
     for d in system.drives:
         if d.name == name or d.stiffness == 0.0:
             continue
@@ -261,12 +262,12 @@ def _solved(system: MechanicalSystem, name: str) -> tuple[Array, float]:
             columns.append(d.vector)
         else:
             added += d.stiffness * np.outer(d.vector, d.vector)
-    held = np.stack(columns, axis=1)
-    n, m = held.shape
-    saddle = np.block([[system.K + added, held], [held.T, np.zeros((m, m))]])
+    constraints = np.stack(columns, axis=1)
+    n, m = constraints.shape
+    saddle = np.block([[system.K + added, constraints], [constraints.T, np.zeros((m, m))]])
     right = np.zeros(n + m)
     right[n] = 1.0
-    # scaled, or lengths and angles spoil the solution
+    # scaled, since lengths and angles differ in size
     size = np.concatenate((np.sqrt(np.diag(system.K + added)), np.ones(m)))
-    solved = np.linalg.solve(saddle / np.outer(size, size), right / size) / size
-    return solved[:n], -float(solved[n])
+    solution = np.linalg.solve(saddle / np.outer(size, size), right / size) / size
+    return solution[:n], -float(solution[n])

@@ -1,7 +1,7 @@
 """Bodies, hinges, drives and probes of a structural diagram.
 
-A body is a sum of forces, an inverse mass, and two integrators; a hinge leads from the motion of
-two bodies to forces on both; a drive acts and a probe reads along a line.
+A body is a sum of forces, an inverse mass, and two integrators. A hinge turns the motion of two
+bodies into forces on both; a drive acts and a probe reads along a line.
 """
 
 import math
@@ -22,28 +22,28 @@ from flexstage.system import RayleighDamping, modes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveSpring:
-    """The spring between the free displacement of a drive and the stage."""
+    """Spring between the free displacement of a drive and the stage."""
 
     stiffness: float
-    """Its stiffness [N/m]; 0 for a drive that is a pure force."""
-    stands_in: bool = False
-    """Whether it takes the place of an imposed displacement."""
+    """Stiffness [N/m]; 0 for a drive that is a pure force."""
+    replaces_imposed: bool = False
+    """Replacement of an imposed displacement."""
     own_frequency_hz: float = 0.0
-    """About the frequency of the motion that one that stands in adds [Hz]. The drive follows its
-    displacement with an error of (f/own)^2 at a frequency f.
+    """Approximate frequency of the additional mode of a replacement [Hz]. At a frequency f the
+    error of the displacement is (f/own_frequency_hz)^2.
     """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyBlocks:
-    """What other groups connect to."""
+    """Connections of a body for other groups."""
 
     forces: str
     """Name of the sum of forces."""
     rate: str
-    """Name of the integrator that gives the rates."""
+    """Name of the integrator of the rates."""
     motion: str
-    """Name of the integrator that gives the displacement."""
+    """Name of the integrator of the displacement."""
     name: str
     """Name of the body."""
 
@@ -78,13 +78,13 @@ def add_body(
 
 
 def point_of_body(mechanism: Mechanism, body: int, at: tuple[float, float]) -> Array:
-    """Return the motion (x, y, rotation) of a point [m] for that of its body, shape (3, 3)."""
+    """Return the matrix of motion (x, y, rotation) of a point [m] of a body, shape (3, 3)."""
     cx, cy = mechanism.bodies[body].centre
     return np.array([[1.0, 0.0, -(at[1] - cy)], [0.0, 1.0, at[0] - cx], [0.0, 0.0, 1.0]])
 
 
 def _hinge_end(mechanism: Mechanism, hinge: SpringHinge, body: int) -> Array:
-    """Motion of an end of a hinge, in its axes, for the coordinates of the body."""
+    """Return the motion of an end of a hinge, in its axes, for the coordinates of the body."""
     c, s = math.cos(hinge.direction), math.sin(hinge.direction)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ point_of_body(
         mechanism, body, hinge.at
@@ -94,20 +94,20 @@ def _hinge_end(mechanism: Mechanism, hinge: SpringHinge, body: int) -> Array:
 def moving_ends(
     ends: tuple[int, int], bodies: dict[int, BodyBlocks], matrix_of: Callable[[int], Array]
 ) -> list[tuple[BodyBlocks, int, Array]]:
-    """Return the bodies between two ends that are not held, their signs, and their matrices.
+    """Return the free bodies at two ends with signs and matrices.
 
-    A length or deformation is the sum over the ends of sign times matrix times motion. The end that
-    it is held by comes last, so that a reader meets the body that moves first.
+    A length or deformation is the sum over the ends of sign times matrix times motion. The second
+    body comes first.
     """
-    found = [
+    moving = [
         (bodies[body], sign, matrix_of(body))
         for body, sign in zip(ends[::-1], (1, -1), strict=True)
         if body in bodies
     ]
-    if len(found) == 1:
-        end, sign, matrix = found[0]
+    if len(moving) == 1:
+        end, sign, matrix = moving[0]
         return [(end, 1, sign * matrix)]
-    return found
+    return moving
 
 
 def add_hinge(
@@ -117,15 +117,15 @@ def add_hinge(
     bodies: dict[int, BodyBlocks],
     damping: RayleighDamping,
 ) -> None:
-    """Add the group of a hinge, and lead its forces to bodies."""
+    """Add the group of a hinge, and connect its forces to bodies."""
     sides = moving_ends(hinge.bodies, bodies, lambda body: _hinge_end(mechanism, hinge, body))
     if not sides:
         return
     words = f"hinge {hinge.name}"
-    held = [mechanism.bodies[i].name for i in hinge.bodies if mechanism.bodies[i].fixed]
+    fixed_bodies = [mechanism.bodies[i].name for i in hinge.bodies if mechanism.bodies[i].fixed]
     group = builder.group(
         f"h_{hinge.name}",
-        title=f"Hinge {hinge.name}" + (f" to {held[0]} (held)" if held else ""),
+        title=f"Hinge {hinge.name}" + (f" to {fixed_bodies[0]} (fixed)" if fixed_bodies else ""),
         kind="hinge",
     )
     stiffness = np.asarray(hinge.stiffness)
@@ -162,7 +162,7 @@ def _add_parts(
     label: str,
     what: str,
 ) -> list[tuple[str, int]]:
-    """Add what the ``motion`` or ``rate`` of each body is in something, with its sign."""
+    """Add the parts of a sum by the ``motion`` or ``rate`` of each body, with their signs."""
     gains = []
     for number, (end, sign, matrix) in enumerate(sides):
         meaning = f"part of body {end.name} in the {what}"
@@ -183,7 +183,7 @@ def _add_total(
     meaning: str,
     width: int = 1,
 ) -> str:
-    """Add the sum of parts and return its name; of one alone it is the part."""
+    """Add the sum of parts and return its name; a single part is returned as it is."""
     if len(gains) == 1:
         return gains[0][0]
     total = group.sum(name, meaning, width)
@@ -195,13 +195,13 @@ def _add_total(
 def _line_of_sight(
     mechanism: Mechanism, sight: Sight, bodies: dict[int, BodyBlocks]
 ) -> list[tuple[BodyBlocks, int, Array]]:
-    """Bodies at the ends of a drive or probe, their signs, and rows of the distance."""
+    """Return the bodies at the ends of a drive or probe, with signs and rows of the distance."""
     along = np.array([0.0, 0.0, 1.0])
     if sight.direction is not None:
         along = np.array([math.cos(sight.direction), math.sin(sight.direction), 0.0])
 
     def row(body: int) -> Array:
-        # both ends share one line of action, through the pushed point, as in the lumped model
+        # one line of action through the pushed point, as in the lumped model
         return (along @ point_of_body(mechanism, body, sight.points[1]))[None, :]
 
     return moving_ends(sight.bodies, bodies, row)
@@ -219,7 +219,7 @@ def add_drive(
 ) -> None:
     """Add the spring between the free displacement and the bodies, and its force on them.
 
-    `free` is the block of the free displacement, or, where there is no stiffness, of the force.
+    `free` is the block of the free displacement, or of the force if there is no stiffness.
     """
     sides = _line_of_sight(mechanism, sight, bodies)
     force = free
@@ -247,11 +247,11 @@ def _add_drive_spring(
     length = f"length of {name} [m or m/s]"
     for gain, sign in _add_parts(builder, group, sides, "motion", "r", length):
         builder.term(stretch, gain, -sign)
-    stands_in = ", which stands in for an imposed displacement" if spring.stands_in else ""
-    meaning = f"stiffness of drive {name} [N/m]{stands_in}"
+    remark = ", which replaces an imposed displacement" if spring.replaces_imposed else ""
+    meaning = f"stiffness of drive {name} [N/m]{remark}"
     stiffness = group.gain("spring", "k", meaning, spring.stiffness, "spring")
     builder.connect(stretch, stiffness)
-    if damping.beta == 0.0 or spring.stands_in:
+    if damping.beta == 0.0 or spring.replaces_imposed:
         return stiffness
     force = group.sum("force", f"force of drive {name} [N]")
     builder.term(force, stiffness, 1)
@@ -271,7 +271,7 @@ def add_reading(
     bodies: dict[int, BodyBlocks],
     group: GroupBuilder,
 ) -> str:
-    """Add what a probe reads of the bodies; return its block, empty where no free body is read."""
+    """Add the motion at a probe; return its block, empty if no free body is at the probe."""
     sides = _line_of_sight(mechanism, sight, bodies)
     if not sides:
         return ""
@@ -279,31 +279,31 @@ def add_reading(
     part = f"{what} of probe {sight.name} [{unit} or {unit}/s]"
     gains = _add_parts(builder, group, sides, "motion", "r", part)
     read = "rotation" if sight.direction is None else "distance"
-    meaning = f"{read} that probe {sight.name} reads [{unit}]"
+    meaning = f"{read} at probe {sight.name} [{unit}]"
     return _add_total(builder, group, gains, "distance", meaning)
 
 
 def output_scale(model: DynamicModel, drive: ModelDrive) -> float:
-    """Return the free displacement over the output of a drive's hysteresis.
+    """Return the free displacement over the output of the hysteresis of a drive.
 
-    It is 1 but for a hysteresis that was identified from voltage to reading [m/unit].
+    It is 1 unless the hysteresis was identified from voltage to reading [m/unit].
     """
     if drive.hysteresis is None or drive.stiffness is None:
         return 1.0
     port = model.system.drive(drive.name)
-    found = modes(model.system, drives="in place", count=None)
-    kept = drive.modal_gain.size
-    own = (drive.stiffness or 1.0) * (port.vector @ found.shapes[:, :kept])
-    own = own / found.omega[:kept] ** 2
-    at = int(np.argmax(np.abs(own)))
-    scale = float(drive.modal_gain[at] / own[at])
+    in_place = modes(model.system, drives="in place", count=None)
+    count = drive.modal_gain.size
+    local_gain = (drive.stiffness or 1.0) * (port.vector @ in_place.shapes[:, :count])
+    local_gain = local_gain / in_place.omega[:count] ** 2
+    at = int(np.argmax(np.abs(local_gain)))
+    scale = float(drive.modal_gain[at] / local_gain[at])
     return 1.0 if abs(scale - 1.0) < 1e-9 else scale
 
 
 def add_drive_chain(
     builder: DiagramBuilder, model: DynamicModel, drive: ModelDrive, group: GroupBuilder
 ) -> str:
-    """Add what lies before the spring of a drive; return what gives w [m], or the force [N]."""
+    """Add the chain before the spring of a drive; return the block of w [m], or the force [N]."""
     what = "force" if drive.stiffness == 0.0 else "free displacement"
     unit = "N" if drive.stiffness == 0.0 else "m"
     words = f"{what} of drive {drive.name} [{unit}]"
@@ -322,7 +322,7 @@ def add_drive_chain(
         builder.connect(at, block, signal)
         at, scale = block, output_scale(model, drive)
         if scale != 1.0:
-            meaning = f"{words} over what was identified"
+            meaning = f"{words} over output of the identified hysteresis"
             at = builder.chain(at, group.gain("scale", "c", meaning, scale, "drive"))
     elif drive.gain != 1.0 or drive.unit != unit:
         meaning = f"{what} over command of drive {drive.name} [{unit}/{drive.unit}]"
@@ -331,7 +331,7 @@ def add_drive_chain(
         at = block
     if drive.creep is not None:
         percent = 100.0 * drive.creep.rate_per_decade
-        meaning = f"creep of the {words}, {percent:.3g} % a decade"
+        meaning = f"creep of the {words}, {percent:.3g} % per decade"
         at = builder.chain(at, _add_model(group, "creep", meaning, drive.creep))
     return at
 
@@ -348,10 +348,10 @@ def _add_model(
 def add_probe_chain(
     builder: DiagramBuilder, probe: ModelProbe, source: str, group: GroupBuilder, signal: str = ""
 ) -> str:
-    """Add what lies behind the true motion [m] at a probe: its sensor, and the output, returned."""
+    """Add the sensor after the true motion [m] at a probe, and the output, which is returned."""
     at = source
     if probe.sensor is not None:
-        meaning = f"sensor of probe {probe.name}, without its noise [{probe.unit}]"
+        meaning = f"sensor of probe {probe.name}, without noise [{probe.unit}]"
         block = group.add("sensor", "sensor", "sensor", meaning, model=probe.sensor)
         builder.connect(at, block, signal)
         at, signal = block, ""

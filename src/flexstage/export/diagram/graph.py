@@ -1,4 +1,4 @@
-"""Blocks, the lines between them, and what these carry: a diagram as data, and writing it down."""
+"""A diagram as data: blocks, lines and groups, its builder, and its equations."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -8,17 +8,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.files.names import free_name
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
-from flexstage.system.mechanical import Array
+from flexstage.system import StateSpace
 
-# MATLAB cuts names after 63 characters; some room is left for what is put before or after one
+# MATLAB truncates names after 63 characters; prefixes and suffixes need some of them
 _LONGEST = 48
-#: What a block does. Signals are columns of numbers.
-#: ``input``, ``output``: where the diagram begins and ends. ``gain``: its matrix times its input.
-#: ``sum``: its inputs added, each with its sign. ``integrator``: the integral over time, zero at
-#: the start. ``hysteresis``, ``amplifier``, ``creep``, ``sensor``: the model in `model`.
+#: Kinds of blocks. Signals are columns of numbers.
+#: ``input``, ``output``: ends of the diagram. ``gain``: matrix times input. ``sum``: signed sum of
+#: the inputs. ``integrator``: integral over time, initially zero. ``hysteresis``, ``amplifier``,
+#: ``creep``, ``sensor``: the model in `model`.
 BlockKind = Literal[
     "input",
     "output",
@@ -34,32 +35,32 @@ BlockKind = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """A block of a diagram. It has one output, but for ``output``, which has none."""
+    """A block of a diagram, with one output unless it is an ``output``."""
 
     name: str
-    """Its name: letters, digits and underscores, beginning with a letter, unlike every other."""
+    """Unique name: letters, digits and underscores, beginning with a letter."""
     kind: BlockKind
-    """What it does."""
+    """Kind."""
     label: str
-    """What is written in it, in a few letters of mathematics: ``1/m``, ``k``, ``d``."""
+    """Symbol in the block: ``1/m``, ``k``, ``d``."""
     meaning: str
-    """What it is, in words, with its unit: ``stiffness of hinge P1 [N/m, N, N m/rad]``."""
+    """Description with unit: ``stiffness of hinge P1 [N/m, N, N m/rad]``."""
     group: str = ""
-    """Name of the group that it belongs to; empty for none."""
+    """Name of its group; empty for none."""
     width: int = 1
     """Number of signals at its output (at its input, for ``output``)."""
     matrix: Array | None = None
-    """Of a ``gain``, shape (width, width of its input)."""
+    """Matrix of a ``gain``, shape (width, width of its input)."""
     signs: tuple[int, ...] = ()
-    """Of a ``sum``: 1 or -1 for each input."""
+    """Signs of a ``sum``: 1 or -1 for each input."""
     model: HysteresisModel | Amplifier | Creep | Sensor | None = None
-    """Of a ``hysteresis``, ``amplifier``, ``creep`` or ``sensor``."""
+    """Model of a ``hysteresis``, ``amplifier``, ``creep`` or ``sensor``."""
     role: str = ""
-    """For the drawing: ``spring``, ``damper``, ``mass``, ``geometry``, ``drive`` or empty."""
+    """Role in the drawing: ``spring``, ``damper``, ``mass``, ``geometry``, ``drive`` or empty."""
 
     @property
     def inputs(self) -> int:
-        """Number of its inputs."""
+        """Number of inputs."""
         if self.kind == "sum":
             return len(self.signs)
         return 0 if self.kind == "input" else 1
@@ -70,13 +71,13 @@ class SignalLine:
     """A line from the output of one block to an input of another."""
 
     source: str
-    """Name of the block that it comes from."""
+    """Name of its source block."""
     target: str
-    """Name of the block that it leads to."""
+    """Name of its target block."""
     port: int = 0
     """Input of the target, counted from 0."""
     signal: str = ""
-    """What it carries, with its unit: ``q_P1 [m, m, rad]``; empty where the blocks say it."""
+    """Signal with unit: ``q_P1 [m, m, rad]``; empty where the blocks make it clear."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,27 +85,27 @@ class BlockGroup:
     """Blocks that are drawn together, such as those of one body."""
 
     name: str
-    """Its name, as in `Block.group`."""
+    """Name, as in `Block.group`."""
     title: str
-    """What is written over it."""
+    """Title."""
     kind: str
     """``body``, ``hinge``, ``drive``, ``probe`` or ``modes``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagram:
-    """A structural diagram; one that does not fit together is refused."""
+    """A structural diagram; an inconsistent one is refused."""
 
     title: str
-    """What it shows."""
+    """Title."""
     blocks: tuple[Block, ...]
     """The blocks."""
     lines: tuple[SignalLine, ...]
-    """The lines; every input of every block has exactly one."""
+    """The lines; every input has exactly one."""
     groups: tuple[BlockGroup, ...] = ()
     """The groups."""
     notes: tuple[str, ...] = ()
-    """What was simplified, as sentences."""
+    """Simplifications, as sentences."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each ``input`` and ``output`` block, by its name."""
 
@@ -113,14 +114,14 @@ class Diagram:
             raise ModelError(fault)
 
     def _faults(self) -> Iterator[str]:
-        """What does not fit together."""
+        """Yield inconsistencies."""
         by_name = {b.name: b for b in self.blocks}
         if len(by_name) != len(self.blocks):
-            yield "two blocks of a diagram have one name"
+            yield "two blocks of a diagram have the same name"
         groups = {g.name for g in self.groups}
         for b in self.blocks:
             if not (b.name.isidentifier() and b.name.isascii()) or b.name.startswith("_"):
-                yield f"the name of a block is letters, digits and underscores, got '{b.name}'"
+                yield f"the name of a block must be letters, digits and underscores, got '{b.name}'"
             if b.group and b.group not in groups:
                 yield f"block '{b.name}' is in group '{b.group}', which does not exist"
             if b.kind == "gain" and (b.matrix is None or b.matrix.shape[0] != b.width):
@@ -131,9 +132,7 @@ class Diagram:
             source, target = by_name[line.source], by_name[line.target]
             takes = target.width if target.matrix is None else target.matrix.shape[1]
             if source.width != takes:
-                yield (
-                    f"'{source.name}' gives {source.width} signals, '{target.name}' takes {takes}"
-                )
+                yield (f"'{source.name}' has {source.width} signals, '{target.name}' needs {takes}")
 
     def block(self, name: str) -> Block:
         """Return a block by name."""
@@ -146,23 +145,23 @@ class Diagram:
 def wiring_faults(
     ends: Mapping[str, tuple[int, int]], lines: Iterable[tuple[str, int, str, int]]
 ) -> Iterator[str]:
-    """Say what is wrong with lines between blocks: every input has exactly one.
+    """Yield faults of the lines between blocks: every input must have exactly one.
 
-    Blocks are given by their numbers of inputs and outputs, lines by source, output, target and
+    `ends` has the numbers of inputs and outputs of blocks; lines are source, output, target and
     input, counted from 0.
     """
-    taken: set[tuple[str, int]] = set()
+    connected: set[tuple[str, int]] = set()
     for source, output, target, port in lines:
         if source not in ends or target not in ends:
-            yield f"a line leads from '{source}' to '{target}': no such block"
+            yield f"a line joins '{source}' and '{target}', of which one does not exist"
         elif not 0 <= output < ends[source][1]:
             yield f"block '{source}' has no output {output}"
-        elif not 0 <= port < ends[target][0] or (target, port) in taken:
-            yield f"input {port} of block '{target}' is not there, or taken"
-        taken.add((target, port))
+        elif not 0 <= port < ends[target][0] or (target, port) in connected:
+            yield f"input {port} of block '{target}' does not exist or has another line"
+        connected.add((target, port))
     for name, (inputs, _) in ends.items():
         for port in range(inputs):
-            if (name, port) not in taken:
+            if (name, port) not in connected:
                 yield f"input {port} of block '{name}' has no line"
 
 
@@ -171,25 +170,25 @@ _OF_UNIT: dict[str, SignalKind] = {"m": "motion", "m/s": "rate", "N": "force"}
 
 
 def signal_kinds(diagram: Diagram) -> dict[str, SignalKind]:
-    """Return what each block gives; commands, voltages and accelerations are ``other``."""
+    """Return the kind of output of each block; commands, voltages, accelerations are ``other``."""
     feeds = {}
     for line in diagram.lines:
         if line.port == 0:
             feeds[line.target] = line.source
     blocks = {b.name: b for b in diagram.blocks}
-    found: dict[str, SignalKind] = {}
+    kinds: dict[str, SignalKind] = {}
     for name in blocks:
         path = [name]
-        # a loop has an integrator in it, and an integrator says itself what it gives
-        while (kind := _by_itself(blocks[path[-1]])) is None and path[-1] in feeds:
+        # a loop has an integrator, whose unit determines its kind
+        while (kind := _kind_by_block(blocks[path[-1]])) is None and path[-1] in feeds:
             path.append(feeds[path[-1]])
             if len(path) > len(blocks):
                 break
-        found[name] = kind or "other"
-    return found
+        kinds[name] = kind or "other"
+    return kinds
 
 
-def _by_itself(block: Block) -> SignalKind | None:
+def _kind_by_block(block: Block) -> SignalKind | None:
     match block.kind:
         case "integrator" | "input" | "hysteresis":
             unit = block.meaning.rpartition("[")[2].rstrip("]").split(",")[0]
@@ -207,7 +206,7 @@ def _by_itself(block: Block) -> SignalKind | None:
 
 
 def identifier(text: str) -> str:
-    """Return a text as the name of a block: a letter, then letters, digits and underscores.
+    """Return a valid name of a block for a text: a letter, then letters, digits and underscores.
 
     Examples
     --------
@@ -221,9 +220,9 @@ def identifier(text: str) -> str:
 
 
 class DiagramBuilder:
-    """Collects blocks, lines and groups; names are made unlike each other."""
+    """Builder of a diagram from blocks, lines and groups with unique names."""
 
-    __slots__ = ("_blocks", "_groups", "_late", "_lines", "_names", "_terms", "_units")
+    __slots__ = ("_blocks", "_groups", "_last_terms", "_lines", "_names", "_terms", "_units")
 
     def __init__(self) -> None:
         self._blocks: list[Block] = []
@@ -231,21 +230,21 @@ class DiagramBuilder:
         self._groups: list[BlockGroup] = []
         self._names: set[str] = set()
         self._terms: dict[str, list[tuple[str, int, str]]] = {}
-        self._late: dict[str, list[tuple[str, int, str]]] = {}
+        self._last_terms: dict[str, list[tuple[str, int, str]]] = {}
         self._units: dict[str, str] = {}
 
-    def group(self, wanted: str, **described: Any) -> "GroupBuilder":
-        """Open a group; its name is changed where it is no identifier, or taken."""
-        name = self._free(wanted)
+    def group(self, base: str, **described: Any) -> "GroupBuilder":
+        """Add a group; its name is changed if it is not an identifier, or taken."""
+        name = self._free(base)
         self._groups.append(BlockGroup(name=name, **described))
         return GroupBuilder(self, name)
 
-    def add(self, wanted: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
-        """Add a block and return its name, changed where it is no identifier, or taken.
+    def add(self, base: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
+        """Add a block and return its name, changed if it is not an identifier, or taken.
 
-        Inputs and outputs take a ``unit`` besides.
+        Inputs and outputs also have a ``unit``.
         """
-        name = self._free(wanted)
+        name = self._free(base)
         if "unit" in described:
             self._units[name] = described.pop("unit")
         self._blocks.append(Block(name=name, kind=kind, label=label, meaning=meaning, **described))
@@ -256,7 +255,7 @@ class DiagramBuilder:
         self._lines.append(SignalLine(source=source, target=target, port=port, signal=signal))
 
     def chain(self, *names: str) -> str:
-        """Connect blocks one behind the other and return the last."""
+        """Connect blocks in series and return the last."""
         for source, target in pairwise(names):
             self.connect(source, target)
         return names[-1]
@@ -264,28 +263,28 @@ class DiagramBuilder:
     def term(
         self, total: str, source: str, sign: int, signal: str = "", *, last: bool = False
     ) -> None:
-        """Lead a block, times 1 or -1, to a sum that was added without signs.
+        """Add a block, times 1 or -1, to a sum.
 
-        A last one comes behind all others, as the feedbacks of a body do.
+        A last term follows all others, like the feedbacks of a body.
         """
-        held = self._late if last else self._terms
-        held.setdefault(total, []).append((source, sign, signal))
+        terms = self._last_terms if last else self._terms
+        terms.setdefault(total, []).append((source, sign, signal))
 
     def diagram(self, title: str, notes: tuple[str, ...]) -> Diagram:
         """Return the diagram."""
         blocks, lines = [], list(self._lines)
         for block in self._blocks:
-            made = block
+            complete = block
             if block.kind == "sum":
-                terms = self._terms.get(block.name, []) + self._late.get(block.name, [])
+                terms = self._terms.get(block.name, []) + self._last_terms.get(block.name, [])
                 if not terms:
-                    raise ModelError(f"nothing is added in '{block.name}': {block.meaning}")
-                made = replace(block, signs=tuple(sign for _, sign, _ in terms))
+                    raise ModelError(f"sum '{block.name}' has no terms: {block.meaning}")
+                complete = replace(block, signs=tuple(sign for _, sign, _ in terms))
                 lines += [
                     SignalLine(source=source, target=block.name, port=port, signal=signal)
                     for port, (source, _, signal) in enumerate(terms)
                 ]
-            blocks.append(made)
+            blocks.append(complete)
         return Diagram(
             title=title,
             blocks=tuple(blocks),
@@ -295,14 +294,14 @@ class DiagramBuilder:
             units=self._units,
         )
 
-    def _free(self, wanted: str) -> str:
-        name = free_name(identifier(wanted), self._names.__contains__)
+    def _free(self, base: str) -> str:
+        name = free_name(identifier(base), self._names.__contains__)
         self._names.add(name)
         return name
 
 
 class GroupBuilder:
-    """Adds the blocks of one group: their names begin with its name."""
+    """Builder of one group: names of its blocks begin with its name."""
 
     __slots__ = ("_builder", "name")
 
@@ -312,11 +311,11 @@ class GroupBuilder:
 
     def add(self, what: str, kind: BlockKind, label: str, meaning: str, **described: Any) -> str:
         """Add a block and return its name."""
-        wanted = f"{self.name}_{what}"
-        return self._builder.add(wanted, kind, label, meaning, group=self.name, **described)
+        base = f"{self.name}_{what}"
+        return self._builder.add(base, kind, label, meaning, group=self.name, **described)
 
     def sum(self, what: str, meaning: str, width: int = 1) -> str:
-        """Add a sum, whose terms the builder takes, and return its name."""
+        """Add a sum, whose terms follow by `DiagramBuilder.term`, and return its name."""
         return self.add(what, "sum", "+", meaning, width=width)
 
     def integrator(self, what: str, meaning: str, width: int = 1) -> str:
@@ -324,6 +323,144 @@ class GroupBuilder:
         return self.add(what, "integrator", "1/s", meaning, width=width)
 
     def gain(self, what: str, label: str, meaning: str, matrix: ArrayLike, role: str = "") -> str:
-        """Add a gain, whose matrix may be a number, and return its name."""
-        held = np.atleast_2d(np.asarray(matrix, dtype=np.float64))
-        return self.add(what, "gain", label, meaning, width=held.shape[0], matrix=held, role=role)
+        """Add a gain, a matrix or a number, and return its name."""
+        factors = np.atleast_2d(np.asarray(matrix, dtype=np.float64))
+        return self.add(
+            what, "gain", label, meaning, width=factors.shape[0], matrix=factors, role=role
+        )
+
+
+_NONLINEAR = ("hysteresis", "amplifier", "creep", "sensor")
+
+
+def diagram_state_space(
+    diagram: Diagram, *, nonlinear: Literal["refuse", "pass", "cut"] = "refuse"
+) -> StateSpace:
+    """Return the state space of a diagram; states are those of its integrators.
+
+    Inputs and outputs have the names of their blocks, one entry for each signal.
+
+    Hysteresis, amplifiers, creep and sensors are refused (``refuse``) or replaced by 1 (``pass``),
+    or the output of the last of them becomes an input (``cut``).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from flexstage.export.diagram.graph import Block, Diagram, SignalLine
+    >>> blocks = (
+    ...     Block(name="u", kind="input", label="u", meaning="force [N]"),
+    ...     Block(name="a", kind="sum", label="+", meaning="sum", signs=(1, -1)),
+    ...     Block(name="i", kind="integrator", label="1/s", meaning="rate"),
+    ...     Block(name="k", kind="gain", label="k", meaning="gain", matrix=np.array([[3.0]])),
+    ...     Block(name="y", kind="output", label="y", meaning="reading"),
+    ... )
+    >>> pairs = (("u", "a", 0), ("k", "a", 1), ("a", "i", 0), ("i", "k", 0), ("i", "y", 0))
+    >>> lines = tuple(SignalLine(source=s, target=t, port=p) for s, t, p in pairs)
+    >>> diagram_state_space(Diagram(title="lag", blocks=blocks, lines=lines)).A
+    array([[-3.]])
+    """
+    if nonlinear == "refuse":
+        for b in diagram.blocks:
+            if b.kind in _NONLINEAR:
+                raise ModelError(
+                    f"block '{b.name}' is not linear but a {b.kind}: use nonlinear='pass' or 'cut'"
+                )
+    walk = _Walk(diagram, cut=nonlinear == "cut")
+    integrators = [b for b in diagram.blocks if b.kind == "integrator"]
+    outputs = [b for b in diagram.blocks if b.kind == "output"]
+    n = walk.state_count
+    derivative = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in integrators)])
+    reading = np.vstack([np.zeros((0, walk.size)), *(walk.into(b) for b in outputs)])
+    return StateSpace(
+        A=derivative[:, :n],
+        B=derivative[:, n:],
+        C=reading[:, :n],
+        D=reading[:, n:],
+        inputs=_each(walk.sources),
+        outputs=_each(outputs),
+    )
+
+
+def _each(blocks: list[Block]) -> tuple[str, ...]:
+    return tuple(b.name for b in blocks for _ in range(b.width))
+
+
+class _Walk:
+    """Outputs of all blocks as rows over the states and inputs."""
+
+    def __init__(self, diagram: Diagram, *, cut: bool) -> None:
+        self._blocks = {b.name: b for b in diagram.blocks}
+        self._feeds: dict[str, dict[int, str]] = {}
+        for line in diagram.lines:
+            self._feeds.setdefault(line.target, {})[line.port] = line.source
+        readers: dict[str, list[str]] = {}
+        for line in diagram.lines:
+            readers.setdefault(line.source, []).append(line.target)
+        self.sources = [
+            b
+            for b in diagram.blocks
+            if (b.kind == "input" and not (cut and self._only_nonlinear(b, readers)))
+            or (cut and self._last_nonlinear(b, readers))
+        ]
+        integrators = [b for b in diagram.blocks if b.kind == "integrator"]
+        self.state_count = sum(b.width for b in integrators)
+        self.size = self.state_count + sum(b.width for b in self.sources)
+        self._outputs: dict[str, Array] = {}
+        first = 0
+        for b in (*integrators, *self.sources):
+            rows = np.zeros((b.width, self.size))
+            rows[:, first : first + b.width] = np.eye(b.width)
+            self._outputs[b.name] = rows
+            first += b.width
+        self._order()
+
+    def _only_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
+        """Return whether an input is connected to nonlinear blocks only, before the cut."""
+        to = readers.get(block.name, [])
+        return bool(to) and all(self._blocks[t].kind in _NONLINEAR[:3] for t in to)
+
+    def _last_nonlinear(self, block: Block, readers: dict[str, list[str]]) -> bool:
+        # not at a sensor: its lag and offset belong to the reading, not to the stage
+        return block.kind in _NONLINEAR[:3] and not self._only_nonlinear(block, readers)
+
+    def _order(self) -> None:
+        """Compute all blocks, each after its sources."""
+        for start in self._blocks:
+            path, on_path = [start], {start}
+            while path:
+                name = path[-1]
+                block = self._blocks[name]
+                if name in self._outputs or block.kind == "output":
+                    on_path.discard(path.pop())
+                    continue
+                fed = self._feeds.get(name, {}).values()
+                missing = next((s for s in fed if s not in self._outputs), None)
+                if missing is None:
+                    self._outputs[name] = self._value(block)
+                elif missing in on_path:
+                    raise ModelError(
+                        f"the lines through '{missing}' form a loop without an integrator"
+                    )
+                else:
+                    path.append(missing)
+                    on_path.add(missing)
+
+    def _value(self, block: Block) -> Array:
+        if block.kind == "input":
+            # before the cut: not used
+            return np.zeros((block.width, self.size))
+        if block.kind == "sum":
+            feeds = self._feeds[block.name]
+            return sum(
+                (sign * self._outputs[feeds[port]] for port, sign in enumerate(block.signs)),
+                start=np.zeros((block.width, self.size)),
+            )
+        rows = self._outputs[self._feeds[block.name][0]]
+        if block.kind == "gain":
+            assert block.matrix is not None
+            return block.matrix @ rows
+        return rows
+
+    def into(self, block: Block) -> Array:
+        """Return the input of a block, as rows over the states and inputs."""
+        return self._outputs[self._feeds[block.name][0]]

@@ -1,8 +1,7 @@
-"""Where the blocks of an axis stand on a page, and the lines between them: one fixed template.
+"""Layout of the diagram of an axis on a page by one fixed template.
 
-An axis has one mass, or two with a transmission below the drive; a drive has what it has. The
-places of all of them are said here once: blocks of a row stand one behind the other, and each line
-between rows is given by where it turns.
+An axis has one mass, or two with a transmission below the drive. Blocks of a row are placed in
+series; each line between rows is defined by its turns.
 """
 
 from dataclasses import dataclass
@@ -21,13 +20,13 @@ class PlacedLabel:
     """Name of a signal on the page."""
 
     text: str
-    """The name."""
+    """Name."""
     x: float
-    """Where it begins, or ends [px]."""
+    """Beginning, or end [px]."""
     y: float
-    """Height of its base line [px]."""
+    """Base line [px]."""
     end: bool = False
-    """Whether it ends there."""
+    """`x` is its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +58,7 @@ class PageLayout:
     blocks: tuple[PlacedBlock, ...]
     """The blocks."""
     wires: dict[str, tuple[Segment, ...]]
-    """Segments, level or upright, of the line from each block."""
+    """Horizontal and vertical segments of the line from each block."""
     labels: tuple[PlacedLabel, ...]
     """Names of signals."""
 
@@ -69,31 +68,31 @@ class _Template:
     """Sizes of the template [px]."""
 
     head: float = 56.0
-    """From the top of a frame to the blocks of its first row."""
+    """Top of a frame to the blocks of its first row."""
     row: float = 78.0
-    """Between rows of blocks."""
+    """Distance of rows of blocks."""
     gap: float = 24.0
-    """Between blocks of a row."""
+    """Gap between blocks of a row."""
     branch: float = 44.0
-    """Between blocks of a row where a line branches."""
+    """Gap between blocks of a row at a branch."""
     apart: float = 9.0
-    """Between lines side by side."""
-    beside: float = 14.0
-    """From a line to the frame beside it."""
+    """Distance of parallel lines."""
+    clearance: float = 14.0
+    """Distance of a line from a frame."""
     entry: float = 46.0
-    """Room at the left of a group for the names of what enters."""
+    """Space at the left of a group for the names of incoming signals."""
     exit: float = 66.0
-    """Room at the right of a group for the names of what leaves."""
+    """Space at the right of a group for the names of outgoing signals."""
     below: float = 30.0
-    """How far below a row a line enters that leads to it."""
+    """Distance of an incoming line below its row."""
     turn: float = 12.0
-    """How far before a sum such a line turns up."""
+    """Distance of its upward turn before a sum."""
     between: float = 44.0
-    """Between frames, with a line and the room beside it."""
+    """Distance of frames, with space for a line."""
     left: float = 55.0
-    """Left edge of the first column: motion and rate of input and output lead back beside it."""
+    """Left edge of the first column, with space for feedback lines."""
     second: float = 278.0
-    """Top of the second row: below an input with damper and spring, and lines in between."""
+    """Top of the second row, below an input with damper and spring."""
 
 
 _AT = _Template()
@@ -103,14 +102,14 @@ _DRIVE = ("command", "amplifier", "hysteresis", "scale", "gain", "creep", "compr
 
 
 def layout(diagram: Diagram) -> PageLayout:
-    """Place the diagram of an axis on a page.
+    """Return the layout of the diagram of an axis on a page.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.export.diagram.stage_diagram import stage_diagram
-    >>> found = layout(stage_diagram(design("parallelogram"), axis="x"))
-    >>> len(found.frames), len(found.blocks)
+    >>> page = layout(stage_diagram(design("parallelogram"), axis="x"))
+    >>> len(page.frames), len(page.blocks)
     (3, 11)
     """
     page = _Page(diagram)
@@ -119,25 +118,25 @@ def layout(diagram: Diagram) -> PageLayout:
     elif "input_motion" in page.blocks:
         page.one_mass()
     if len(page.placed) != len(page.blocks):
-        raise ModelError("only the diagram of one axis has a drawing")
+        raise ModelError("only the diagram of a single axis can be drawn")
     return page.done()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Mass:
-    """Where other groups join a mass."""
+    """Connections of a mass on the page."""
 
     frame: Frame
     axis: float
-    """Height of its blocks, where the motion leaves."""
+    """Line of its blocks, the height of the outgoing motion."""
     rate_x: float
-    """Where the rate branches off."""
+    """Position of the branch of the rate."""
     rate_y: float
-    """Height at which the rate leaves."""
+    """Height of the outgoing rate."""
 
 
 class _Page:
-    """What has been placed so far."""
+    """A page under construction."""
 
     def __init__(self, diagram: Diagram) -> None:
         self.blocks = {b.name: b for b in diagram.blocks}
@@ -149,33 +148,33 @@ class _Page:
         self.frames: list[Frame] = []
 
     def done(self) -> PageLayout:
-        """Return the page, as large as what is on it."""
+        """Return the page in the size of its content."""
         points = [p for segments in self.wires.values() for segment in segments for p in segment]
         points += [(f.right, f.bottom) for f in self.frames]
         return PageLayout(
-            width=max(x for x, _ in points) + _AT.beside,
-            height=max(y for _, y in points) + _AT.beside,
+            width=max(x for x, _ in points) + _AT.clearance,
+            height=max(y for _, y in points) + _AT.clearance,
             frames=tuple(self.frames),
             blocks=tuple(self.placed.values()),
             wires={name: tuple(segments) for name, segments in self.wires.items()},
             labels=tuple(self.labels),
         )
 
-    # what pages consist of
+    # elements of pages
 
     def put(self, name: str, x: float, axis: float, *, flipped: bool = False) -> PlacedBlock:
-        """Place a block at a left edge, or, where it is drawn from right to left, a right one."""
+        """Place a block at its left edge, or a flipped one at its right edge."""
         cell = block_cell(self.blocks[name], flipped=flipped)
         left = x - cell.width if flipped else x
-        made = PlacedBlock(block=self.blocks[name], x=left, y=axis - cell.axis, cell=cell)
-        self.placed[name] = made
-        return made
+        placed = PlacedBlock(block=self.blocks[name], x=left, y=axis - cell.axis, cell=cell)
+        self.placed[name] = placed
+        return placed
 
     def row(self, group: str, names: tuple[str, ...], x: float, axis: float) -> PlacedBlock:
-        """Place blocks of a group, those that it has, behind one another; return the last."""
-        there = [f"{group}_{n}" for n in names if f"{group}_{n}" in self.blocks]
-        last = self.put(there[0], x, axis)
-        for source, target in pairwise(there):
+        """Place the existing blocks of a group in series; return the last."""
+        present = [f"{group}_{n}" for n in names if f"{group}_{n}" in self.blocks]
+        last = self.put(present[0], x, axis)
+        for source, target in pairwise(present):
             signal = self.lines[source, target].signal.partition(" [")[0]
             if signal:
                 self.labels.append(PlacedLabel(text=signal, x=last.right + 3.0, y=axis - 5.0))
@@ -187,13 +186,13 @@ class _Page:
         return last
 
     def branches(self, source: str) -> bool:
-        """Whether more than one line leaves a block."""
+        """Return whether a block has more than one outgoing line."""
         return sum(s == source for s, _ in self.lines) > 1
 
     def lead(self, source: str, target: str, *turns: float) -> None:
-        """Draw the line between two blocks, if there is one.
+        """Route the line between two blocks, if there is one.
 
-        It turns at an x, at a y, at an x and so on [px]; the last one is an x.
+        It turns at x, y, x and so on [px]; the last turn is at an x.
         """
         if (source, target) not in self.lines:
             return
@@ -209,12 +208,12 @@ class _Page:
 
     def frame(self, group: str, x: float, y: float, right: float, bottom: float) -> Frame:
         """Add the frame of a group."""
-        made = Frame(group=self.groups[group], x=x, y=y, right=right, bottom=bottom)
-        self.frames.append(made)
-        return made
+        frame = Frame(group=self.groups[group], x=x, y=y, right=right, bottom=bottom)
+        self.frames.append(frame)
+        return frame
 
     def entry(self, frame: Frame, source: str, target: str, y: float | None = None) -> None:
-        """Write the name of a signal where it enters a group, at the height of its target."""
+        """Add the name of an incoming signal of a group, at the height of its target."""
         if (source, target) in self.lines:
             line = self.lines[source, target]
             at = self.placed[target].pin(f"in{line.port}")[1] if y is None else y
@@ -222,7 +221,7 @@ class _Page:
             self.labels.append(PlacedLabel(text=name, x=frame.x + 5.0, y=at - 5.0))
 
     def exit(self, frame: Frame, source: str, target: str, y: float | None = None) -> None:
-        """Write the name of a signal and its unit where it leaves a group."""
+        """Add the name and unit of an outgoing signal of a group."""
         if (source, target) in self.lines:
             at = self.placed[source].pin("out")[1] if y is None else y
             signal = self.lines[source, target].signal
@@ -242,7 +241,7 @@ class _Page:
         return self.frame("drive", x, top, last.right + _AT.exit, bottom)
 
     def mass(self, name: str, x: float, level: float, *, rate_below: bool) -> _Mass:
-        """Place a mass, whose first force comes at a level: feedbacks run back below it."""
+        """Place a mass with its first force at a level, and feedbacks below it."""
         cell = block_cell(self.blocks[f"{name}_forces"])
         axis = level + cell.axis - cell.pins["in0"].y
         motion = self.row(name, ("forces", "inverse_mass", "rate", "motion"), x + 60.0, axis)
@@ -254,7 +253,7 @@ class _Page:
         for source, back, branch, left in backs:
             block = f"{name}_{back}"
             if block in self.blocks:
-                self.put(block, branch - _AT.beside, y, flipped=True)
+                self.put(block, branch - _AT.clearance, y, flipped=True)
                 self.lead(source.block.name, block, branch)
                 self.lead(block, f"{name}_forces", total.x - left)
                 bottom, y = y + _AT.below, y + 48.0
@@ -263,43 +262,43 @@ class _Page:
         return _Mass(frame=frame, axis=axis, rate_x=rate_x, rate_y=rate_y)
 
     def transmission(self, x: float, top: float) -> Frame:
-        """Place lever, spring and damper between two masses: the force back above, rates below."""
+        """Place lever, spring and damper between two masses: returned force above, rates below."""
         axis = top + _AT.head + 52.0
         group = "transmission"
         names = ("motion_ratio", "deformation", "spring", "force")
         last = self.row(group, names, x + _AT.entry, axis)
-        bottom = axis + _AT.below + _AT.beside
+        bottom = axis + _AT.below + _AT.clearance
         if "transmission_rate" in self.blocks:
             self.row(group, ("rate_ratio", "rate", "damper"), x + _AT.entry, axis + _AT.row)
             self.lead("transmission_damper", "transmission_force", last.x - _AT.turn)
             bottom += _AT.row
-        back = self.put("transmission_back", last.right + _AT.gap + _AT.beside, top + _AT.head)
-        self.lead(last.block.name, "transmission_back", last.right + _AT.beside)
+        back = self.put("transmission_back", last.right + _AT.gap + _AT.clearance, top + _AT.head)
+        self.lead(last.block.name, "transmission_back", last.right + _AT.clearance)
         return self.frame(group, x, top, back.right + _AT.exit, bottom)
 
     def probe(self, x: float, axis: float) -> Frame:
         """Place the probe."""
         last = self.row("probe", ("ratio", "sensor", "reading"), x + _AT.entry, axis)
-        return self.frame("probe", x, axis - _AT.head, last.right + _AT.beside, axis + 52.0)
+        return self.frame("probe", x, axis - _AT.head, last.right + _AT.clearance, axis + 52.0)
 
     # pages
 
     def one_mass(self) -> None:
-        """Drive, mass and probe beside one another."""
+        """Place drive, mass and probe in a row."""
         drive = self.drive(_AT.left, 0.0)
         head = self.mass("input", drive.right + _AT.between, _AT.head, rate_below=False)
         self.force(drive, head)
-        self.to_drive(drive, head, max(drive.bottom, head.frame.bottom) + _AT.beside)
+        self.to_drive(drive, head, max(drive.bottom, head.frame.bottom) + _AT.clearance)
         self.to_probe("input_motion", head)
 
     def two_masses(self) -> None:
-        """Drive and input above, transmission, output and probe below; motions lead back left."""
+        """Place drive and input above, transmission, output and probe below."""
         drive = self.drive(_AT.left, 0.0)
         lever = self.transmission(_AT.left, _AT.second)
         x = max(drive.right, lever.right) + _AT.between
         head = self.mass("input", x, _AT.head, rate_below=False)
         self.force(drive, head)
-        self.to_drive(drive, head, _AT.second - _AT.between + _AT.beside)
+        self.to_drive(drive, head, _AT.second - _AT.between + _AT.clearance)
         level = self.placed["transmission_motion_ratio"].pin("in0")[1]
         tail = self.mass("output", x, level, rate_below=True)
         self.to_probe("output_motion", tail)
@@ -311,9 +310,9 @@ class _Page:
         self.lead("transmission_back", "input_forces", x - 0.5 * _AT.between)
         self.exit(lever, "transmission_back", "input_forces")
         self.entry(head.frame, "transmission_back", "input_forces")
-        # motions and rates that deform it: those of the output come from below
-        y = max(lever.bottom, tail.frame.bottom) + _AT.beside
-        right, left = tail.frame.right + _AT.beside, _AT.left - _AT.beside
+        # motions and rates that deform it, those of the output from below
+        y = max(lever.bottom, tail.frame.bottom) + _AT.clearance
+        right, left = tail.frame.right + _AT.clearance, _AT.left - _AT.clearance
         for kind, at, low, to, track in (
             ("rate", right, y, "rate", left),
             ("motion", right + _AT.apart, y + _AT.apart, "deformation", left - _AT.apart),
@@ -323,10 +322,10 @@ class _Page:
                 sum_ = self.placed[target]
                 enters = sum_.pin("out")[1] + _AT.below
                 self.lead(
-                    source, target, *self.leaving(tail, kind), at, low, track, enters,
+                    source, target, *self.exit_turns(tail, kind), at, low, track, enters,
                     sum_.x - _AT.turn,
                 )  # fmt: skip
-                self.exit(tail.frame, source, target, self.leaves(tail, kind))
+                self.exit(tail.frame, source, target, self.exit_height(tail, kind))
                 self.entry(lever, source, target, enters)
         for kind, to in (("motion", "motion_ratio"), ("rate", "rate_ratio")):
             self.entry(lever, f"input_{kind}", f"transmission_{to}")
@@ -334,32 +333,32 @@ class _Page:
     # lines between groups
 
     def feeding(self, target: str) -> str:
-        """Return the block that leads to the first input of another."""
+        """Return the source of the first input of a block."""
         return next(s for (s, t), x in self.lines.items() if t == target and x.port == 0)
 
-    def leaves(self, mass: _Mass, kind: str) -> float:
-        """Height at which the motion or the rate of a mass leaves it."""
+    def exit_height(self, mass: _Mass, kind: str) -> float:
+        """Return the height of the outgoing motion or rate of a mass."""
         return mass.axis if kind == "motion" else mass.rate_y
 
-    def leaving(self, mass: _Mass, kind: str) -> tuple[float, ...]:
-        """Turns inside a mass: a rate leaves above or below the blocks."""
+    def exit_turns(self, mass: _Mass, kind: str) -> tuple[float, ...]:
+        """Return the turns inside a mass: a rate leaves above or below the blocks."""
         return () if kind == "motion" else (mass.rate_x, mass.rate_y)
 
     def force(self, drive: Frame, head: _Mass) -> None:
-        """Lead the force of the drive to the input."""
+        """Route the force of the drive to the input."""
         source = self.feeding("input_forces")
         self.lead(source, "input_forces")
         self.exit(drive, source, "input_forces")
         self.entry(head.frame, source, "input_forces")
 
     def to_drive(self, drive: Frame, head: _Mass, y: float) -> None:
-        """Lead motion and rate of the input back to the drive and to the transmission."""
-        right, left = head.frame.right + _AT.beside, _AT.beside
+        """Route motion and rate of the input back to the drive and to the transmission."""
+        right, left = head.frame.right + _AT.clearance, _AT.clearance
         for kind, at, low, to, track in (
             ("motion", right, y, "compression", left),
             ("rate", right + _AT.apart, y + _AT.apart, "damper", left + _AT.apart),
         ):
-            way = (*self.leaving(head, kind), at, low, track)
+            way = (*self.exit_turns(head, kind), at, low, track)
             source, target = f"input_{kind}", f"drive_{to}"
             if kind == "motion" and (source, target) in self.lines:
                 sum_ = self.placed[target]
@@ -372,10 +371,10 @@ class _Page:
             self.lead(source, f"transmission_{kind}_ratio", *way)
             outside = [t for s, t in self.lines if s == source and not t.startswith("input_")]
             if outside:
-                self.exit(head.frame, source, outside[0], self.leaves(head, kind))
+                self.exit(head.frame, source, outside[0], self.exit_height(head, kind))
 
     def to_probe(self, source: str, mass: _Mass) -> None:
-        """Lead the motion of a mass straight to the probe beside it."""
+        """Route the motion of a mass straight to the probe."""
         frame = self.probe(mass.frame.right + _AT.between, mass.axis)
         target = next(t for s, t in self.lines if s == source and t.startswith("probe_"))
         self.lead(source, target)

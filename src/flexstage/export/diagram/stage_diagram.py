@@ -1,4 +1,4 @@
-"""The structural diagram of a stage: from the equations of its bodies and hinges."""
+"""Structural diagram of a stage, from the equations of its bodies and hinges."""
 
 from typing import Literal
 
@@ -26,9 +26,9 @@ from flexstage.lumped import Mechanism, lumped_system, mechanism
 from flexstage.stage import Stage
 from flexstage.system import MechanicalSystem, RayleighDamping, modes
 
-#: By how much a stiff spring in place of an imposed displacement may change the lowest frequencies.
+#: Largest relative change of the lowest frequencies by a replacement of an imposed displacement.
 _CHANGE = 1e-3
-#: How many of them.
+#: Number of these frequencies.
 _WATCHED = 6
 _STEPS = tuple(digit * 10.0**power for power in range(-2, 10) for digit in (1.0, 2.0, 5.0))
 
@@ -44,20 +44,20 @@ def stage_diagram(
 
     Bodies are rigid, with three coordinates each; hinges are springs of two translations and a
     rotation (`flexstage.lumped`). Damping is proportional: beta K in each hinge, alpha M at each
-    body. A displacement that a drive imposes acts through a stiff spring that stands in for it.
+    body. A stiff spring replaces an imposed displacement of a drive.
 
     Parameters
     ----------
     stage : Stage
         The stage.
     model : DynamicModel, optional
-        Amplifiers, hysteresis, creep and sensors; those of `hysteresis.dynamic_model` where
-        not given.
+        Amplifiers, hysteresis, creep and sensors; by default those of
+        `hysteresis.dynamic_model`.
     axis : str, optional
-        Name of an axis: two masses with springs and a lever, on one page. The whole stage, of which
-        the Simulink script is made, where not given.
+        Name of an axis: two masses with springs and a lever, on one page. By default the entire
+        stage, as for the Simulink script.
     damping : RayleighDamping, optional
-        Damping; fitted to the two lowest modes, drives in place, where not given.
+        Damping; by default fitted to the two lowest modes, drives in place.
 
     Returns
     -------
@@ -67,16 +67,15 @@ def stage_diagram(
     Raises
     ------
     ModelError
-        Every body is held, the stage can move without deforming a hinge, it has no drive, or there
+        Every body is fixed, the stage can move without deforming a hinge, it has no drive, or there
         is no such axis.
 
     Notes
     -----
-    Validity: that of the lumped model (small motion, rigid bodies), and damping that is right at
-    two modes only: higher modes are damped more strongly in the diagram. A model that comes from
-    finite elements gives its drive chains, sensors and damping; bodies and hinges of the diagram
-    are those of the lumped model all the same. Two masses for an axis keep its statics and one
-    mode exactly, and have no others.
+    Validity: that of the lumped model (small motion, rigid bodies). Damping is exact for two modes;
+    higher modes are damped more strongly in the diagram. From a finite-element model the diagram
+    has drive chains, sensors and damping; bodies and hinges are always those of the lumped model.
+    Two masses reproduce statics and one mode of an axis exactly, and have no other modes.
 
     Examples
     --------
@@ -114,23 +113,23 @@ def _axis(
     springs: dict[str, DriveSpring],
     damping: RayleighDamping,
 ) -> Diagram:
-    """Draw one axis."""
+    """Return the diagram of one axis."""
     ports = {port.name: port for port in system.axes}
     if name not in ports:
         raise ModelError(has_no(f"stage '{system.name}'", "axis", name, ports))
     port = ports[name]
     pushed = parts.bodies[parts.drive(port.drive).bodies[1]]
     chain = axis_chain(system, port, pushed_mass=pushed.mass)
-    held = (
-        f"Two masses stand for the axis: they keep its statics and the mode at "
-        f"{chain.frequency_hz:.5g} Hz (drives in place) with its shape; modes above it, motion "
-        "across and rotation are left out."
+    validity = (
+        f"Two masses represent the axis: they reproduce its statics and the shape of the mode at "
+        f"{chain.frequency_hz:.5g} Hz (drives in place); higher modes, motion across and rotation "
+        "are neglected."
     )
     if chain.output_mass == 0.0:
-        held = (
-            f"One mass stands for the axis, with a natural frequency of {chain.frequency_hz:.5g} "
-            f"Hz ({'drives removed' if springs[port.drive].stands_in else 'drives in place'}); "
-            "other modes, motion across and rotation are left out."
+        condition = "removed" if springs[port.drive].replaces_imposed else "in place"
+        validity = (
+            f"One mass represents the axis, with a natural frequency of {chain.frequency_hz:.5g} "
+            f"Hz (drives {condition}); other modes, motion across and rotation are neglected."
         )
     return axis_blocks(
         model,
@@ -140,12 +139,12 @@ def _axis(
         spring=springs[port.drive],
         damping=damping,
         title=f"Structural diagram of {system.name}, axis {name}",
-        notes=(held, *_notes(system, damping, springs, only=port.drive), *_model_notes(model)),
+        notes=(validity, *_notes(system, damping, springs, only=port.drive), *_model_notes(model)),
     )
 
 
 def _hinge_choice(model: DynamicModel | None) -> tuple[str, Literal["stress", "strain", "auto"]]:
-    """How the hinges were found, where the model is a lumped one too."""
+    """Return method and plane state of the hinges of a lumped model; else the defaults."""
     if model is None or model.system.model != "lumped":
         return "wedge", "auto"
     settings = model.system.settings
@@ -159,36 +158,38 @@ def _notes(
     springs: dict[str, DriveSpring],
     only: str | None = None,
 ) -> tuple[str, ...]:
-    found = modes(system, drives="in place", count=min(2, system.order))
+    in_place = modes(system, drives="in place", count=min(2, system.order))
     ratios = ", ".join(
         f"{100.0 * z:.3g} % at {w / (2.0 * np.pi):.5g} Hz"
         for w, z in zip(
-            found.omega, damping.ratios(found.omega, np.ones_like(found.omega)), strict=True
+            in_place.omega,
+            damping.ratios(in_place.omega, np.ones_like(in_place.omega)),
+            strict=True,
         )
     )
     notes = [
         "Lumped model: bodies are rigid, motion is small and in the plane.",
         f"Damping is proportional, alpha = {damping.alpha:.4g} 1/s at the bodies and beta = "
         f"{damping.beta:.4g} s in the hinges and stacks: {ratios}, drives in place; higher modes "
-        "are damped more strongly than in the state-space form, which holds the damping of each.",
+        "are damped more strongly than in the state-space form, which has individual damping.",
     ]
-    stiff = {n: s for n, s in springs.items() if s.stands_in and only in (None, n)}
+    stiff = {n: s for n, s in springs.items() if s.replaces_imposed and only in (None, n)}
     if stiff:
         each = ", ".join(
-            f"{1e-6 * s.stiffness:.4g} N/um in {n}, with a motion of its own near "
+            f"{1e-6 * s.stiffness:.4g} N/um in {n}, with an additional mode near "
             f"{1e-3 * s.own_frequency_hz:.3g} kHz"
             for n, s in stiff.items()
         )
         notes.append(
             f"Imposed displacements act through stiff springs without dampers ({each}), which "
-            "change the six lowest frequencies by less than 0.1 %: take a solver for stiff "
+            "change the six lowest frequencies by less than 0.1 %: use a solver for stiff "
             "equations."
         )
     return tuple(notes)
 
 
 def _model_notes(model: DynamicModel) -> tuple[str, ...]:
-    """Return what the model says of its stacks and sensors: of its modes the diagram has none."""
+    """Return the notes of the model on stacks and sensors, without those on its modes."""
     of_drives = ("The hysteresis", "Stacks without", "Of identified drives", "The noise")
     notes = [note for note in model.notes if note.startswith(of_drives)]
     if model.system.model != "lumped":
@@ -208,10 +209,10 @@ def whole_stage(
     title: str,
     notes: tuple[str, ...],
 ) -> Diagram:
-    """Return the diagram of a whole stage."""
+    """Return the diagram of an entire stage."""
     builder = DiagramBuilder()
     drives = {sight.name: sight for sight in mechanism.drives}
-    opened = {
+    groups = {
         d.name: builder.group(f"d_{d.name}", title=f"Drive {d.name} ({d.kind})", kind="drive")
         for d in model.drives
     }
@@ -219,10 +220,10 @@ def whole_stage(
     for hinge in mechanism.hinges:
         add_hinge(builder, mechanism, hinge, bodies, damping)
     for d in model.drives:
-        free = add_drive_chain(builder, model, d, opened[d.name])
+        free = add_drive_chain(builder, model, d, groups[d.name])
         add_drive(
             builder, mechanism, drives[d.name], bodies, springs[d.name], damping, free,
-            opened[d.name],
+            groups[d.name],
         )  # fmt: skip
     by_probe = {sight.name: sight for sight in mechanism.probes}
     for probe in model.probes:
@@ -235,27 +236,27 @@ def whole_stage(
 
 
 def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
-    """Return the spring of each drive; one that stands in where the displacement is imposed.
+    """Return the spring of each drive; a stiff one replaces an imposed displacement.
 
-    That is just stiff enough that the six lowest frequencies with the drives in place change by
-    less than 0.1 %.
+    It is just stiff enough to change the six lowest frequencies with the drives in place by less
+    than 0.1 %.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
-    >>> drive_springs(lumped_system(design("parallelogram")))["x"].stands_in
+    >>> drive_springs(lumped_system(design("parallelogram")))["x"].replaces_imposed
     True
     """
-    known = {
+    springs = {
         d.name: DriveSpring(stiffness=float(d.stiffness))
         for d in system.drives
         if d.stiffness is not None
     }
     rigid = [d for d in system.drives if d.stiffness is None]
     if not rigid:
-        return known
-    watched = modes(system, drives="in place", count=min(_WATCHED, system.order - len(rigid)))
+        return springs
+    lowest = modes(system, drives="in place", count=min(_WATCHED, system.order - len(rigid)))
     added = system.drive_springs("in place")[0]
     local = np.array([float(d.vector @ system.K @ d.vector) for d in rigid])
     local = 10.0 ** np.ceil(np.log10(local))
@@ -264,55 +265,55 @@ def drive_springs(system: MechanicalSystem) -> dict[str, DriveSpring]:
         total = system.K + added
         for k, d in zip(stiffness, rigid, strict=True):
             total = total + k * np.outer(d.vector, d.vector)
-        found = eigh(
-            total, system.M, eigvals_only=True, subset_by_index=(0, watched.omega.size - 1)
+        squares = eigh(
+            total, system.M, eigvals_only=True, subset_by_index=(0, lowest.omega.size - 1)
         )
-        change = np.abs(np.sqrt(np.maximum(found, 0.0)) / watched.omega - 1.0)
+        change = np.abs(np.sqrt(np.maximum(squares, 0.0)) / lowest.omega - 1.0)
         if np.all(change < _CHANGE):
             stand_in = {
                 d.name: DriveSpring(
                     stiffness=float(k),
-                    stands_in=True,
+                    replaces_imposed=True,
                     own_frequency_hz=_own_frequency(system, d.vector, float(k)),
                 )
                 for k, d in zip(stiffness, rigid, strict=True)
             }
-            return {d.name: (known | stand_in)[d.name] for d in system.drives}
+            return {d.name: (springs | stand_in)[d.name] for d in system.drives}
     raise ModelError(
-        f"no spring is stiff enough to stand in for the rigid drives of '{system.name}': give the "
+        f"no spring is stiff enough to replace the rigid drives of '{system.name}': give the "
         "drives a stiffness"
     )
 
 
 def _own_frequency(system: MechanicalSystem, vector: Array, stiffness: float) -> float:
-    """Frequency of the pushed bodies alone on a spring [Hz]."""
+    """Return the frequency of the pushed bodies alone on a spring [Hz]."""
     mobility = float(vector @ np.linalg.solve(system.M, vector))
     return float(np.sqrt(stiffness * mobility) / (2.0 * np.pi))
 
 
 def fitted_damping(system: MechanicalSystem) -> RayleighDamping:
-    """Return Rayleigh damping that gives the two lowest modes, drives in place, what they have.
+    """Return Rayleigh damping with the damping ratios of the two lowest modes, drives in place.
 
-    Where alpha and beta cannot both be positive, the closest that can.
+    If alpha and beta cannot both be positive, it is the closest non-negative fit.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
-    >>> found = fitted_damping(lumped_system(design("vgtu-piezo")))
-    >>> round(found.alpha, 2), round(found.beta * 1e6, 3)
+    >>> damping = fitted_damping(lumped_system(design("vgtu-piezo")))
+    >>> round(damping.alpha, 2), round(damping.beta * 1e6, 3)
     (81.84, 0.995)
     """
     if isinstance(system.damping, RayleighDamping):
         return system.damping
-    found = modes(system, drives="in place", count=min(2, system.order))
-    if not np.all(found.omega > 0.0):
+    in_place = modes(system, drives="in place", count=min(2, system.order))
+    if not np.all(in_place.omega > 0.0):
         raise ModelError(
-            f"stage '{system.name}' has a motion without stiffness: constrain it before it is drawn"
+            f"stage '{system.name}' has a motion without stiffness: constrain it for a diagram"
         )
-    ratios = np.asarray(found.damping_ratio, dtype=np.float64)
-    rows = 0.5 * np.stack((1.0 / found.omega, found.omega), axis=1)
-    # columns of like size, or the smaller factor drowns
+    ratios = np.asarray(in_place.damping_ratio, dtype=np.float64)
+    rows = 0.5 * np.stack((1.0 / in_place.omega, in_place.omega), axis=1)
+    # scaled to columns of equal size, else the smaller factor is lost
     size = np.linalg.norm(rows, axis=0)
     alpha, beta = (nnls(rows / size, ratios)[0] / size).tolist()
     return RayleighDamping(alpha=alpha, beta=beta)

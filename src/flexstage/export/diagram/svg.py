@@ -1,4 +1,4 @@
-"""The diagram of an axis as a drawing that stands by itself: SVG; those of a stage as files."""
+"""Diagrams of axes as self-contained SVG files."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ _ROW = 19.0
 _HEAD = 24.0
 _GAP = 36.0
 
-#: Units in which sizes of such stages have few digits, and their factors.
+#: Display units for values of such stages, and their factors.
 _USUAL = {
     "kg": (1e3, "g"),
     "N/m": (1e-6, "N/µm"),
@@ -47,9 +47,9 @@ _USUAL = {
 
 
 def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, float]:
-    """Return what stands below a diagram, its top at 0, and its height [px].
+    """Return the legend below a diagram, its top at 0, and its height [px].
 
-    Lines of the kinds that are used are explained.
+    It explains symbols and kinds of lines, and has values and notes.
     """
     out: list[str] = []
     columns = [_symbols(diagram), _lines(used), _table("Values", _values(diagram))]
@@ -74,19 +74,19 @@ def foot(diagram: Diagram, width: float, used: set[SignalKind]) -> tuple[str, fl
 
 
 def _symbols(diagram: Diagram) -> tuple[str, float, float]:
-    """Return the meaning of the symbols that are there."""
+    """Return the legend of the symbols in the diagram."""
     blocks = diagram.blocks
     kinds = {b.kind for b in blocks}
     roles = {b.role for b in blocks}
-    shown: list[tuple[Block, str]] = []
+    entries: list[tuple[Block, str]] = []
 
     def entry(when: bool, kind: str, label: str, words: str, **described: object) -> None:
         if when:
-            made = Block(name="x", kind=kind, label=label, meaning=words, **described)  # type: ignore[arg-type]
-            shown.append((made, words))
+            block = Block(name="x", kind=kind, label=label, meaning=words, **described)  # type: ignore[arg-type]
+            entries.append((block, words))
 
     entry("sum" in kinds, "sum", "+", "sum, with signs", signs=(1, -1))
-    entry("integrator" in kinds, "integrator", "1/s", "integral over time, zero at the start")
+    entry("integrator" in kinds, "integrator", "1/s", "integral over time, initially zero")
     entry("mass" in roles, "gain", "1/m", "inverse mass", role="mass")
     entry("spring" in roles, "gain", "k", "spring", role="spring")
     entry("damper" in roles, "gain", "c", "damper", role="damper")
@@ -97,9 +97,9 @@ def _symbols(diagram: Diagram) -> tuple[str, float, float]:
     entry("sensor" in kinds, "sensor", "", "sensor")
     out = [text("Symbols", 0.0, 12.0, size=13.0, font_weight="bold")]
     x, y, deepest = 0.0, _HEAD, 0.0
-    wide = 82.0 + max(text_width(words, BASE) for _, words in shown)
-    for place, (block, words) in enumerate(shown):
-        if place == -(-len(shown) // 2) and place > 2:
+    wide = 82.0 + max(text_width(words, BASE) for _, words in entries)
+    for place, (block, words) in enumerate(entries):
+        if place == -(-len(entries) // 2) and place > 2:
             x, y, deepest = wide + 20.0, _HEAD, y
         cell = block_cell(block)
         high = 2.0 * cell.axis
@@ -122,13 +122,13 @@ def _lines(used: set[SignalKind]) -> tuple[str, float, float]:
             out.append(text(words, 54.0, y + 8.0))
             y += _ROW
     out.append(element("circle", cx=22.0, cy=y + 4.0, r=3.0, fill="#333333"))
-    last = "branch; lines that only cross do not meet"
+    last = "branch; crossing lines are not joined"
     out.append(text(last, 54.0, y + 8.0))
     return "".join(out), 54.0 + text_width(last, BASE), y + _ROW
 
 
 def _table(title: str, rows: list[tuple[str, ...]]) -> tuple[str, float, float]:
-    """Return a table whose first row is its head."""
+    """Return a table with its first row as heading."""
     count = len(rows[0])
     wide = [max(text_width(plain(r[k]), BASE) for r in rows) + 16.0 for k in range(count)]
     out = [text(title, 0.0, 12.0, size=13.0, font_weight="bold")]
@@ -136,7 +136,7 @@ def _table(title: str, rows: list[tuple[str, ...]]) -> tuple[str, float, float]:
     for line, row in enumerate(rows):
         x = 0.0
         for k, words in enumerate(row):
-            # a heading stands as what is below it
+            # a heading is aligned like the column below it
             right = k > 0 and (row if line else rows[1])[k][:1] in "0123456789-"
             at, anchor = (x + wide[k] - 16.0, "end") if right else (x, "start")
             out.append(text(words, at, y, anchor=anchor, fill=None if line else "#555555"))
@@ -146,7 +146,7 @@ def _table(title: str, rows: list[tuple[str, ...]]) -> tuple[str, float, float]:
 
 
 def _values(diagram: Diagram) -> list[tuple[str, ...]]:
-    """Return a table of what is known of the gains and of the models."""
+    """Return the table of values of gains and models."""
     single: dict[str, tuple[str, ...]] = {}
     for b in diagram.blocks:
         if b.kind != "gain" or b.matrix is None:
@@ -157,11 +157,11 @@ def _values(diagram: Diagram) -> list[tuple[str, ...]]:
         if label.startswith("1/m"):
             label, value, unit = label[2:], 1.0 / value, "kg"
             words = words.replace("inverse ", "")
-        # as one writes them for a stage of this size
-        factor, shown = _USUAL.get(unit, (1.0, unit))
+        # in the display unit
+        factor, unit_text = _USUAL.get(unit, (1.0, unit))
         single.setdefault(
             f"{label} {words}" if label != "i" else label,
-            (label, f"{factor * value:.4g}", shown, words.strip()),
+            (label, f"{factor * value:.4g}", unit_text, words.strip()),
         )
     rows = list(single.values())
     rows += [(b.label, "", "", b.meaning) for b in diagram.blocks if b.model is not None]
@@ -169,7 +169,7 @@ def _values(diagram: Diagram) -> list[tuple[str, ...]]:
 
 
 def _split(meaning: str) -> tuple[str, str, str]:
-    """Return what stands before a unit, the unit, and what follows."""
+    """Return the text before a unit, the unit, and the text after it."""
     words, _, rest = meaning.partition(" [")
     unit, _, after = rest.partition("]")
     return words, unit, after
@@ -186,10 +186,10 @@ _LEAST_WIDTH = 900.0
 
 
 def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
-    """Draw the diagram of an axis on white ground.
+    """Return the diagram of an axis as SVG on a white background.
 
-    Nothing from outside (fonts, scripts) is needed, no name can clash with those of another drawing
-    on the same page, and no letter is smaller than 9 px.
+    It needs no external fonts or scripts, its names cannot clash with those of another drawing on
+    the same page, and no letter is smaller than 9 px.
 
     Examples
     --------
@@ -198,18 +198,18 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
     >>> diagram_svg(stage_diagram(design("parallelogram"), axis="x"))[:5]
     b'<?xml'
     """
-    where = layout(diagram) if placed is None else placed
+    page_layout = layout(diagram) if placed is None else placed
     kinds = signal_kinds(diagram)
-    used: set[SignalKind] = {kinds[source] for source in where.wires}
-    inner = max(where.width, _LEAST_WIDTH)
+    used: set[SignalKind] = {kinds[source] for source in page_layout.wires}
+    inner = max(page_layout.width, _LEAST_WIDTH)
     titles = wrapped(diagram.title, inner, 18.0)
     head = 24.0 * len(titles) + 12.0
     below, deep = foot(diagram, inner, used)
-    left = 0.5 * (inner - where.width)
+    left = 0.5 * (inner - page_layout.width)
     out = [text(line, 0.0, 18.0 + 24.0 * k, size=18.0, font_weight="bold")
            for k, line in enumerate(titles)]  # fmt: skip
-    out.append(moved(_drawing(where, diagram), left, head))
-    under = head + where.height + 24.0
+    out.append(moved(_drawing(page_layout, diagram), left, head))
+    under = head + page_layout.height + 24.0
     out.append(moved(below, 0.0, under))
     foot_y = under + deep + 22.0
     out.append(
@@ -232,11 +232,10 @@ def diagram_svg(diagram: Diagram, *, placed: PageLayout | None = None) -> bytes:
 def diagram_files(
     stage: Stage, *, model: DynamicModel | None = None, damping: RayleighDamping | None = None
 ) -> dict[str, bytes]:
-    """Draw each axis of a stage that one drive moves, as ``diagram-AXIS.svg``.
+    """Return the diagram of each axis with a single drive, as ``diagram-AXIS.svg``.
 
-    Where no model is given, amplifiers, hysteresis, creep and sensors are those of
-    `hysteresis.dynamic_model`; damping is fitted to the two lowest modes where none is given.
-    A stage without such an axis is refused.
+    Amplifiers, hysteresis, creep and sensors are by default those of `hysteresis.dynamic_model`;
+    damping is by default fitted to the two lowest modes. A stage without such an axis is refused.
 
     Examples
     --------
@@ -248,8 +247,8 @@ def diagram_files(
     axes = [(a.name, n) for a, n in zip(stage.axes, safe, strict=True) if a.drive is not None]
     if not axes:
         raise ModelError(
-            f"stage '{stage.name}' has no axis that one drive moves, so that there is no diagram "
-            "of one: a Simulink model holds the equations of the whole stage"
+            f"stage '{stage.name}' has no axis with a single drive, so there is no diagram of an "
+            "axis: export a Simulink model for the equations of the entire stage"
         )
     return {
         f"diagram-{name}.svg": diagram_svg(
@@ -259,16 +258,16 @@ def diagram_files(
     }
 
 
-def _drawing(where: PageLayout, diagram: Diagram) -> str:
+def _drawing(page_layout: PageLayout, diagram: Diagram) -> str:
     kinds = signal_kinds(diagram)
-    out = [_frame(f) for f in where.frames]
-    out += [_wire(segments, kinds[source]) for source, segments in where.wires.items()]
+    out = [_frame(f) for f in page_layout.frames]
+    out += [_wire(segments, kinds[source]) for source, segments in page_layout.wires.items()]
     sources = {(x.target, x.port): x.source for x in diagram.lines}
-    for placed in where.blocks:
+    for placed in page_layout.blocks:
         out.append(symbol(placed))
         for port in range(placed.block.inputs):
             out.append(_arrow(placed, port, kinds[sources[(placed.block.name, port)]]))
-    for label in where.labels:
+    for label in page_layout.labels:
         out.append(
             text(label.text, label.x, label.y, size=SMALL, anchor="end" if label.end else "start")
         )
@@ -303,13 +302,13 @@ def branches(segments: Sequence[Segment]) -> list[Point]:
     points = sorted({p for s in segments for p in s})
     out = []
     for x, y in points:
-        ways = set()
+        directions = set()
         for (x1, y1), (x2, y2) in segments:
             if y1 == y2 == y and x1 <= x <= x2:
-                ways |= ({"left"} if x1 < x else set()) | ({"right"} if x < x2 else set())
+                directions |= ({"left"} if x1 < x else set()) | ({"right"} if x < x2 else set())
             if x1 == x2 == x and y1 <= y <= y2:
-                ways |= ({"up"} if y1 < y else set()) | ({"down"} if y < y2 else set())
-        if len(ways) > 2:
+                directions |= ({"up"} if y1 < y else set()) | ({"down"} if y < y2 else set())
+        if len(directions) > 2:
             out.append((x, y))
     return out
 
@@ -330,6 +329,6 @@ def _arrow(placed: PlacedBlock, port: int, kind: SignalKind) -> str:
     return (stem if into > 4.0 else "") + head
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return diagram_files(given.stage, model=given.dynamic_of_bodies)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return diagram_files(stage_export.stage, model=stage_export.dynamic_of_bodies)

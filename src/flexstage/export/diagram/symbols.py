@@ -1,4 +1,4 @@
-"""Blocks of a drawing: how large they are, where lines meet them, and their symbols."""
+"""Blocks of a drawing: sizes, pins and symbols."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from flexstage.export.svg import element, number, path, text_width
 Colour = str
 Point = tuple[float, float]
 
-#: Edge and fill of blocks by what they stand for (M. Okabe, K. Ito, 2002: told apart by all eyes).
+#: Edge and fill of blocks by role, safe for colour blindness (M. Okabe, K. Ito, 2002).
 COLOURS: dict[str, tuple[Colour, Colour]] = {
     "spring": ("#0072b2", "#e6f2fa"),
     "damper": ("#007d5c", "#e3f4ee"),
@@ -29,16 +29,22 @@ _LEAST = 9.0
 
 
 def plain(text: str) -> str:
-    """Return a text as it is read, without the marks of subscripts: ``kin`` for ``k_in``."""
+    """Return a text without the marks of subscripts: ``kin`` for ``k_in``."""
     return text.replace("_", "")
 
 
 def text(
-    words: str, x: float, y: float, *, size: float = BASE, anchor: str = "start", **given: object
+    words: str,
+    x: float,
+    y: float,
+    *,
+    size: float = BASE,
+    anchor: str = "start",
+    **attributes: object,
 ) -> str:
-    """Return a line of text on a base line; an underscore lowers what follows, up to a blank.
+    """Return a line of text; an underscore begins a subscript, up to a blank.
 
-    The anchor (``start``, ``middle``, ``end``) says what of it is at (x, y) [px].
+    The anchor (``start``, ``middle``, ``end``) of its base line is at (x, y) [px].
     """
     return element(
         "text",
@@ -47,7 +53,7 @@ def text(
         y=y,
         font_size=size,
         text_anchor=None if anchor == "start" else anchor,
-        **given,
+        **attributes,
     )
 
 
@@ -75,16 +81,16 @@ class Pin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagramCell:
-    """A thing in the grid."""
+    """Size and pins of a block."""
 
     width: float
-    """Its width [px]."""
+    """Width [px]."""
     height: float
-    """Its height [px]."""
+    """Height [px]."""
     axis: float
-    """Distance of the line that cells of a row share below its top [px]."""
+    """Distance of the common line of a row below its top [px]."""
     pins: Mapping[str, Pin]
-    """Its pins by name."""
+    """Pins by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +104,7 @@ class PlacedBlock:
     y: float
     """Top of its cell [px]."""
     cell: DiagramCell
-    """Its size and pins."""
+    """Size and pins."""
 
     @property
     def right(self) -> float:
@@ -106,23 +112,23 @@ class PlacedBlock:
         return self.x + self.cell.width
 
     def pin(self, name: str) -> Point:
-        """Return where a pin is on the page [px]."""
+        """Return the position of a pin on the page [px]."""
         pin = self.cell.pins[name]
         return (self.right if pin.side == "R" else self.x, self.y + pin.y)
 
 
 SUM_RADIUS = 15.0
-# Distance of the inputs of a long sum, and of the outer ones from its ends.
+# Spacing of the inputs of a long sum, and distance of the outer ones from its ends.
 _APART = 19.0
 _END = 16.0
-# Offset of the second input of a round sum below the first, which lies on its axis.
+# Offset of the second input of a round sum below the first, which is on its axis.
 _LOWER = 10.5
 _CAPTION = 15.0
 _HEIGHTS = {"integrator": 36.0, "input": 26.0, "output": 26.0, "gain": 34.0}
 
 
 def shape_width(block: Block) -> float:
-    """Return the width of what is drawn for a block, without its caption [px]."""
+    """Return the width of the symbol of a block, without its caption [px]."""
     label = text_width(plain(block.label), BASE)
     match block.kind:
         case "sum":
@@ -140,8 +146,8 @@ def shape_width(block: Block) -> float:
 def block_cell(block: Block, *, flipped: bool = False) -> DiagramCell:
     """Return the cell of a block, with pins ``out``, ``in0``, ``in1`` and so on.
 
-    A flipped one is drawn from right to left. A sum of one or two inputs is round, the second one
-    comes from below; one of more is long.
+    A flipped block is drawn from right to left. A sum of one or two inputs is round, with the
+    second from below; a sum of more inputs is long.
     """
     into, out = ("R", "L") if flipped else ("L", "R")
     width, caption = shape_width(block), 0.0
@@ -164,7 +170,7 @@ def block_cell(block: Block, *, flipped: bool = False) -> DiagramCell:
 
 
 def symbol(placed: PlacedBlock) -> str:
-    """Draw a block; its title, which browsers show over it, is its meaning."""
+    """Return the symbol of a block; its title, a tooltip in browsers, is its meaning."""
     block = placed.block
     width = shape_width(block)
     x = placed.x + 0.5 * (placed.cell.width - width)
@@ -194,7 +200,7 @@ def symbol(placed: PlacedBlock) -> str:
 
 
 def _stubs(placed: PlacedBlock, x: float, width: float) -> list[str]:
-    """Lines from the edges of a cell to a shape that is narrower."""
+    """Return lines from the edges of a cell to a narrower symbol."""
     if x - placed.x < 0.5:
         return []
     y = placed.y + placed.cell.axis
@@ -216,23 +222,23 @@ def _sum(placed: PlacedBlock, x: float, style: dict[str, Any]) -> list[str]:
     out = [_box(x, placed.y, 2.0 * SUM_RADIUS, cell.height, SUM_RADIUS, style)]
     for k, sign in enumerate(block.signs):
         pin = cell.pins[f"in{k}"]
-        shown = "+" if sign > 0 else "−"
-        # a line that meets the rim low or high is told by a sign a little towards the middle
+        sign_text = "+" if sign > 0 else "−"
+        # the sign of a low or high line is slightly towards the middle
         inner = min(max(pin.y, 7.0), cell.height - 7.0)
         y = placed.y + inner
         near = (8.0 if inner == pin.y else 9.5) + 0.6 * inset(placed, k)
         at = x + near if pin.side == "L" else x + 2.0 * SUM_RADIUS - near
-        out.append(text(shown, at, y + 4.0, size=12.0, anchor="middle", font_weight="bold"))
+        out.append(text(sign_text, at, y + 4.0, size=12.0, anchor="middle", font_weight="bold"))
     return out
 
 
 def _inset(y: float) -> float:
-    """How far a circle lies inside its square at a height."""
+    """Return the distance of a circle from the edge of its square at a height."""
     return SUM_RADIUS - math.sqrt(max(SUM_RADIUS**2 - (y - SUM_RADIUS) ** 2, 0.0))
 
 
 def inset(placed: PlacedBlock, port: int) -> float:
-    """Return how far inside its cell a block is met by the line of an input [px]."""
+    """Return the distance of the end of an input line from the edge of the cell [px]."""
     block, cell = placed.block, placed.cell
     if block.kind != "sum":
         return 0.5 * (cell.width - shape_width(block))

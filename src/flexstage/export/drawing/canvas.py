@@ -1,4 +1,4 @@
-"""A sheet of paper for lines, arcs, words and dimensions, in millimetres."""
+"""Canvas of a drawing sheet: lines, arcs, text and dimensions in millimetres."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -10,67 +10,67 @@ from flexstage.export.svg import document, element, number, text_width
 from flexstage.stage import Loop
 
 Pair = tuple[float, float]
-#: Widths of lines on technical drawings [mm].
+#: Line widths of technical drawings [mm].
 THICK, MEDIUM, THIN = 0.5, 0.25, 0.18
 
 
 @dataclass(frozen=True, slots=True)
 class SheetSizes:
-    """Sizes on a sheet [mm], but where a unit is given."""
+    """Sizes on a sheet [mm], unless a unit is given."""
 
     rise: float = 0.78
     """Height of the box of a line of text above its base line [font sizes]."""
     fall: float = 0.24
-    """How far that box reaches below the base line [font sizes]."""
+    """Depth of that box below the base line [font sizes]."""
     past: float = 1.5
-    """How far an extension line goes on past the dimension line."""
+    """Extension line beyond the dimension line."""
     off: float = 0.8
     """Gap between the part and an extension line, and between a line and its number."""
     tail: float = 5.0
-    """Tail of an arrow that stands outside."""
+    """Tail of an outside arrow."""
     shortest: float = 6.0
-    """A dimension shorter than this has its arrows outside."""
+    """Shortest dimension with inside arrows."""
     left: float = 16.0
-    """Room on the left of the view for its dimension."""
+    """Space on the left of the view for its dimension."""
     below: float = 16.0
-    """Room below the view for its dimension."""
+    """Space below the view for its dimension."""
     around: float = 5.0
-    """How far labels may stand beyond the plate."""
+    """Largest distance of labels beyond the plate."""
     label: float = 2.5
     """Font of labels."""
     label_gap: float = 0.5
-    """Between labels."""
+    """Gap between labels."""
     label_line: float = 4.0
-    """How much further away a label may stand for a line less that runs through it."""
+    """Additional distance of a label that is accepted to avoid one crossing line."""
     arrow: float = 9.0
     """Length of the arrow of a drive or a probe."""
     body: float = 3.0
-    """How much of the bodies is shown about a notch."""
+    """Margin of the bodies around a notch."""
     row: float = 4.0
     """Height of a row of a table, and of the notes."""
     font: float = 2.6
     """Font of tables and notes."""
     pad: float = 0.6
-    """Beside the text of a cell."""
+    """Margin of the text of a cell."""
     heading: float = 5.5
     """Height of the title of a table."""
     margin: float = 8.0
-    """Between the edge of the sheet and its frame."""
+    """Margin between the edge of the sheet and its frame."""
     gap: float = 4.0
-    """Between blocks."""
+    """Gap between blocks."""
     title_row: float = 6.0
     """Height of a row of the title block, which has five."""
     bar: float = 11.0
-    """Height that the scale bar takes."""
+    """Height of the scale bar."""
     bar_room: float = 110.0
-    """Width that the scale bar takes."""
+    """Width of the scale bar."""
 
 
 PAPER = SheetSizes()
 
 
 def millimetres(value: float, digits: int = 6) -> str:
-    """Write a length [m] in millimetres, without the unit and without zeros at its end.
+    """Return a length [m] in millimetres, without unit and trailing zeros.
 
     Examples
     --------
@@ -84,16 +84,16 @@ class Box(NamedTuple):
     """A rectangle on the sheet, y downwards [mm]."""
 
     left: float
-    """Its left edge [mm]."""
+    """Left edge [mm]."""
     top: float
-    """Its upper edge [mm]."""
+    """Upper edge [mm]."""
     right: float
-    """Its right edge [mm]."""
+    """Right edge [mm]."""
     bottom: float
-    """Its lower edge [mm]."""
+    """Lower edge [mm]."""
 
     def meets(self, other: "Box", gap: float = 0.0) -> bool:
-        """Tell whether two boxes overlap, or come nearer than a gap."""
+        """Return whether two boxes overlap or are closer than a gap."""
         return (
             self.left < other.right + gap
             and other.left < self.right + gap
@@ -103,7 +103,7 @@ class Box(NamedTuple):
 
 
 class Canvas:
-    """Collects the elements of a drawing; y points down, lengths in millimetres."""
+    """Elements of a drawing; y points down, lengths are in millimetres."""
 
     def __init__(self, width: float, height: float) -> None:
         self.width, self.height = width, height
@@ -113,7 +113,7 @@ class Canvas:
     def line(
         self, a: Pair, b: Pair, width: float = THIN, *, colour: str = "#000", dash: str = ""
     ) -> None:
-        """Draw a straight line; `dash` has lengths of dashes and gaps [mm], spaces between."""
+        """Draw a straight line; `dash` has lengths of dashes and gaps [mm] separated by spaces."""
         (x1, y1), (x2, y2) = a, b
         style = {"stroke": colour, "stroke_width": width, "stroke_dasharray": dash or None}
         self._parts.append(element("line", x1=x1, y1=y1, x2=x2, y2=y2, **style))
@@ -134,10 +134,10 @@ class Canvas:
         *,
         fill: str = "none",
     ) -> None:
-        """Draw lines of segments and arcs as one shape; holes in it stay empty.
+        """Draw loops of segments and arcs as one shape with holes.
 
-        A loop comes with whether it is closed: of an open one the last segment is left out. It has
-        y upwards, and `place` maps it to the sheet, which turns y over. A width of 0 draws no edge.
+        Each loop has a flag: the last segment of an open one is omitted. Its y points up; `place`
+        maps it to the sheet. A width of 0 draws no edge.
         """
         self._parts.append(
             element(
@@ -152,7 +152,7 @@ class Canvas:
         )
 
     def arrow(self, tip: Pair, towards: Pair, *, size: float = 2.0, colour: str = "#000") -> None:
-        """Draw the head of an arrow, which points along a direction of any length."""
+        """Draw an arrow head in a direction."""
         length = math.hypot(*towards)
         ux, uy = towards[0] / length, towards[1] / length
         back = (tip[0] - size * ux, tip[1] - size * uy)
@@ -172,10 +172,9 @@ class Canvas:
         bold: bool = False,
         colour: str = "#000",
     ) -> Box:
-        """Write a line of text, and return the room that it takes, which is kept in `boxes`.
+        """Draw a line of text; return its box, which is added to `boxes`.
 
-        The anchor says what of its base line is at the point [mm]; upright text is read from the
-        right.
+        The anchor of its base line is at the point [mm]; upright text is read from the right.
         """
         box = self.text_box(at, text, size, anchor=anchor, upright=upright)
         if not text:
@@ -200,7 +199,7 @@ class Canvas:
     def text_box(
         self, at: Pair, text: str, size: float, *, anchor: str = "start", upright: bool = False
     ) -> Box:
-        """Return the room that a line of text would take."""
+        """Return the box of a line of text."""
         width = text_width(text, size)
         before = {"start": 0.0, "middle": 0.5 * width, "end": width}[anchor]
         x, y = at
@@ -225,7 +224,7 @@ def _path(loop: Loop, place: Callable[[Pair], Pair], closed: bool) -> str:
         if bulge:
             chord = math.dist(place(start), place(end))
             radius = number(chord * (1.0 + bulge**2) / (4.0 * abs(bulge)))
-            # what turns left with y upwards turns right with y downwards
+            # left turns become right turns with y downwards
             large, sweep = int(abs(bulge) > 1.0), int(bulge < 0.0)
             parts.append(f"A{radius} {radius} 0 {large} {sweep} {point(end)}")
         else:
@@ -236,14 +235,14 @@ def _path(loop: Loop, place: Callable[[Pair], Pair], closed: bool) -> str:
 def dimension(
     canvas: Canvas, a: Pair, b: Pair, at: float, text: str, *, upright: bool = False
 ) -> None:
-    """Draw the distance of two points along x, with its line at a height of the sheet [mm].
+    """Draw the dimension of two points along x, with its line at a height of the sheet [mm].
 
-    Upright it is that along y, with its line so far from the left edge [mm].
+    If upright, it is the dimension along y, with its line at a distance from the left edge [mm].
     """
     size = 2.8
 
     def place(along: float, across: float) -> Pair:
-        # an upright one is read from the right
+        # upright dimensions are read from the right
         return (across, -along) if upright else (along, across)
 
     ends = sorted((-y, x) if upright else (x, y) for x, y in (a, b))

@@ -1,4 +1,4 @@
-"""The closed contours of a monolithic plate: its bodies joined at the necks of their hinges."""
+"""Closed contours of a monolithic plate: bodies joined at the necks of their hinges."""
 
 import math
 from dataclasses import dataclass
@@ -10,26 +10,26 @@ from flexstage.stage.contour import body_contour
 
 Pair = tuple[float, float]
 
-_SAME = 1e-9  # two points are one [m]
-# A corner this little off the line of its neighbours is a rounding [m]: taking it out changes the
-# area of a plate by less than 1e-13 of it.
+_SAME = 1e-9  # distance of identical points [m]
+# Distance of a corner from the line of its neighbours by rounding [m]: without it the area of a
+# plate changes by less than 1e-13.
 _STRAIGHT = 1e-14
 
 
 class NeckLine(NamedTuple):
-    """The thinnest section of a hinge, as the line between its two surfaces."""
+    """Thinnest section of a hinge, as the line between its two surfaces."""
 
     hinge: str
     """Name of the hinge."""
     right: Pair
-    """Its end right of the hinge's direction [m], a corner of a contour."""
+    """End on the right of the hinge's direction [m], a vertex of a contour."""
     left: Pair
-    """Its end left of the hinge's direction [m], a corner of a contour."""
+    """End on the left of the hinge's direction [m], a vertex of a contour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contour:
-    """One closed line of a plate, with the material on its left."""
+    """A closed line of a plate, with the material on its left."""
 
     loop: Loop
     """The line: counter-clockwise round the plate, clockwise round an opening in it."""
@@ -38,15 +38,15 @@ class Contour:
     hole, which is drilled.
     """
     bodies: tuple[str, ...]
-    """For each segment, the body that it bounds."""
+    """Body of each segment."""
     hinges: tuple[str | None, ...]
-    """For each segment, the hinge on whose notch it lies; None on the edge of a body."""
+    """Hinge of the notch of each segment; None on the edge of a body."""
     circle: Circle | None = None
-    """The circle, where it is one."""
+    """Circle of a circular contour."""
 
     @property
     def area(self) -> float:
-        """Area inside of the line [m^2], positive."""
+        """Area inside the line [m^2], positive."""
         return self.loop.integrals().area
 
 
@@ -55,9 +55,9 @@ class PlateContours:
     """All contours of a plate."""
 
     outline: Contour
-    """The outer one."""
+    """Outer contour."""
     slots: tuple[Contour, ...]
-    """The slots between bodies, and openings in them."""
+    """Slots between bodies, and openings."""
     holes: tuple[Contour, ...]
     """Mounting holes."""
     necks: tuple[NeckLine, ...]
@@ -90,18 +90,17 @@ class _Step(NamedTuple):
 
 
 def plate_contours(stage: Stage) -> PlateContours:
-    """Return the closed contours of the whole plate of a stage.
+    """Return the closed contours of the plate of a stage.
 
-    The contours of the bodies, each with its half notches grown on, are opened at the necks and
-    chained across them, so that lines stay lines and arcs stay arcs. Corners in a straight edge are
-    taken out, save the two ends of every neck.
+    The contours of the bodies with their half notches are opened at the necks and joined across
+    them, so that lines remain lines and arcs remain arcs. Vertices in a straight edge are removed,
+    except the two ends of every neck.
 
     Notes
     -----
-    Validity: exact where notches are made of lines and arcs; other profiles (ellipse, parabola,
-    hyperbola, power) come as the arcs within 10 nm of `Profile.contour`, as they do in the
-    finite-element models. The bodies must not overlap or touch one another but at their hinges,
-    which `flexstage.stage.check` makes sure of.
+    Validity: exact for notches of lines and arcs; other profiles (ellipse, parabola, hyperbola,
+    power) are the arcs of `Profile.contour` within 10 nm, as in the finite-element models. Bodies
+    must not overlap or touch except at their hinges, see `flexstage.stage.check`.
 
     Examples
     --------
@@ -158,32 +157,34 @@ def _contour(loop: list[_Step], kind: Literal["outline", "slot"]) -> Contour:
 
 
 def _body_steps(stage: Stage, necks: tuple[NeckLine, ...]) -> list[_Step]:
-    """Return the segments of all bodies but for circles, without the lines across necks."""
+    """Return the segments of all bodies, without circles and lines across necks."""
     steps: list[_Step] = []
     crossed = dict.fromkeys((h.name for h in stage.hinges), 0)
     for body in stage.bodies:
         outline, holes = body_contour(stage, body)
-        own = [(h, n) for h, n in zip(stage.hinges, necks, strict=True) if body.name in h.bodies]
+        own_necks = [
+            (h, n) for h, n in zip(stage.hinges, necks, strict=True) if body.name in h.bodies
+        ]
         loops = [(outline, True), *((h, False) for h in holes if isinstance(h, Loop))]
         for loop, outside in loops:
             for start, end, bulge in _oriented(loop, outside):
-                neck = next((n for _, n in own if _is_neck(n, start, end)), None)
+                neck = next((n for _, n in own_necks if _is_neck(n, start, end)), None)
                 if neck is not None:
                     crossed[neck.hinge] += 1
                     continue
-                hinge = next((h.name for h, _ in own if _on_notch(h, start, end)), None)
+                hinge = next((h.name for h, _ in own_necks if _on_notch(h, start, end)), None)
                 steps.append(_Step(start, end, bulge, body.name, hinge))
     for name, count in crossed.items():
         if count != 2:
             raise StageError(
-                f"the two halves of hinge '{name}' do not meet at its neck: see what "
-                "'flexstage check' says about it"
+                f"the two halves of hinge '{name}' do not meet at its neck: run 'flexstage check' "
+                "for details"
             )
     return steps
 
 
 def _oriented(loop: Loop, outside: bool) -> list[tuple[Pair, Pair, float]]:
-    """Return the segments of a loop with the material on their left, none without length."""
+    """Return the segments of a loop with the material on their left, without zero length."""
     segments = [s for s in loop.segments() if s[0] != s[1]]
     area = math.fsum(_segment_area(*s) for s in segments)
     if (area > 0.0) == outside:
@@ -192,7 +193,7 @@ def _oriented(loop: Loop, outside: bool) -> list[tuple[Pair, Pair, float]]:
 
 
 def _segment_area(start: Pair, end: Pair, bulge: float) -> float:
-    """Area that a segment sweeps about the origin, and that between an arc and its chord."""
+    """Return the area between a segment and the origin, with that between arc and chord."""
     area = 0.5 * (start[0] * end[1] - start[1] * end[0])
     if bulge:
         sweep = 4.0 * math.atan(bulge)
@@ -211,9 +212,9 @@ def _is_neck(neck: NeckLine, start: Pair, end: Pair) -> bool:
 
 
 def _on_notch(hinge: Hinge, start: Pair, end: Pair) -> bool:
-    """Tell whether a segment is of the surface of a notch.
+    """Return whether a segment is on the surface of a notch.
 
-    The steps of a leaf lie along the edges of its bodies, and are taken for part of those.
+    The steps of a leaf are on the edges of its bodies, and count as part of these.
     """
     profile = hinge.profile
     half = 0.5 * profile.length
@@ -226,7 +227,7 @@ def _on_notch(hinge: Hinge, start: Pair, end: Pair) -> bool:
 
 
 def _chained(steps: list[_Step]) -> list[list[_Step]]:
-    """Chain segments, each to the one that starts where it ends, into closed loops."""
+    """Return closed loops of segments, each with the next one at its end."""
     starts: dict[tuple[int, int], list[int]] = {}
     for i, s in enumerate(steps):
         starts.setdefault(_cell(s.start), []).append(i)
@@ -238,7 +239,7 @@ def _chained(steps: list[_Step]) -> list[list[_Step]]:
         i = first
         while not used[i]:
             used[i] = True
-            # the two halves of a neck may differ in the last digit: one point for both
+            # the two halves of a neck may differ in the last digit: use one point
             loop.append(steps[i]._replace(end=steps[following[i]].start))
             i = following[i]
         if loop:
@@ -261,21 +262,21 @@ def _next(steps: list[_Step], starts: dict[tuple[int, int], list[int]], step: _S
     ]
     if len(near) != 1:
         raise StageError(
-            f"{len(near)} edges go on from the contour of body '{step.body}' at "
-            f"({step.end[0] * 1e3:.6g}, {step.end[1] * 1e3:.6g}) mm, where it should be one: "
-            "bodies or notches touch there; run 'flexstage check' for details"
+            f"the contour of body '{step.body}' continues in {len(near)} edges at "
+            f"({step.end[0] * 1e3:.6g}, {step.end[1] * 1e3:.6g}) mm instead of one: bodies or "
+            "notches touch there; run 'flexstage check' for details"
         )
     return near[0]
 
 
 def _joined(loop: list[_Step]) -> list[_Step]:
-    """Take corners out of straight edges; at the ends of necks one body follows on another."""
+    """Remove vertices from straight edges, but not at the ends of necks, between bodies."""
     out: list[_Step] = []
     for step in [*loop, None]:
-        # the first corner may lie within an edge as well
+        # the first vertex may be within an edge too
         nxt = step or (out[0] if out else None)
         assert nxt is not None
-        if out and len(loop) > 3 and _goes_on(out[-1], nxt):
+        if out and len(loop) > 3 and _is_straight_on(out[-1], nxt):
             out[-1] = out[-1]._replace(end=nxt.end)
             if step is None and len(out) > 1:
                 out[0] = out.pop()
@@ -284,8 +285,8 @@ def _joined(loop: list[_Step]) -> list[_Step]:
     return out
 
 
-def _goes_on(a: _Step, b: _Step) -> bool:
-    """Tell whether the next segment only continues a straight one."""
+def _is_straight_on(a: _Step, b: _Step) -> bool:
+    """Return whether the next segment continues a straight one."""
     if a.bulge or b.bulge or (a.body, a.hinge) != (b.body, b.hinge):
         return False
     ux, uy = a.end[0] - a.start[0], a.end[1] - a.start[1]

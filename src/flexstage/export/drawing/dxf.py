@@ -1,4 +1,4 @@
-"""A stage as a DXF file for wire cutting: closed contours with arcs, on named layers."""
+"""DXF file of a stage for wire cutting: closed contours with arcs, on named layers."""
 
 import contextlib
 import io
@@ -14,15 +14,15 @@ from flexstage.files.names import file_name
 from flexstage.hinges.profile import ARC_TOLERANCE, CurvedProfile
 from flexstage.stage import Circle, Loop, Stage
 
-#: Layers by name: what they hold, colour index, line width in 1/100 mm.
+#: Layers by name: content, colour index, line width in 1/100 mm.
 DXF_LAYERS: dict[str, tuple[str, int, int]] = {
     "OUTLINE": ("outer contour of the plate", 7, 50),
     "SLOTS": ("slots between bodies, and openings", 7, 50),
     "HOLES": ("mounting holes, to be drilled", 4, 35),
-    "HINGES": ("necks of the hinges, from surface to surface, and their names", 3, 18),
+    "HINGES": ("necks of the hinges from surface to surface, with names", 3, 18),
     "WIRE_PATH": ("centre of the wire", 1, 25),
     "START_HOLES": ("holes for threading the wire", 5, 25),
-    "LEAD_IN": ("from each start hole to the wire path", 6, 18),
+    "LEAD_IN": ("lead-in from each start hole to the wire path", 6, 18),
     "CUT_ORDER": ("number of each cut", 2, 18),
     "DIMENSIONS": ("overall dimensions of the plate", 8, 18),
     "NOTES": ("title and notes", 8, 18),
@@ -37,16 +37,16 @@ def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
     """Return the drawing of a stage for wire cutting.
 
     ``NAME.dxf`` is of version R2010, in millimetres, with the layers of `DXF_LAYERS`. Contours are
-    closed polylines whose arcs are bulges, full circles are circles. The kerf is the width of the
-    cut [m]: diameter of the wire and both spark gaps. Where given, the path of the wire's centre is
-    drawn as well, with start holes, lead-in lines and order of cutting. Start holes have a diameter
-    of 1 mm, or the width of a wider cut.
+    closed polylines with bulges for arcs, or circles. The kerf is the width of the cut [m]: wire
+    diameter plus both spark gaps. With a kerf, the path of the wire centre is drawn too, with start
+    holes, lead-in lines and cutting order. Start holes have a diameter of 1 mm, or the width of a
+    wider cut.
 
     Notes
     -----
-    Validity: coordinates carry all digits of a double. Profiles that are neither lines nor arcs are
-    drawn as arcs with common tangents within 10 nm. The same stage gives the same bytes; the dates
-    in the file are fixed.
+    Validity: coordinates have all digits of a double. Profiles other than lines and arcs are arcs
+    with common tangents within 10 nm. The same stage gives the same bytes; the dates in the file
+    are constant.
 
     Examples
     --------
@@ -57,10 +57,10 @@ def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
     """
     plate = plate_contours(stage)
     start_hole = max(_START_HOLE, kerf or 0.0)
-    made: tuple[Cut, ...] = ()
+    wire_cuts: tuple[Cut, ...] = ()
     if kerf is not None:
         paths = offset_contours(plate, 0.5 * kerf)
-        made = cuts(plate, paths, 0.5 * kerf, start_hole)
+        wire_cuts = cuts(plate, paths, 0.5 * kerf, start_hole)
     with _fixed_dates():
         document = _document()
         space = document.modelspace()
@@ -69,9 +69,9 @@ def dxf_files(stage: Stage, *, kerf: float | None = None) -> dict[str, bytes]:
             _polyline(space, contour.loop, contour.circle, layer)
         size = _extent(plate)
         _hinges(space, plate, 0.006 * size)
-        for cut in made:
+        for cut in wire_cuts:
             _cut(space, cut, start_hole, 0.012 * size)
-        _dimensions(space, plate, start_hole if made else 0.0)
+        _dimensions(space, plate, start_hole if wire_cuts else 0.0)
         _words(space, stage, plate, kerf, start_hole)
         _view(document, space)
         content = _written(document)
@@ -86,7 +86,7 @@ def _document() -> Any:
     document.header["$MEASUREMENT"] = 1
     document.header["$LUNITS"] = 2
     document.header["$LUPREC"] = 6
-    # programs that have no styles take these: three decimals, behind a point
+    # for programs without dimension styles: three decimals after a point
     document.header["$DIMDSEP"], document.header["$DIMDEC"] = ord("."), _DECIMALS
     document.header["$LWDISPLAY"] = 1
     for name, (description, colour, width) in DXF_LAYERS.items():
@@ -96,12 +96,12 @@ def _document() -> Any:
 
 
 def _view(document: Any, space: Any) -> None:
-    """Say how far the drawing reaches, and open it as a whole."""
+    """Set the extents of the drawing, and a view of the entire drawing."""
     from ezdxf import bbox
 
     box = bbox.extents(space, fast=True)
     space.reset_extents(box.extmin, box.extmax)
-    # of a window as wide as most screens are
+    # for a window of 16:9
     height = max(box.size.y, box.size.x * 9.0 / 16.0)
     document.set_modelspace_vport(1.1 * height, center=(box.center.x, box.center.y))
 
@@ -120,20 +120,20 @@ def _polyline(space: Any, loop: Loop, circle: Circle | None, layer: str) -> None
 
 
 def _text(space: Any, text: str, at: Pair, height: float, layer: str) -> None:
-    """Write a line of text; `at` and `height` in millimetres."""
-    # a percent sign twice would start a special character
+    """Add a line of text; `at` and `height` are in millimetres."""
+    # two percent signs would start a special character
     plain = text.replace("%%", "% %")
     space.add_text(plain, height=height, dxfattribs={"layer": layer, "insert": at})
 
 
 def _extent(plate: PlateContours) -> float:
-    """Larger side of the plate [mm]."""
+    """Return the larger side of the plate [mm]."""
     (x0, y0), (x1, y1) = _bounds(plate)
     return max(x1 - x0, y1 - y0)
 
 
 def _bounds(plate: PlateContours) -> tuple[Pair, Pair]:
-    """Corners of the plate [mm]."""
+    """Return the corners of the plate [mm]."""
     x0, y0, x1, y1 = plate.outline.loop.bounds()
     return _mm((x0, y0)), _mm((x1, y1))
 
@@ -161,7 +161,7 @@ def _cut(space: Any, cut: Cut, start_hole: float, height: float) -> None:
 
 
 def _dimensions(space: Any, plate: PlateContours, start_hole: float) -> None:
-    """Dimension width and height, above and at the left, clear of a start hole beside the plate."""
+    """Add the dimensions of width and height, clear of a start hole outside the plate."""
     (x0, y0), (x1, y1) = _bounds(plate)
     height = 0.012 * _extent(plate)
     away = 5.0 * height + 4.0 * start_hole * _MM
@@ -186,21 +186,21 @@ def _dimensions(space: Any, plate: PlateContours, start_hole: float) -> None:
         ((x0, y1 + away), corner, (x1, y1), 0.0),
         ((x0 - away, y1), (x0, y0), corner, 90.0),
     ):
-        made = space.add_linear_dim(
+        dimension = space.add_linear_dim(
             base, start, end, angle=angle, dimstyle="PLATE", dxfattribs=attributes
         )
-        made.render()
+        dimension.render()
 
 
 def _words(
     space: Any, stage: Stage, plate: PlateContours, kerf: float | None, start_hole: float
 ) -> None:
-    """Write title and notes below the plate."""
+    """Add title and notes below the plate."""
     (x0, y0), _ = _bounds(plate)
     height = 0.012 * _extent(plate)
     lines = [f"{label}: {text}" for label, text in _title_lines(stage)]
     if kerf is not None:
-        lines.append(f"Cut: {millimetres(kerf)} mm wide")
+        lines.append(f"Kerf: {millimetres(kerf)} mm")
     lines += _notes(stage, kerf=kerf, start_hole=start_hole, order=CUT_ORDER_RULE)
     y = y0 - 4.0 * height
     for line in lines:
@@ -210,7 +210,7 @@ def _words(
 
 @contextlib.contextmanager
 def _fixed_dates() -> Iterator[None]:
-    """Keep the time and random identifiers, which the library would write, out of the file."""
+    """Suppress time and random identifiers of the library in the file."""
     from ezdxf import options  # pyright: ignore[reportPrivateImportUsage]
 
     before = options.write_fixed_meta_data_for_testing
@@ -222,7 +222,7 @@ def _fixed_dates() -> Iterator[None]:
 
 
 def _written(document: Any) -> bytes:
-    # the library registers what is used in the order of a set, which differs from run to run
+    # the library registers used types in the order of a set, which differs between runs
     for kind in sorted(document.entitydb.dxf_types_in_use()):
         document.classes.add_class(kind)
     stream = io.StringIO()
@@ -231,14 +231,14 @@ def _written(document: Any) -> bytes:
 
 
 def _title_lines(stage: Stage) -> list[tuple[str, str]]:
-    """Return what stands in the title block: label and text of each line."""
+    """Return label and text of each line of the title block."""
     return [
         ("Stage", stage.name),
         ("Title", stage.title or "-"),
         ("Material", stage.material.name),
         ("Thickness", f"{millimetres(stage.thickness)} mm"),
         ("Units", "mm"),
-        ("Made by", f"flexstage {__version__}"),
+        ("Software", f"flexstage {__version__}"),
     ]
 
 
@@ -252,18 +252,18 @@ def _notes(stage: Stage, *, kerf: float | None, start_hole: float, order: str) -
             "the profile, with common tangents."
         )
     if kerf is None:
-        lines.append("No wire path: the shop sets the offset.")
+        lines.append("No wire path: the workshop sets the wire offset.")
     else:
         lines += [
-            f"WIRE_PATH is the centre of the wire, {millimetres(0.5 * kerf)} mm inside the waste, "
-            f"for a cut {millimetres(kerf)} mm wide (wire and both spark gaps).",
-            f"Re-entrant corners keep a fillet of {millimetres(0.5 * kerf)} mm.",
-            f"Start holes: diameter {millimetres(start_hole)} mm, one for each closed cut.",
-            f"Order of cutting: {order}.",
+            f"WIRE_PATH is the path of the wire centre in the waste, {millimetres(0.5 * kerf)} mm "
+            f"from the contour, for a kerf of {millimetres(kerf)} mm (wire and both spark gaps).",
+            f"Internal corners have a fillet of {millimetres(0.5 * kerf)} mm.",
+            f"Start holes: diameter {millimetres(start_hole)} mm, one for each closed contour.",
+            f"Cutting order: {order}.",
         ]
     return lines
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return dxf_files(given.stage, kerf=given.request.kerf)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return dxf_files(stage_export.stage, kerf=stage_export.request.kerf)

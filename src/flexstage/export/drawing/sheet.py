@@ -1,4 +1,4 @@
-"""The drawing of a stage on one sheet: view, details of the notches, tables, title block."""
+"""Drawing of a stage on one sheet: view, details of notches, tables, title block."""
 
 import math
 from collections.abc import Sequence
@@ -8,11 +8,14 @@ from typing import NamedTuple
 from flexstage.base.version import __version__
 from flexstage.export.drawing.canvas import MEDIUM, PAPER, THICK, THIN, Box, Canvas, millimetres
 from flexstage.export.drawing.contours import PlateContours, plate_contours
-from flexstage.export.drawing.notch_details import CELL, draw_detail, notch_kinds, ratio
-from flexstage.export.drawing.plate_view import (
+from flexstage.export.drawing.views import (
+    CELL,
     View,
+    draw_detail,
     draw_view,
     hinge_marks,
+    notch_kinds,
+    ratio,
     round_openings,
     scale_bar,
 )
@@ -23,12 +26,12 @@ from flexstage.stage import Stage
 _COLUMN = 2.0 * CELL[0] + PAPER.gap  # width of the column of details and tables [mm]
 _TITLE_HEIGHT = 5.0 * PAPER.title_row
 _SHEETS = (("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0), ("A0", 1189.0, 841.0))
-_SMALLEST_SCALE = 0.5  # at which a stage is drawn before a larger sheet is taken
+_SMALLEST_SCALE = 0.5  # below which a larger sheet is used
 
 _HINGES = (("no.", 9.0), ("name", 18.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
 _LONG_NAMES = (("no.", 9.0), ("name", 91.0), ("x", 14.0), ("y", 14.0), ("dir.", 14.0))
 _NOTCHES = (("", 7.0), ("n", 8.0), ("profile", 25.0), ("neck", 14.0), ("dimensions", 88.0))
-_HOLES = (("no.", 9.0), ("x", 14.0), ("y", 14.0), ("⌀", 11.0), ("what", 24.0))
+_HOLES = (("no.", 9.0), ("x", 14.0), ("y", 14.0), ("⌀", 11.0), ("type", 24.0))
 _PORTS = (
     ("", 11.0),
     ("name", 15.0),
@@ -51,18 +54,18 @@ class _Blocks(NamedTuple):
 
 
 def drawing_svg(stage: Stage) -> bytes:
-    """Return the drawing of a stage with its dimensions, as a picture.
+    """Return the dimensioned drawing of a stage as SVG.
 
-    The plate to scale with its overall dimensions, drives, probes and the origin; every kind of
-    notch enlarged, with neck, length, height and radius; tables of all notches, hinges, holes,
-    drives and probes; scale bar, notes and title block, on the smallest sheet from A3 to A0 on
-    which everything has room. Lengths are in millimetres.
+    It has the plate to scale with overall dimensions, drives, probes and the origin; an enlarged
+    detail of every kind of notch, with neck, length, height and radius; tables of notches, hinges,
+    holes, drives and probes; scale bar, notes and title block. The sheet is the smallest one from
+    A3 to A0 with enough space. Lengths are in millimetres.
 
     Notes
     -----
-    Validity: positions are rounded to a micrometre, dimensions of notches to a nanometre; contours
-    to a tenth of a micrometre of paper. The drawing is to be read; to cut by, take `dxf_files`. The
-    outlines of the bodies are not dimensioned one by one.
+    Validity: positions are rounded to a micrometre, dimensions of notches to a nanometre, contours
+    to a tenth of a micrometre of paper. The drawing is for reading; use `dxf_files` for cutting.
+    Outlines of the bodies have no dimensions.
 
     Examples
     --------
@@ -91,7 +94,7 @@ def drawing_svg(stage: Stage) -> bytes:
     _write_notes(canvas, (column, frame.bottom - _TITLE_HEIGHT - _notes_height(blocks)), blocks)
     _lower_left(canvas, frame, blocks, view.scale)
     draw_view(canvas, view, stage, plate, marks)
-    about = f"Made by flexstage {__version__}. Lengths in millimetres."
+    about = f"flexstage {__version__}. Lengths in millimetres."
     return canvas.svg(f"{stage.name}: {stage.title}" if stage.title else stage.name, about)
 
 
@@ -109,11 +112,11 @@ def _blocks(stage: Stage, plate: PlateContours, marks: dict[str, str]) -> _Block
         [mark, mm(c.centre[0], 3), mm(c.centre[1], 3), mm(2.0 * c.radius, 3), what]
         for mark, c, what in round_openings(plate)
     ]
-    named = [("drive", d.name, d.kind, d.pushes, d.at[0], d.direction) for d in stage.drives]
-    named += [("probe", p.name, "", p.body, p.at, p.direction) for p in stage.probes]
+    port_rows = [("drive", d.name, d.kind, d.pushes, d.at[0], d.direction) for d in stage.drives]
+    port_rows += [("probe", p.name, "", p.body, p.at, p.direction) for p in stage.probes]
     ports = [
         [*words, mm(x, 3), mm(y, 3), "rotation" if angle is None else _degrees(angle)]
-        for *words, (x, y), angle in named
+        for *words, (x, y), angle in port_rows
     ]
     return _Blocks(notches, hinges, holes, ports, _notes(stage))
 
@@ -123,16 +126,16 @@ def _degrees(angle: float) -> str:
 
 
 def _notes(stage: Stage) -> list[str]:
-    made = stage.manufacture
+    manufacture = stage.manufacture
     necks = [h.profile.neck_thickness for h in stage.hinges]
     thinnest = f", thinnest neck {millimetres(min(necks))}" if necks else ""
     lines = [
-        "Lengths in mm, from the origin 0, rounded to 0.001.",
-        "Directions from the x axis to the left, rounded to 0.01°.",
-        f"Cut through the whole thickness of {millimetres(stage.thickness)}. Slots from "
-        f"{millimetres(made.wire_width)}{thinnest}.",
+        "Lengths in mm from the origin 0, rounded to 0.001.",
+        "Directions anticlockwise from the x axis, rounded to 0.01°.",
+        f"Cut through the full thickness of {millimetres(stage.thickness)}. Slots from "
+        f"{millimetres(manufacture.wire_width)}{thinnest}.",
         "Marks at hinges: letter of the notch, number in the table of hinges.",
-        "Contours in full precision are in the DXF file.",
+        "The DXF file has contours in full precision.",
     ]
     return [
         line
@@ -154,7 +157,7 @@ def _hole_blocks(blocks: _Blocks) -> int:
 
 
 def _lower_height(blocks: _Blocks) -> float:
-    """Height of what lies below the view: tables of holes, drives and probes, and the scale bar."""
+    """Return the height below the view: tables of holes, drives and probes, and scale bar."""
     holes = table_height(len(blocks.holes), _hole_blocks(blocks)) if blocks.holes else 0.0
     ports = table_height(len(blocks.ports)) if blocks.ports else 0.0
     return max(holes, ports + PAPER.bar)
@@ -175,7 +178,7 @@ def _column_height(blocks: _Blocks) -> float:
 
 
 def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, View]:
-    """Choose the smallest sheet on which everything has room."""
+    """Return the smallest sheet with enough space, and the view on it."""
     column, lower = _column_height(blocks), _lower_height(blocks) + PAPER.gap
     for name, width, height in _SHEETS:
         view = _view(plate, width, height, lower)
@@ -185,7 +188,7 @@ def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, Vi
             and column <= height - 2.0 * PAPER.margin
         ):
             return name, width, height, view
-    # more than the largest sheet has room for: it becomes longer
+    # too much for the largest sheet: a longer one
     _, width, height = _SHEETS[-1]
     height = max(height, math.ceil(2.0 * PAPER.margin + max(column, 2.0 * lower)))
     view = _view(plate, width, height, lower)
@@ -194,7 +197,7 @@ def _sheet(plate: PlateContours, blocks: _Blocks) -> tuple[str, float, float, Vi
 
 
 def _view(plate: PlateContours, width: float, height: float, lower: float) -> View | None:
-    """Fit the plate into what tables leave of a sheet, if that is a good part of it."""
+    """Return the view of the plate next to the tables; None if there is too little space."""
     inner = height - 2.0 * PAPER.margin
     if lower > 0.6 * inner:
         return None
@@ -225,7 +228,7 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
         [("", stage.title or "-")],
         [("Material", stage.material.name), ("Thickness", f"{millimetres(stage.thickness)} mm")],
         [("Scale", ratio(scale)), ("Sheet", sheet)],
-        [("Units", "mm"), ("Made by", f"flexstage {__version__}")],
+        [("Units", "mm"), ("Software", f"flexstage {__version__}")],
     ]
     for k, row in enumerate(rows):
         y = top + PAPER.title_row * k
@@ -237,8 +240,8 @@ def _title_block(canvas: Canvas, frame: Box, stage: Stage, sheet: str, scale: fl
             if label:
                 canvas.text((x + 1.5, y + 4.2), label, 2.4, colour="#444")
                 x, room = x + 18.0, room - 18.0
-            shown = wrapped(text, room, size, break_words=True)
-            words = shown[0] + ("…" if len(shown) > 1 else "") if shown else "-"
+            lines = wrapped(text, room, size, break_words=True)
+            words = lines[0] + ("…" if len(lines) > 1 else "") if lines else "-"
             canvas.text((x + 1.5, y + 4.5), words, size, bold=k == 0)
         if len(row) > 1:
             canvas.line((left + half, y), (left + half, y + PAPER.title_row), MEDIUM)
@@ -259,7 +262,7 @@ def _lower_left(canvas: Canvas, frame: Box, blocks: _Blocks, scale: float) -> No
 
 
 def table_height(rows: int, blocks: int = 1) -> float:
-    """Return how high a table is, with title and gap [mm]; blocks share its rows, side by side."""
+    """Return the height of a table with title and gap [mm]; its rows are in parallel blocks."""
     return PAPER.heading + PAPER.row * (1 + -(-rows // blocks)) + 3.0
 
 
@@ -271,9 +274,9 @@ def table(
     rows: Sequence[Sequence[str]],
     blocks: int = 1,
 ) -> float:
-    """Draw a table from its upper left corner on; return where it ends, with a gap [mm].
+    """Draw a table from its upper left corner; return its lower end with a gap [mm].
 
-    Columns are heading and width [mm]. A cell too long for its column ends in an ellipsis.
+    Columns are heading and width [mm]. A text too long for its column ends in an ellipsis.
     """
     x0, y0 = at
     canvas.text((x0, y0 + 3.5), title, 3.0, bold=True)
@@ -302,7 +305,7 @@ def table(
 
 
 def _fitting(text: str, width: float) -> str:
-    """Cut a text off where it is too long."""
+    """Return a text, truncated if it is too long."""
     if text_width(text, PAPER.font) <= width:
         return text
     while text and text_width(text + "…", PAPER.font) > width:
@@ -310,6 +313,6 @@ def _fitting(text: str, width: float) -> str:
     return text.rstrip() + "…"
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return {f"{given.name}-drawing.svg": drawing_svg(given.stage)}
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return {f"{stage_export.name}-drawing.svg": drawing_svg(stage_export.stage)}

@@ -1,4 +1,4 @@
-"""The cutting wire: the path of its centre in the waste, start holes, and the order of cuts."""
+"""Wire cutting: path of the wire centre, start holes, and cutting order."""
 
 import itertools
 import math
@@ -12,38 +12,37 @@ from flexstage.export.drawing.contours import Contour, Pair, PlateContours, cloc
 from flexstage.stage import Circle, Loop
 from flexstage.stage.curve import Curve, crossings, distance, point_distance
 
-_SAME = 1e-12  # two points are one [m]
-# How far the wire may cut into the design, or leave material on a neck, before the path is refused
-# [m]: rounding is a millionth of it.
+_SAME = 1e-12  # distance of identical points [m]
+# Largest undercut of a contour, or excess material on a neck [m]; rounding is a millionth of it.
 _GOUGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WirePath:
-    """The path of the wire's centre along one contour."""
+    """Path of the wire centre along one contour."""
 
     contour: Contour
-    """The contour that it cuts."""
+    """The contour."""
     loop: Loop
-    """The path, in the direction of the contour: the material on its left."""
+    """Path in the direction of the contour, with the material on its left."""
     circle: Circle | None = None
-    """The path of a circular contour."""
+    """Path of a circular contour."""
 
 
 def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath, ...]:
-    """Return the path of the wire's centre along the outline and every slot, in their order.
+    """Return the path of the wire centre along the outline and every slot, in order.
 
-    The distance [m] is half of the width of the cut: half the diameter of the wire and the spark
-    gap. Mounting holes are drilled, and have no path.
+    The distance [m] is half of the kerf: half the wire diameter plus the spark gap. Mounting holes
+    are drilled, and have no path.
 
-    Each contour is moved into the waste. Lines and arcs stay what they are. About a corner of the
-    material the wire runs on an arc, which leaves the corner sharp; into a re-entrant corner it
-    goes as far as it fits, which leaves a fillet of the radius of the cut.
+    Each contour is offset into the waste; lines remain lines and arcs remain arcs. Around an
+    external corner the wire moves on an arc, which leaves the corner sharp; an internal corner gets
+    a fillet with half the kerf as radius.
 
     Notes
     -----
-    Validity: the path is checked before it is returned. Nowhere is it nearer to a contour than
-    `distance`, and it passes both ends of every neck at that distance, to 1 nm.
+    Validity: the path is checked. It is nowhere closer to a contour than `distance`, and passes
+    both ends of every neck at that distance, within 1 nm.
 
     Examples
     --------
@@ -55,9 +54,7 @@ def offset_contours(contours: PlateContours, distance: float) -> tuple[WirePath,
     22.149
     """
     if not 0.0 < distance < math.inf:
-        raise StageError(
-            f"half of the width of the cut must be positive and finite, got {distance!r} m"
-        )
+        raise StageError(f"half of the kerf must be positive and finite, got {distance!r} m")
     cut = (contours.outline, *contours.slots)
     paths = tuple(_path(c, distance) for c in cut)
     sides = [Curve(*s) for c in contours.contours for s in c.loop.segments()]
@@ -75,7 +72,7 @@ def _path(contour: Contour, d: float) -> WirePath:
         circle = Circle(contour.circle.centre, radius)
         return WirePath(contour=contour, loop=clockwise(circle), circle=circle)
     pieces: list[Curve] = []
-    corners: list[Pair] = []  # the corner of the contour at the start of each piece
+    corners: list[Pair] = []  # vertex of the contour at the start of each piece
     for i, segment in enumerate(contour.loop.segments()):
         curve = Curve(*segment)
         if curve.bulge < 0.0 and -curve.radius - d < _GOUGE:
@@ -84,7 +81,7 @@ def _path(contour: Contour, d: float) -> WirePath:
         corners.append(curve.start)
     joined = _trimmed(contour, _rounded(pieces, corners, d), d)
     if len(joined) == 2 and not any(c.bulge for c in joined):
-        # a slot as wide as the cut, there and back: a loop has three points at least
+        # a slot of the width of the kerf, forward and back: a loop needs three points
         joined = [joined[0].part(0.0, 0.5), joined[0].part(0.5, 1.0), joined[1]]
     points = tuple(c.start for c in joined)
     return WirePath(contour=contour, loop=Loop(points, tuple(c.bulge for c in joined)))
@@ -95,33 +92,33 @@ def _too_wide(contour: Contour, i: int, radius: float, d: float) -> StageError:
     hinge = contour.hinges[i]
     what = f"the notch of hinge '{hinge}'" if hinge else f"an edge of body '{contour.bodies[i]}'"
     return StageError(
-        f"a cut {2e3 * d:.6g} mm wide does not fit into {what}, which is rounded by a radius of "
-        f"{radius * 1e3:.6g} mm about ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: use a wire whose cut is "
-        f"narrower than {2e3 * radius:.6g} mm, or a larger radius"
+        f"a kerf of {2e3 * d:.6g} mm does not fit into {what}, which has a radius of "
+        f"{radius * 1e3:.6g} mm at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: use a wire with a "
+        f"kerf below {2e3 * radius:.6g} mm, or a larger radius"
     )
 
 
 def _turn(a: Curve, b: Curve) -> float:
-    """Angle by which b turns left at the end of a [rad]."""
+    """Return the angle by which b turns left at the end of a [rad]."""
     (ux, uy), (vx, vy) = a.direction(1.0), b.direction(0.0)
     return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
 
 
 def _rounded(pieces: list[Curve], corners: list[Pair], d: float) -> list[Curve]:
-    """Put an arc wherever the wire goes round a corner of the material."""
+    """Return the pieces with an arc around each external corner."""
     out: list[Curve] = []
     for k, piece in enumerate(pieces):
         before = pieces[k - 1]
         gap = math.dist(before.end, piece.start)
         if gap > _SAME and (turn := _turn(before, piece)) > 0.0:
-            # by the turn, not by the chord: both ends are at the same distance from the corner
+            # from the angle, not the chord: both ends are at the same distance from the corner
             out.append(Curve(before.end, piece.start, math.tan(0.25 * turn)))
         out.append(piece)
     return out
 
 
 def _trimmed(contour: Contour, pieces: list[Curve], d: float) -> list[Curve]:
-    """Cut neighbours back to where they cross, and drop those that nothing is left of."""
+    """Trim neighbours to their crossings, and remove pieces without length."""
     chain = list(pieces)
     k = 0
     clean = 0  # junctions in a row that are in order
@@ -132,9 +129,9 @@ def _trimmed(contour: Contour, pieces: list[Curve], d: float) -> list[Curve]:
             clean, k = clean + 1, k + 1
             continue
         clean = 0
-        met = _meeting(a, b)
-        if met is not None:
-            a, b = a.part(0.0, met[0]), b.part(met[1], 1.0)
+        meeting = _meeting(a, b)
+        if meeting is not None:
+            a, b = a.part(0.0, meeting[0]), b.part(meeting[1], 1.0)
             chain[k - 1], chain[k] = a, b._replace(start=a.end)
             chain = [c for c in chain if c.length > _SAME]
             continue
@@ -150,15 +147,15 @@ def _trimmed(contour: Contour, pieces: list[Curve], d: float) -> list[Curve]:
 
 
 def _meeting(a: Curve, b: Curve) -> tuple[float, float] | None:
-    """The crossing of a and b that leaves most of both."""
-    found = crossings(a, b)
-    if not found:
+    """Return the crossing of a and b that keeps most of both."""
+    common_points = crossings(a, b)
+    if not common_points:
         return None
-    return min(found, key=lambda st: (1.0 - st[0]) * a.length + st[1] * b.length)
+    return min(common_points, key=lambda st: (1.0 - st[0]) * a.length + st[1] * b.length)
 
 
 def _hidden(chain: list[Curve], k: int) -> int | None:
-    """Find which of two neighbours that do not meet is out of the wire's reach."""
+    """Return which of two neighbours without crossing is out of reach of the wire."""
     n = len(chain)
     a, b, before, after = chain[k - 1], chain[k], chain[k - 2], chain[(k + 1) % n]
     options = []
@@ -175,17 +172,17 @@ def _narrow(contour: Contour, p: Pair, d: float) -> StageError:
         key=lambda item: point_distance(p, Curve(*item[1])),
     )[0]
     return StageError(
-        f"a cut {2e3 * d:.6g} mm wide does not fit between the edges about ({p[0] * 1e3:.6g}, "
-        f"{p[1] * 1e3:.6g}) mm, by body '{body}': use a thinner wire, or widen the slot there"
+        f"a kerf of {2e3 * d:.6g} mm does not fit between the edges at ({p[0] * 1e3:.6g}, "
+        f"{p[1] * 1e3:.6g}) mm, near body '{body}': use a thinner wire, or widen the slot there"
     )
 
 
 def _boxes(curves: list[Curve]) -> np.ndarray:
-    """Bounds of curves, shape (n, 4); of an arc, those of a square that holds it."""
+    """Return the bounds of curves, shape (n, 4); for arcs, of a square around them."""
     ends = np.array([[*c.start, *c.end] for c in curves])
     low = np.minimum(ends[:, :2], ends[:, 2:])
     high = np.maximum(ends[:, :2], ends[:, 2:])
-    # an arc rises over its chord by the bulge times half of it, and past its ends by less
+    # the height of an arc over its chord is bulge times half the chord, beyond its ends less
     bulges = np.abs([c.bulge for c in curves])
     chord = np.hypot(ends[:, 2] - ends[:, 0], ends[:, 3] - ends[:, 1])
     rise = (0.5 * chord * np.maximum(bulges, bulges**2))[:, None]
@@ -193,7 +190,7 @@ def _boxes(curves: list[Curve]) -> np.ndarray:
 
 
 def _require_clear(path: WirePath, sides: list[Curve], d: float) -> None:
-    """Refuse a path that comes nearer to a contour than half of the cut."""
+    """Refuse a path that is closer to a contour than half of the kerf."""
     curves = [Curve(*s) for s in path.loop.segments()]
     boxes, others = _boxes(curves), _boxes(sides)
     for curve, box in zip(curves, boxes, strict=True):
@@ -206,7 +203,7 @@ def _require_clear(path: WirePath, sides: list[Curve], d: float) -> None:
 
 
 def _require_necks(contours: PlateContours, paths: tuple[WirePath, ...], d: float) -> None:
-    """Refuse paths that do not pass the two ends of every neck."""
+    """Refuse paths that miss an end of a neck."""
     curves = [Curve(*s) for p in paths for s in p.loop.segments()]
     boxes = _boxes(curves)
     for neck, point in itertools.product(contours.necks, ("right", "left")):
@@ -216,72 +213,72 @@ def _require_necks(contours: PlateContours, paths: tuple[WirePath, ...], d: floa
                       axis=1).nonzero()[0]  # fmt: skip
         if not any(point_distance(p, curves[j]) <= reach for j in near):
             raise StageError(
-                f"a cut {2e3 * d:.6g} mm wide does not reach the neck of hinge '{neck.hinge}' to a "
-                "nanometre: use a thinner wire, a longer notch, or arcs where a notch is drawn in "
-                "chords"
+                f"a kerf of {2e3 * d:.6g} mm does not reach the neck of hinge '{neck.hinge}' "
+                "within a nanometre: use a thinner wire, a longer notch, or arcs for a notch drawn "
+                "in chords"
             )
 
 
-#: The rule by which `cuts` orders contours, in words.
+#: Rule for the order of `cuts`.
 CUT_ORDER_RULE = (
     "openings without notches first, then slots from the middle of the plate outwards, "
     "the outline last"
 )
 
-# where the wire enters for the outline: this far outside, in radii of the start hole
+# distance of the start hole of the outline, in its radii
 _OUTSIDE = 4.0
-_CHORD = 2e-6  # how near polygons come to contours where only a good place is looked for [m]
-_AWAY = 6e-3  # beyond this distance from a neck, more room is better than more distance [m]
-_MARGIN = 1e-6  # how much further than it must the wire stays away on its way to the path [m]
+_CHORD = 2e-6  # tolerance of polygons for the search of places [m]
+_AWAY = 6e-3  # distance from a neck beyond which space is more important [m]
+_MARGIN = 1e-6  # additional clearance of the lead-in [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """One contour as it is cut."""
+    """Cut of one contour."""
 
     number: int
-    """Its place in the order, from 1."""
+    """Number in the cutting order, from 1."""
     path: WirePath
-    """The path of the wire."""
+    """Path of the wire."""
     start: Pair
     """Centre of the start hole [m]."""
     entry: Pair
-    """Where the wire comes upon its path, on a straight line from the start hole [m]."""
+    """First point of the path, on a straight line from the start hole [m]."""
 
 
 def cuts(
     contours: PlateContours, paths: tuple[WirePath, ...], offset: float, start_hole: float
 ) -> tuple[Cut, ...]:
-    """Place start holes and lead-in lines, and number the cuts by `CUT_ORDER_RULE`.
+    """Return the cuts with start holes and lead-in lines, in the order of `CUT_ORDER_RULE`.
 
-    `paths` are those of `offset_contours` along the outline and the slots, `offset` half of the
-    width of the cut and `start_hole` the diameter [m].
+    `paths` are those of `offset_contours` along the outline and the slots, `offset` is half of the
+    kerf and `start_hole` a diameter [m].
 
-    The start hole of a slot lies away from necks as far as the slot has room for it, that of the
-    outline outside of its longest straight edge. The lead-in goes straight to the nearest place of
-    the path that does not lie on a notch, where it would leave a mark.
+    The start hole of a slot is far from necks, as far as space permits; that of the outline is
+    outside its longest straight edge. The lead-in is straight to the nearest point of the path that
+    is not on a notch, where it would leave a mark.
     """
     if not 2.0 * offset <= start_hole < math.inf:
         raise StageError(
-            f"the start hole must be at least as wide as the cut, {2e3 * offset:.6g} mm, got "
+            f"the start hole must be at least as wide as the kerf, {2e3 * offset:.6g} mm, got "
             f"{start_hole * 1e3:.6g} mm"
         )
     sides = [Curve(*s) for c in contours.contours for s in c.loop.segments()]
-    whole = contours.outline.loop.integrals()
-    middle = whole.x / whole.area, whole.y / whole.area
-    found = []
+    area_moments = contours.outline.loop.integrals()
+    middle = area_moments.x / area_moments.area, area_moments.y / area_moments.area
+    started = []
     for path in paths:
         radius = 0.5 * start_hole
         if path.contour.kind == "outline":
             start = _outside(path.contour, sides, _OUTSIDE * radius + offset)
         else:
             start = _inside(path.contour, contours, radius)
-        found.append((path, start, _entry(path, start, sides, offset)))
-    # to a micrometre, so that symmetric slots do not change places by rounding
-    found.sort(key=lambda item: _rank(item[0].contour, item[1], middle))
+        started.append((path, start, _entry(path, start, sides, offset)))
+    # rounded to a micrometre, so that the order of symmetric slots is unique
+    started.sort(key=lambda item: _rank(item[0].contour, item[1], middle))
     return tuple(
         Cut(number=k, path=path, start=start, entry=entry)
-        for k, (path, start, entry) in enumerate(found, start=1)
+        for k, (path, start, entry) in enumerate(started, start=1)
     )
 
 
@@ -292,7 +289,7 @@ def _rank(contour: Contour, start: Pair, middle: Pair) -> tuple[float, ...]:
 
 
 def _inside(contour: Contour, contours: PlateContours, radius: float) -> Pair:
-    """Find a place in a slot with room for a start hole, away from necks if there is one."""
+    """Return a place for a start hole in a slot, away from necks if possible."""
     if contour.circle is not None:
         places = [(contour.circle.radius, contour.circle.centre)]
     else:
@@ -300,59 +297,59 @@ def _inside(contour: Contour, contours: PlateContours, radius: float) -> Pair:
     if max(places)[0] <= radius:
         room, (x, y) = max(places)
         raise StageError(
-            f"a start hole of {2e3 * radius:.6g} mm does not fit into the slot by body "
-            f"'{contour.bodies[0]}' about ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: there is room for "
+            f"a start hole of {2e3 * radius:.6g} mm does not fit into the slot near body "
+            f"'{contour.bodies[0]}' at ({x * 1e3:.6g}, {y * 1e3:.6g}) mm: there is space for "
             f"{2e3 * room:.4g} mm; use a smaller start hole"
         )
-    own = {name for name in contour.hinges if name is not None}
-    necks = [p for n in contours.necks if n.hinge in own for p in (n.right, n.left)]
+    bounding_hinges = {name for name in contour.hinges if name is not None}
+    necks = [p for n in contours.necks if n.hinge in bounding_hinges for p in (n.right, n.left)]
 
     def merit(place: tuple[float, Pair]) -> tuple[float, ...]:
         room, p = place
         away = min((math.dist(p, q) for q in necks), default=0.0)
-        # to micrometres, so that rounding does not choose between places that are as good
+        # rounded to micrometres, so that the choice between equal places is unique
         return tuple(round(v * 1e6) for v in (min(away, _AWAY), room, -p[1], -p[0]))
 
     return max((p for p in places if p[0] > radius), key=merit)[1]
 
 
 def _places(contour: Contour, radius: float) -> list[tuple[float, Pair]]:
-    """Return places in a slot where a start hole may fit, each with the room about it."""
+    """Return candidate places for a start hole in a slot, each with its clearance."""
     import shapely
 
     slot: Any = shapely.Polygon(contour.loop.polyline(_CHORD))
-    found = [shapely.maximum_inscribed_circle(slot, tolerance=5e-6).coords[0]]
-    # somewhat inside of where it just fits
+    candidates = [shapely.maximum_inscribed_circle(slot, tolerance=5e-6).coords[0]]
+    # with some clearance
     roomy = slot.buffer(-1.2 * radius)
     for part in getattr(roomy, "geoms", [roomy]):
         if not part.is_empty:
-            found += shapely.segmentize(part.exterior, 0.5e-3).coords[:-1]
-            found.append(shapely.maximum_inscribed_circle(part, tolerance=5e-6).coords[0])
-    # a polygon stands outside of the slot where its arcs bulge into it
-    rooms = shapely.distance(slot.exterior, shapely.points(found)) - _CHORD
-    return [(float(r), (float(x), float(y))) for r, (x, y) in zip(rooms, found, strict=True)]
+            candidates += shapely.segmentize(part.exterior, 0.5e-3).coords[:-1]
+            candidates.append(shapely.maximum_inscribed_circle(part, tolerance=5e-6).coords[0])
+    # the polygon is outside the slot where arcs bulge into it
+    rooms = shapely.distance(slot.exterior, shapely.points(candidates)) - _CHORD
+    return [(float(r), (float(x), float(y))) for r, (x, y) in zip(rooms, candidates, strict=True)]
 
 
 def _outside(contour: Contour, sides: list[Curve], apart: float) -> Pair:
-    """Find a place outside of the outline, beside the longest straight edge without a notch."""
+    """Return a place outside the outline, at the longest straight edge without a notch."""
     edges = [
         Curve(*s)
         for s, hinge in zip(contour.loop.segments(), contour.hinges, strict=True)
         if hinge is None and not s[2]
     ] or [Curve(*s) for s in contour.loop.segments()]
     for edge in sorted(edges, key=lambda e: -round(e.length * 1e9)):
-        # off the middle, where a dimension or a probe may be in the way
+        # not in the middle, where a dimension or a probe may be
         point = edge.shifted(apart).point(0.25)
         if min(point_distance(point, s) for s in sides) > 0.99 * apart:
             return point
     raise StageError(
-        f"no edge of the outline has {apart * 1e3:.3g} mm of room in front of it for a start hole: "
-        "use a smaller one"
+        f"no edge of the outline has {apart * 1e3:.3g} mm of space in front of it for a start "
+        "hole: use a smaller one"
     )
 
 
 def _entry(path: WirePath, start: Pair, sides: list[Curve], offset: float) -> Pair:
-    """Find the nearest place of a path that the wire can reach straight from its start."""
+    """Return the nearest point of a path on a straight line from its start hole."""
     notches = [
         Curve(*s)
         for s, hinge in zip(path.contour.loop.segments(), path.contour.hinges, strict=True)
@@ -365,25 +362,25 @@ def _entry(path: WirePath, start: Pair, sides: list[Curve], offset: float) -> Pa
         for share in (foot, 0.5, 0.25, 0.75, 0.1, 0.9):
             if share is not None:
                 point = curve.point(share)
-                # square on to the path, if the wire can
+                # preferably perpendicular to the path
                 candidates.append((share != foot, math.dist(point, start), point))
     candidates.sort()
-    for beside_notches in (True, False):
+    for avoid_notches in (True, False):
         for *_, point in candidates:
             lead = Curve(start, point)
             near = offset + _MARGIN
-            if beside_notches and any(point_distance(point, n) < near for n in notches):
+            if avoid_notches and any(point_distance(point, n) < near for n in notches):
                 continue
             if all(distance(lead, s) > offset - 1e-9 for s in sides):
                 return point
     raise StageError(
-        f"no straight way leads from the start hole at ({start[0] * 1e3:.6g}, "
-        f"{start[1] * 1e3:.6g}) mm to the path of the wire: use a smaller cut"
+        f"there is no straight lead-in from the start hole at ({start[0] * 1e3:.6g}, "
+        f"{start[1] * 1e3:.6g}) mm to the path of the wire: use a smaller kerf"
     )
 
 
 def _foot(curve: Curve, p: Pair) -> float | None:
-    """Where a curve is square to the way from a point."""
+    """Return the share of a curve at the foot of the perpendicular from a point."""
     if not curve.bulge:
         ux, uy = curve.direction(0.0)
         along = (p[0] - curve.start[0]) * ux + (p[1] - curve.start[1]) * uy

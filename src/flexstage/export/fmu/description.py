@@ -1,4 +1,4 @@
-"""The file `modelDescription.xml` of an FMU, of FMI 2.0 and of FMI 3.0."""
+"""The file `modelDescription.xml` of an FMU, for FMI 2.0 and FMI 3.0."""
 
 import re
 from xml.etree import ElementTree as ET
@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 from flexstage.export.fmu.layout import FmuLayout, FmuVariable
 from flexstage.hysteresis.dynamic_model import DynamicModel
 
-#: The file to compile, by version; it includes all others.
+#: Main source file by version; it includes all others.
 MAIN = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
 
 _STEPS_SHOWN = 10000  # of the default experiment: a second of most stages
@@ -20,7 +20,7 @@ def tool() -> str:
 
 
 def model_description(model: DynamicModel, layout: FmuLayout, version: str, token: str) -> bytes:
-    """Return what an FMU says about itself; the token is the guid or instantiation token."""
+    """Return the model description; the token is the guid or instantiation token."""
     second = version == "2.0"
     root = ET.Element(
         "fmiModelDescription",
@@ -30,7 +30,7 @@ def model_description(model: DynamicModel, layout: FmuLayout, version: str, toke
             ("guid" if second else "instantiationToken"): token,
             "description": model.title or model.name,
             "author": "",
-            "license": "generated code: use it freely, see documentation/licenses",
+            "license": "generated code, free to use, see documentation/licenses",
             "generationTool": tool(),
             "variableNamingConvention": "structured",
         },
@@ -41,8 +41,8 @@ def model_description(model: DynamicModel, layout: FmuLayout, version: str, toke
     _units(root, layout)
     categories = ET.SubElement(root, "LogCategories")
     for name, what in (
-        ("logStatusDiscard", "a step that was refused; nothing has moved"),
-        ("logStatusError", "a call that could not be done"),
+        ("logStatusDiscard", "a step was refused; the state did not change"),
+        ("logStatusError", "a call failed"),
     ):
         ET.SubElement(categories, "Category", name=name, description=what)
     step = f"{model.step!r}"
@@ -91,7 +91,7 @@ def _interfaces(root: ET.Element, model: DynamicModel, layout: FmuLayout, second
 
 def _units(root: ET.Element, layout: FmuLayout) -> None:
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(v.unit for v in layout.variables if not v.whole):
+    for unit in dict.fromkeys(v.unit for v in layout.variables if not v.integer):
         element = ET.SubElement(definitions, "Unit", name=unit)
         exponents = base_units(unit)
         if exponents is not None:
@@ -99,22 +99,22 @@ def _units(root: ET.Element, layout: FmuLayout) -> None:
 
 
 def _numbers(v: FmuVariable) -> dict[str, str]:
-    """Attributes of a number, in the order of the schema of neither: XML has none."""
-    made: dict[str, str] = {}
-    if not v.whole:
-        made["unit"] = v.unit
+    """Return the attributes of a number; their order is not significant in XML."""
+    attributes: dict[str, str] = {}
+    if not v.integer:
+        attributes["unit"] = v.unit
     if v.limits is not None:
-        low, high = (repr(int(x) if v.whole else float(x)) for x in v.limits)
-        made |= {"min": low, "max": high}
+        low, high = (repr(int(x) if v.integer else float(x)) for x in v.limits)
+        attributes |= {"min": low, "max": high}
     if v.nominal is not None:
-        made["nominal"] = f"{v.nominal:.6g}"
+        attributes["nominal"] = f"{v.nominal:.6g}"
     if v.start is not None:
-        made["start"] = repr(int(v.start) if v.whole else float(v.start))
-    return made
+        attributes["start"] = repr(int(v.start) if v.integer else float(v.start))
+    return attributes
 
 
 def _variable(parent: ET.Element, v: FmuVariable, second: bool) -> None:
-    tag = "ScalarVariable" if second else "Int32" if v.whole else "Float64"
+    tag = "ScalarVariable" if second else "Int32" if v.integer else "Float64"
     element = ET.SubElement(
         parent,
         tag,
@@ -130,24 +130,24 @@ def _variable(parent: ET.Element, v: FmuVariable, second: bool) -> None:
         element.set("initial", "exact")
     numbers = _numbers(v)
     if v.state is not None:
-        # in version 2.0 variables are counted from 1 there
+        # counted from 1 in version 2.0
         numbers["derivative"] = str(v.state + second)
     if second:
-        ET.SubElement(element, "Integer" if v.whole else "Real", numbers)
+        ET.SubElement(element, "Integer" if v.integer else "Real", numbers)
     else:
         element.attrib.update(numbers)
 
 
 def _structure(root: ET.Element, model: DynamicModel, layout: FmuLayout, second: bool) -> None:
     structure = ET.SubElement(root, "ModelStructure")
-    known = depends_on(model, layout)
+    dependencies = depends_on(model, layout)
     outputs, derivatives = layout.of("output"), layout.of("derivative")
     at_first = sorted(v.reference for v in (*outputs, *layout.of("state"), *derivatives))
     if second:
         for name, unknowns in (("Outputs", outputs), ("Derivatives", derivatives)):
             listed = ET.SubElement(structure, name)
             for v in unknowns:
-                needs = " ".join(str(r + 1) for r in known[v.reference])
+                needs = " ".join(str(r + 1) for r in dependencies[v.reference])
                 ET.SubElement(listed, "Unknown", index=str(v.reference + 1), dependencies=needs)
         listed = ET.SubElement(structure, "InitialUnknowns")
         for reference in at_first:
@@ -155,27 +155,27 @@ def _structure(root: ET.Element, model: DynamicModel, layout: FmuLayout, second:
         return
     for name, unknowns in (("Output", outputs), ("ContinuousStateDerivative", derivatives)):
         for v in unknowns:
-            needs = " ".join(map(str, known[v.reference]))
+            needs = " ".join(map(str, dependencies[v.reference]))
             ET.SubElement(structure, name, valueReference=str(v.reference), dependencies=needs)
     for reference in at_first:
         ET.SubElement(structure, "InitialUnknown", valueReference=str(reference))
     for v in layout.of("indicator"):
-        needs = " ".join(map(str, known[v.reference]))
+        needs = " ".join(map(str, dependencies[v.reference]))
         about = {"valueReference": str(v.reference), "dependencies": needs}
         ET.SubElement(structure, "EventIndicator", about)
 
 
 def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
-    """Return the inputs and states that each output, derivative and event indicator depends on.
+    """Return the inputs and states on which outputs, derivatives and event indicators depend.
 
-    All are value references, rising, and 0 is time.
+    All are value references in rising order, where 0 is time.
     """
     k, x, at = model.omega.size, layout.first["state"], layout.states
     dx = layout.first["derivative"]
     q, v = x + at.deflection_at, x + at.deflection_at + k
     to_rate = dx - x
     drives = range(len(model.drives))
-    # what sets the free displacement of a drive, and that with its creep
+    # inputs of the free displacement of a drive, without and with its creep
     source = [
         [layout.first["input"] + d if at.voltage_at[d] < 0 else x + at.voltage_at[d]]
         for d in drives
@@ -184,37 +184,37 @@ def depends_on(model: DynamicModel, layout: FmuLayout) -> dict[int, list[int]]:
         [x + at.lag_at[d] + j for j in range(model.drives[d].lag_weights.shape[1])] for d in drives
     ]
     total = [source[d] + lags[d] for d in drives]
-    found: dict[int, list[int]] = {}
+    dependencies: dict[int, list[int]] = {}
     for d in drives:
         if at.voltage_at[d] >= 0:
             command = layout.first["input"] + d
-            found[dx + at.voltage_at[d]] = [command, *source[d]]
+            dependencies[dx + at.voltage_at[d]] = [command, *source[d]]
         for lag in lags[d]:
-            found[lag + to_rate] = [*source[d], lag]
+            dependencies[lag + to_rate] = [*source[d], lag]
     for m in range(k):
-        moved = [t for d in drives if model.drives[d].modal_gain[m] != 0.0 for t in total[d]]
-        blown = [t for d in drives if model.drives[d].rate_time[m] != 0.0 for t in total[d]]
-        found[q + m + to_rate] = [v + m, *blown]
-        found[v + m + to_rate] = [q + m, v + m, *moved]
+        force_inputs = [t for d in drives if model.drives[d].modal_gain[m] != 0.0 for t in total[d]]
+        rate_inputs = [t for d in drives if model.drives[d].rate_time[m] != 0.0 for t in total[d]]
+        dependencies[q + m + to_rate] = [v + m, *rate_inputs]
+        dependencies[v + m + to_rate] = [q + m, v + m, *force_inputs]
     for p, probe in enumerate(model.probes):
         motion = [q + m for m in range(k) if model.probe_shapes[p, m] != 0.0]
         motion += [t for d in drives if model.drives[d].feedthrough[p] != 0.0 for t in total[d]]
         reading = layout.first["output"] + p
-        found[reading] = motion
+        dependencies[reading] = motion
         if at.seen_at[p] >= 0:
-            seen = x + at.seen_at[p]
-            found[seen + to_rate] = [*motion, seen]
-            # a bandwidth of 0 takes the lag away
-            found[reading] = [*motion, seen]
+            sensor_state = x + at.seen_at[p]
+            dependencies[sensor_state + to_rate] = [*motion, sensor_state]
+            # a bandwidth of 0 removes the lag
+            dependencies[reading] = [*motion, sensor_state]
         if probe.sensor is not None:
-            found[reading] = [0, *found[reading]]
+            dependencies[reading] = [0, *dependencies[reading]]
     amplified = [d for d in drives if at.voltage_at[d] >= 0]
     each = layout.count["indicator"] // max(len(amplified), 1)
     for j, d in enumerate(amplified):
-        for which in range(each):
-            reference = layout.first["indicator"] + each * j + which
-            found[reference] = [layout.first["input"] + d, *source[d]]
-    return {key: sorted(set(value)) for key, value in found.items()}
+        for event in range(each):
+            reference = layout.first["indicator"] + each * j + event
+            dependencies[reference] = [layout.first["input"] + d, *source[d]]
+    return {key: sorted(set(value)) for key, value in dependencies.items()}
 
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -240,10 +240,10 @@ _FACTOR = re.compile(r"(?P<unit>[A-Za-zµμ]+|1)\^?(?P<power>-?[0-9.]+)?")
 
 
 def base_units(unit: str) -> dict[str, float] | None:
-    """Return the exponents of kg, m, s, A, K, mol, cd, rad in a unit that are not 0.
+    """Return the nonzero exponents of kg, m, s, A, K, mol, cd, rad in a unit.
 
-    A unit has powers, spaces and one ``/``: ``m/V^2``, ``1/(V m)``. ``factor`` is there where a
-    prefix makes it another than 1. None where there are no such whole exponents.
+    A unit has powers, spaces and one ``/``: ``m/V^2``, ``1/(V m)``. A prefix adds ``factor`` if it
+    is not 1. None for a unit without such integer exponents.
 
     Examples
     --------
@@ -257,11 +257,11 @@ def base_units(unit: str) -> dict[str, float] | None:
     factor = 1.0
     for text, sign in ((above, 1), (below, -1)):
         for part in text.strip().strip("()").replace("*", " ").replace(".", " .").split():
-            found = _FACTOR.fullmatch(part)
-            if found is None:
+            factor_match = _FACTOR.fullmatch(part)
+            if factor_match is None:
                 return None
-            power = sign * float(found["power"] or 1.0)
-            exponents, scale = _exponents(found["unit"])
+            power = sign * float(factor_match["power"] or 1.0)
+            exponents, scale = _exponents(factor_match["unit"])
             if exponents is None or power != int(power):
                 return None
             factor *= scale**power

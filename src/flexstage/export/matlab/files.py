@@ -1,4 +1,4 @@
-"""The files for MATLAB and Octave, and what their .mat file holds."""
+"""Files for MATLAB and Octave, and the variables of their .mat file."""
 
 import re
 from dataclasses import dataclass
@@ -35,18 +35,18 @@ def matlab_files(
 ) -> dict[str, bytes]:
     """Return a stage for MATLAB and Octave.
 
-    ``NAME.mat`` (level 5) holds the matrices in first-order form, continuous and from sample to
-    sample, mass, damping and stiffness, modes, and the drives with hysteresis, amplifier and creep;
-    ``NAME.m`` loads it, makes state spaces where the control toolbox is, draws Bode diagrams and
-    runs the stage in time; ``NAME_step.m`` is one exact step of the whole model.
+    ``NAME.mat`` (level 5) has the state-space matrices, continuous and discrete, mass, damping and
+    stiffness, modes, and the drives with hysteresis, amplifier and creep. ``NAME.m`` loads it,
+    makes state spaces if there is a control toolbox, draws Bode diagrams and computes a time
+    response. ``NAME_step.m`` is one exact step of the full model.
 
-    Where a dynamic model is given, its mechanical system is taken; else it has the usual
-    hysteresis. NAME, a name in MATLAB, comes from the stage where not given.
+    A dynamic model brings its own mechanical system; without one, the usual hysteresis is used.
+    NAME, a name in MATLAB, is by default that of the stage.
 
     Notes
     -----
     Validity: ``NAME_step.m`` steps linear drives and Bouc-Wen hysteresis of exponent 1, with modes
-    of a damping ratio below 1; of other hysteresis the file holds the parameters alone.
+    of a damping ratio below 1; for other hysteresis the file has only the parameters.
 
     Examples
     --------
@@ -56,37 +56,37 @@ def matlab_files(
     >>> list(matlab_files(stage, lumped_system(stage)))
     ['vgtu_piezo.mat', 'vgtu_piezo.m', 'vgtu_piezo_step.m']
     """
-    made = dynamic_model(stage, system) if model is None else model
-    if not made.probes:
-        raise ModelError(f"stage '{made.name}' has no probe: there is nothing to read from it")
-    called = matlab_name(made.name) if name is None else name
-    if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", called, re.ASCII):
+    dynamic = dynamic_model(stage, system) if model is None else model
+    if not dynamic.probes:
+        raise ModelError(f"stage '{dynamic.name}' has no probe: there is nothing to read from it")
+    file_stem = matlab_name(dynamic.name) if name is None else name
+    if not re.fullmatch(rf"[A-Za-z]\w{{0,{_LONGEST - 1}}}", file_stem, re.ASCII):
         raise ModelError(
-            f"'{called}' is no name in MATLAB: begin with a letter, then letters, digits and _, "
-            f"{_LONGEST} in all"
+            f"'{file_stem}' is not a valid name in MATLAB: it must begin with a letter and have at "
+            f"most {_LONGEST} letters, digits and _"
         )
     return {
-        f"{called}.mat": mat_file(contents(stage, made)),
-        f"{called}.m": _text(_TEMPLATES[0], called, made.title),
-        f"{called}_step.m": _text(_TEMPLATES[1], called, made.title),
+        f"{file_stem}.mat": mat_file(contents(stage, dynamic)),
+        f"{file_stem}.m": _text(_TEMPLATES[0], file_stem, dynamic.title),
+        f"{file_stem}_step.m": _text(_TEMPLATES[1], file_stem, dynamic.title),
     }
 
 
 def matlab_name(text: str) -> str:
-    """Return the nearest name that MATLAB and C allow, at most 58 letters, digits, underscores.
+    """Return a valid name in MATLAB and C, of at most 58 letters, digits, underscores.
 
-    It is no word of the language, and no function or variable that the files use.
+    It is neither a keyword nor a function or variable of the files.
 
     Examples
     --------
     >>> matlab_name("2-axis stage"), matlab_name("sin")
     ('stage_2_axis_stage', 'stage_sin')
     """
-    made = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
-    # a script called as a function that is used, or as a word of the language, would hide it
-    if not made or not made[0].isalpha() or made.lower() in _used_words():
-        made = f"stage_{made}".rstrip("_")
-    return made[:_LONGEST]
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_")
+    # a script with the name of a function or keyword would hide it
+    if not name or not name[0].isalpha() or name.lower() in _used_words():
+        name = f"stage_{name}".rstrip("_")
+    return name[:_LONGEST]
 
 
 @cache
@@ -104,7 +104,7 @@ def _template(file: str) -> str:
 
 def _text(file: str, name: str, title: str) -> bytes:
     raw = _template(file)
-    # MATLAB on some systems reads files in its own encoding: nothing but ASCII there
+    # only ASCII, since MATLAB reads files in the local encoding on some systems
     plain = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
     for token, value in (
         ("STAGE_NAME", name),
@@ -119,8 +119,8 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
     """Return the variables of the .mat file of a stage, with the matrices of the model's system."""
     system = model.system
     form, step, k = linear_part(model), sampled_form(model), model.omega.size
-    found = modes(system, drives="in place", count=None)
-    added, held = system.drive_springs("in place")
+    shapes = modes(system, drives="in place", count=None)
+    added, imposed = system.drive_springs("in place")
     return {
         "name": stage.name,
         "title": stage.title,
@@ -134,15 +134,15 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "C": form.C,
         "D": form.D,
         "rest": rest_shape(model),
-        # from sample to sample, straight lines between the samples (first-order hold)
+        # discrete, straight lines between samples (first-order hold)
         "Ad": step.transition,
         "Bd": step.shifted,
         "Cd": form.C,
         "Dd": form.D + form.C @ step.end,
         "Bd_start": step.start,
         "Bd_end": step.end,
-        # held between the samples (zero-order hold); A, C and D are those above
-        "Bd_held": step.held,
+        # discrete, held between samples (zero-order hold); A, C and D as above
+        "Bd_held": step.zero_order_hold,
         "Dd_held": form.D,
         "inputs": _cell(form.inputs),
         "outputs": _cell(form.outputs),
@@ -153,10 +153,10 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
         "K_in_place": system.K + added,
         "C_damping": damping_matrix(system),
         "drive_vectors": _columns([d.vector for d in system.drives], system.order),
-        "held_vectors": held,
+        "held_vectors": imposed,
         "probe_vectors": _columns([p.vector for p in system.probes], system.order).T,
         "coordinates": _cell(system.coordinates),
-        "shapes": found.shapes[:, :k],
+        "shapes": shapes.shapes[:, :k],
         "omega": model.omega,
         "frequency_hz": model.omega / (2.0 * np.pi),
         "zeta": model.damping_ratio,
@@ -166,21 +166,21 @@ def contents(stage: Stage, model: DynamicModel) -> dict[str, Any]:
 
 
 def damping_matrix(system: MechanicalSystem) -> Array:
-    r"""Return the viscous damping matrix [N s/m and so on] that gives modes their damping ratios.
+    r"""Return the viscous damping matrix [N s/m etc.] with the damping ratios of the modes.
 
     .. math:: C = N^T \mathrm{diag}(2\zeta_i\omega_i) N, \qquad
               N = \Phi^T M \left(I - \sum_j T_j v_j^T\right)
 
     with the modes :math:`\Phi` of the drives in place, of unit modal mass. T is the static shape of
-    a rigid drive and v its vector, so that a motion that follows the rigid drives slowly is not
-    damped; without rigid drives there is none.
+    a rigid drive and v its vector: a motion that follows the rigid drives slowly is not damped.
+    Without rigid drives the sum is zero.
     """
-    found = modes(system, drives="in place", count=None)
-    reader = found.shapes.T @ system.M
+    all_modes = modes(system, drives="in place", count=None)
+    reader = all_modes.shapes.T @ system.M
     rigid = [d for d in system.drives if d.stiffness is None]
     reader = reader - sum(np.outer(reader @ imposed_shape(system, d), d.vector) for d in rigid)
-    made = (reader.T * (2.0 * found.damping_ratio * found.omega)) @ reader
-    return np.asarray(0.5 * (made + made.T), dtype=np.float64)
+    damping = (reader.T * (2.0 * all_modes.damping_ratio * all_modes.omega)) @ reader
+    return np.asarray(0.5 * (damping + damping.T), dtype=np.float64)
 
 
 def _notes(model: DynamicModel) -> tuple[str, ...]:
@@ -188,14 +188,14 @@ def _notes(model: DynamicModel) -> tuple[str, ...]:
         "A, B, C, D: from the free displacements of the drives [m] (forces [N]) to the readings; "
         "amplifier, hysteresis or gain, and sensors are in the structs drives and probes",
         "Ad, Bd, Cd, Dd: x(n+1) = Ad x(n) + Bd w(n), y(n) = Cd x(n) + Dd w(n), exact for inputs of "
-        "straight lines between samples; the state is that of A, B, C, D less Bd_end w(n)",
+        "straight lines between samples; the state is that of A, B, C, D minus Bd_end w(n)",
         "Bd_start, Bd_end: x(n+1) = Ad x(n) + Bd_start w(n) + Bd_end w(n+1), y = C x + D w, the "
         "same with the state of A, B, C, D",
         "Bd_held, Dd_held: x(n+1) = Ad x(n) + Bd_held w(n), y(n) = C x(n) + Dd_held w(n), for "
-        "inputs that are held between samples",
+        "inputs held between samples (zero-order hold)",
         "M, K: bare stage; K_in_place: with the springs of the drives; C_damping: the damping "
         "ratios of all modes, drives in place",
-        "rest: states for a unit of each input that has stood still for long",
+        "rest: settled states for a unit of each input",
         *model.notes,
     )
 
@@ -255,16 +255,16 @@ def _creep(drive: ModelDrive) -> dict[str, Any]:
 
 
 def _probe(probe: ModelProbe, model: DynamicModel) -> dict[str, Any]:
-    made: dict[str, Any] = {
+    values: dict[str, Any] = {
         "name": probe.name,
         "unit": probe.unit,
         "shape": model.probe_shapes[[p.name for p in model.probes].index(probe.name)],
     }
     sensor = probe.sensor
     if sensor is None:
-        return made | {"sensor": {"present": 0.0}}
+        return values | {"sensor": {"present": 0.0}}
     bandwidth = sensor.bandwidth_hz
-    return made | {
+    return values | {
         "sensor": {
             "present": 1.0,
             "gain": sensor.gain,
@@ -279,7 +279,7 @@ def _probe(probe: ModelProbe, model: DynamicModel) -> dict[str, Any]:
 
 
 def _pair(value: tuple[float, float] | None) -> Array:
-    """One row: the ends, or infinities."""
+    """Return one row: the limits, or infinities."""
     return np.array([(-np.inf, np.inf) if value is None else value])
 
 
@@ -288,48 +288,47 @@ def _columns(vectors: list[Array], order: int) -> Array:
 
 
 def _cell(texts: tuple[str, ...]) -> Any:
-    made = np.empty((len(texts), 1), dtype=object)
-    made[:, 0] = texts
-    return made
+    cell = np.empty((len(texts), 1), dtype=object)
+    cell[:, 0] = texts
+    return cell
 
 
 def _structs(rows: list[dict[str, Any]]) -> Any:
-    """A struct array, one row of dicts with the same fields each."""
-    made = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
+    """Return a struct array from dicts with the same fields."""
+    structs = np.empty((len(rows), 1), dtype=[(name, object) for name in rows[0]])
     for i, row in enumerate(rows):
         for name, value in row.items():
-            made[i, 0][name] = value
-    return made
+            structs[i, 0][name] = value
+    return structs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SampledForm:
-    """x' = transition x + start w + end w' over one step, for inputs of straight lines."""
+    """Discrete form x' = transition x + start w + end w' over one step, for straight inputs."""
 
     transition: Array
-    """What the state does to the next one, shape (n, n)."""
+    """State transition matrix, shape (n, n)."""
     start: Array
-    """What the input at the start of the step does, shape (n, m)."""
+    """Input matrix at the start of the step, shape (n, m)."""
     end: Array
-    """What the input at its end does, shape (n, m)."""
+    """Input matrix at the end of the step, shape (n, m)."""
 
     @property
-    def held(self) -> Array:
-        """What an input that is held through the step does, shape (n, m)."""
+    def zero_order_hold(self) -> Array:
+        """Input matrix for an input held over the step, shape (n, m)."""
         return self.start + self.end
 
     @property
     def shifted(self) -> Array:
-        """Input matrix for the state ``x - end w``, which needs no input of the future."""
+        """Input matrix for the state ``x - end w``, without the next input."""
         return self.start + self.transition @ self.end
 
 
 def sampled_form(model: DynamicModel) -> SampledForm:
-    """Return what one step does to the states of `linear_part`, exact to rounding.
+    """Return the discrete form of `linear_part`, exact to rounding.
 
-    Modes do not act on one another, so each is taken with the lags alone: the exponential of the
-    matrix of (mode, its rate over omega, lags, inputs, their rises), C. F. Van Loan, IEEE Trans.
-    Autom. Control 23 (1978) 395.
+    Modes are uncoupled: each has the exponential of a matrix of (mode, its rate over omega, lags,
+    inputs, their rises), C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395.
     """
     from scipy.linalg import expm
 
@@ -339,11 +338,11 @@ def sampled_form(model: DynamicModel) -> SampledForm:
     size = 2 + lags
     block = np.zeros((k, size + 2 * m, size + 2 * m))
     index = np.array([[i, k + i, *range(2 * k, n)] for i in range(k)])
-    # rates over omega, so that numbers of a block are of one size
+    # rates over omega, so that the numbers of a block have similar size
     scale = np.ones((k, size))
     scale[:, 1] = model.omega
-    own = form.A[index[:, :, None], index[:, None, :]]
-    block[:, :size, :size] = h * own * scale[:, None, :] / scale[:, :, None]
+    local_rows = form.A[index[:, :, None], index[:, None, :]]
+    block[:, :size, :size] = h * local_rows * scale[:, None, :] / scale[:, :, None]
     block[:, :size, size : size + m] = h * form.B[index] / scale[:, :, None]
     block[:, size : size + m, size + m :] = np.eye(m)
     e = np.asarray(expm(block), dtype=np.float64)
@@ -357,6 +356,8 @@ def sampled_form(model: DynamicModel) -> SampledForm:
     return SampledForm(transition=transition, start=constant - rise, end=rise)
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return matlab_files(given.stage, given.analysis.system, model=given.dynamic)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return matlab_files(
+        stage_export.stage, stage_export.analysis.system, model=stage_export.dynamic
+    )

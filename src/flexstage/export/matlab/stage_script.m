@@ -1,13 +1,12 @@
-%STAGE_NAME  Matrices, Bode diagram and a run in time of a flexure stage.
+%STAGE_NAME  Matrices, Bode diagram and time response of a flexure stage.
 %
 %   STAGE_TITLE
 %
-%   Loads STAGE_NAME.mat into S; see S.notes for what its matrices are, and where they stop being
-%   valid. Makes
+%   Loads STAGE_NAME.mat into S; S.notes describes its matrices and their validity. Results:
 %     plant      state space from free displacements [m] or forces [N] to readings, and
-%     plant_d    the same from sample to sample, where the control toolbox or package is installed
+%     plant_d    its discrete form; both need the control toolbox or package
 %     f, H       frequencies [Hz] and responses, H(i, j, :) from drive j to probe i
-%     t, u, y    a run in time: commands and readings, with amplifier, hysteresis and creep
+%     t, u, y    time response: commands and readings, with amplifier, hysteresis and creep
 %
 %   Written by flexstage FLEXSTAGE_VERSION; for MATLAB and Octave, without toolboxes.
 
@@ -20,29 +19,29 @@ end
 for i = 1:numel(S.probes)
     fprintf('  reading  %s [%s]\n', S.probes(i).name, S.probes(i).unit);
 end
-shown = min(6, numel(S.frequency_hz));
-fprintf('  modes    %s Hz\n', sprintf('%.5g ', S.frequency_hz(1:shown)));
-fprintf('  S.notes  %d notes: what the matrices are, where they stop being valid\n', numel(S.notes));
+listed = min(6, numel(S.frequency_hz));
+fprintf('  modes    %s Hz\n', sprintf('%.5g ', S.frequency_hz(1:listed)));
+fprintf('  S.notes  %d notes: matrices and their validity\n', numel(S.notes));
 
 % ----------------------------------------------------------------------------------- state space
 if exist('OCTAVE_VERSION', 'builtin')
     try
         pkg('load', 'control');
     catch
-        % without the package the matrices of S serve
+        % without the package, use the matrices of S
     end
 end
 if ~isempty(which('ss'))
     plant = ss(S.A, S.B, S.C, S.D, 'InputName', S.inputs, 'OutputName', S.outputs);
     plant_d = ss(S.Ad, S.Bd, S.Cd, S.Dd, S.step, 'InputName', S.inputs, 'OutputName', S.outputs);
 else
-    fprintf('  no control toolbox or package: plant and plant_d are not made, S has the matrices\n');
+    fprintf('  no control toolbox or package: no plant and plant_d, use the matrices of S\n');
 end
 
 % ----------------------------------------------------------------------------------------- Bode
-near = S.frequency_hz(1:shown) * ones(1, 41) ...
-    .* (1 + max(S.zeta(1:shown), 1e-4) * linspace(-6, 6, 41));
-f = unique([logspace(log10(S.frequency_hz(1) / 30), log10(1.5 * S.frequency_hz(shown)), 300), ...
+near = S.frequency_hz(1:listed) * ones(1, 41) ...
+    .* (1 + max(S.zeta(1:listed), 1e-4) * linspace(-6, 6, 41));
+f = unique([logspace(log10(S.frequency_hz(1) / 30), log10(1.5 * S.frequency_hz(listed)), 300), ...
     near(near > 0)']);
 H = zeros(numel(S.probes), numel(S.drives), numel(f));
 one = eye(size(S.A));
@@ -50,7 +49,7 @@ for n = 1:numel(f)
     H(:, :, n) = S.C * ((2i * pi * f(n) * one - S.A) \ S.B) + S.D;
 end
 
-% ---------------------------------------------------------------------------------- a run in time
+% ----------------------------------------------------------------------------------- time response
 t = (0:1999)' * S.step;
 u = zeros(numel(t), numel(S.drives));
 can = true;
@@ -66,7 +65,7 @@ for j = 1:numel(S.drives)
         size_of = 1e-5;
         middle = 0;
     end
-    % three turns of the first drive, four of the next ...
+    % three cycles of the first drive, four of the next ...
     u(:, j) = middle - size_of * cos(2 * pi * (j + 2) * (0:numel(t) - 1)' / numel(t));
     h = d.hysteresis;
     can = can && (strcmp(h.kind, 'none') || (strcmp(h.kind, 'bouc-wen') && h.exponent == 1));
@@ -78,10 +77,10 @@ if can
         [y(n, :), s] = STAGE_NAME_step(S, s, u(n, :));
     end
 else
-    fprintf('  hysteresis without an exact step here: no run in time, use the C code or the FMU\n');
+    fprintf('  no exact step for this hysteresis: no time response, use the C code or the FMU\n');
 end
 
-% --------------------------------------------------------------------------------------- pictures
+% ---------------------------------------------------------------------------------------- figures
 try
     names = strcat({'drive '}, {S.drives.name});
     stiffness = [S.drives.stiffness];
@@ -97,10 +96,10 @@ try
         subplot(2, numel(S.probes), i);
         size_of = abs(reshape(H(i, :, :), numel(S.drives), []));
         loglog(f, size_of);
-        % what lies a million times below the largest is rounding
+        % a millionth of the maximum is rounding
         ylim(max(size_of(:)) * [1e-6, 3]);
         title(['reading ' S.probes(i).name]);
-        ylabel(['size [' S.probes(i).unit ' per ' per ']']);
+        ylabel(['magnitude [' S.probes(i).unit ' per ' per ']']);
         legend(names, 'Location', 'southwest');
         grid on
         subplot(2, numel(S.probes), numel(S.probes) + i);
@@ -110,7 +109,7 @@ try
         grid on
     end
     if can
-        figure('Name', [S.name ': run']);
+        figure('Name', [S.name ': time response']);
         for i = 1:numel(S.probes)
             subplot(numel(S.probes), 2, 2 * i - 1);
             plot(t, 1e6 * y(:, i));
@@ -126,5 +125,5 @@ try
         end
     end
 catch failure
-    fprintf('  no pictures: %s\n', failure.message);
+    fprintf('  no figures: %s\n', failure.message);
 end

@@ -1,5 +1,5 @@
 function [y, s] = STAGE_NAME_step(S, s, u)
-%STAGE_NAME_step  Readings one step of S.step seconds after the last ones.
+%STAGE_NAME_step  Readings after one step of S.step seconds.
 %
 %   STAGE_TITLE
 %
@@ -9,11 +9,11 @@ function [y, s] = STAGE_NAME_step(S, s, u)
 %
 %   u  commands in the order of S.drives [S.drives(j).unit], one column
 %   y  readings in the order of S.probes [S.probes(i).unit], one column, through their sensors
-%   s  what the stage remembers
+%   s  state of the stage
 %
-%   The chain of each drive is followed exactly: amplifier (bandwidth, largest rate, range), a gain
-%   or Bouc-Wen hysteresis of exponent 1, creep, and all modes through the curve that the
-%   hysteresis makes between two samples. The voltage is taken as straight between samples.
+%   The chain of each drive is exact: amplifier (bandwidth, largest rate, range), a gain or Bouc-Wen
+%   hysteresis of exponent 1, creep, and all modes under the output of the hysteresis between two
+%   samples. The voltage is a straight line between samples.
 %   Validity: that of the model (S.notes); damping ratios below 1; sensors without noise.
 %
 %   Written by flexstage FLEXSTAGE_VERSION; for MATLAB and Octave, without toolboxes.
@@ -58,7 +58,7 @@ end
 
 % ------------------------------------------------------------------------------------- one drive
 function c = settled_drive(S, d, u)
-%SETTLED_DRIVE  The command went from zero to u and stayed there for long.
+%SETTLED_DRIVE  Settled at the command u, reached from zero.
 c.command = u;
 c.voltage = u;
 if d.amplifier.present
@@ -87,7 +87,7 @@ end
 c.command = u;
 if strcmp(d.hysteresis.kind, 'none')
     slope = d.gain * (c.voltage - before) / S.step;
-    % an imposed displacement also acts by its rate
+    % an imposed displacement also acts through its rate
     pieces = struct('length', S.step, 'value', c.w + d.rate_time(:) * slope, ...
         'slope', slope, 'amplitude', 0, 'rate', 0);
     [c.z, c.v] = move_modes(S, c.z, c.v, pieces);
@@ -116,7 +116,7 @@ function [pieces, h] = bouc_wen(m, h, before, after)
 %   y = value + slope x + amplitude exp(-rate x) in each piece, x the share of the line.
 if ~strcmp(m.kind, 'bouc-wen') || m.exponent ~= 1
     error('flexstage:hysteresis', ...
-        ['no exact step of hysteresis of kind %s is in this file (Bouc-Wen of exponent 1 is): ' ...
+        ['this file has no exact step of hysteresis of kind %s (only Bouc-Wen of exponent 1): ' ...
         'use the exported C code or FMU'], m.kind);
 end
 du = after - before;
@@ -135,7 +135,7 @@ while at < 1
     share = left;
     crossed = false;
     if h * way < 0
-        % h moves towards zero; where it gets there
+        % h moves towards zero; the point where it is zero
         if k == 0
             crossing = -h / A;
         else
@@ -180,7 +180,7 @@ w = S.omega(:);
 decay = S.zeta(:) .* w;
 own = w.^2 .* (1 - S.zeta(:).^2);
 damped = sqrt(own);
-% what the force holds in the end, and what swings about it
+% particular solution, and oscillation about it
 offset = p.value - 2 * S.zeta(:) .* p.slope ./ w;
 held = p.amplitude * w.^2 ./ ((p.rate - decay).^2 + own);
 away = z - offset - held;
@@ -218,7 +218,7 @@ share(~small) = 1 + expm1(-x(~small)) ./ x(~small);
 end
 
 function [y, s] = step_sensor(p, s, input, h)
-%STEP_SENSOR  Lag, gain, offset, pick-up of the mains, steps of the reading.
+%STEP_SENSOR  Lag, gain, offset, mains pick-up, resolution.
 if p.time_constant > 0
     x = h / p.time_constant;
     s.lag = s.lag - (s.input - s.lag) * expm1(-x) + (input - s.input) * followed(x);
@@ -237,8 +237,8 @@ end
 % ------------------------------------------------------------------------------------- amplifier
 function v = amplify(a, before, v, command, step)
 %AMPLIFY  T v' = c - v, no faster than the largest rate, within the range.
-%   The step is cut where the amplifier changes between following, slewing and resting at an end.
-%   Time is counted in time constants T.
+%   The step is divided at transitions between following, slewing and saturation.
+%   Time is in time constants T.
 h = step / a.time_constant;
 c = a.gain * before;
 slope = a.gain * (command - before) / h;
@@ -302,7 +302,7 @@ for turn = 1:16
                 t = min(h, max(0, log((slope - e) / (slope - sign(slope) * behind))));
             end
             last = follow(v, e, slope, t);
-            % the output turns at most once, and may meet an end before that
+            % the output turns at most once, and may reach an end of the range before
             bend = inf;
             if e * slope < 0
                 bend = log1p(-e / slope);
@@ -348,12 +348,12 @@ end
 end
 
 function v = follow(v, e, slope, t)
-%FOLLOW  The output after a time t behind a line that is e away and rises by slope.
+%FOLLOW  Output after following a line for a time t, with initial error e.
 v = v - e * expm1(-t) + slope * t * followed(t);
 end
 
 function last = meet(v, e, slope, first, last, rail)
-%MEET  When the output passes an end of its range, by bisection.
+%MEET  Time at which the output reaches an end of its range, by bisection.
 rising = follow(v, e, slope, last) > rail;
 for i = 1:200
     middle = 0.5 * (first + last);

@@ -1,10 +1,10 @@
 /* fs_example.c: STAGE_NAME in a main loop.
  *
  *   cc -O2 -std=c99 -ffp-contract=off fs_example.c -o example -lm
- *   ./example               checks the step, then runs a loop of each drive in turn
- *   ./example - < FILE      one line of commands a step (COMMAND_NAMES)
+ *   ./example               runs the self-test, then a loop of each drive in turn
+ *   ./example - < FILE      reads one line of commands per step (COMMAND_NAMES)
  *
- * Prints time [s], commands and readings, with commas. Written by flexstage FLEXSTAGE_VERSION.
+ * Prints time [s], commands and readings as CSV. Written by flexstage FLEXSTAGE_VERSION.
  */
 #include <stdio.h>
 #include <string.h>
@@ -85,9 +85,9 @@ static int loops(void)
 int main(int argc, char **argv)
 {
     const double deviation = (double)fs_self_test(&stage);
-    fprintf(stderr, "self test: largest deviation %.3g of the swing of a reading\n", deviation);
+    fprintf(stderr, "self-test: largest deviation %.3g of the range of a reading\n", deviation);
     if (!(deviation < SELF_TEST_LIMIT)) {
-        fprintf(stderr, "that is more than SELF_TEST_LIMIT: check the compiler's settings\n");
+        fprintf(stderr, "this exceeds SELF_TEST_LIMIT: check the compiler options\n");
         return 1;
     }
     printf("CSV_HEAD\n");

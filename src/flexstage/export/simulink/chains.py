@@ -1,4 +1,4 @@
-"""Amplifier, hysteresis, creep and sensor as blocks of Simulink, and functions for hysteresis."""
+"""Amplifier, hysteresis, creep and sensor as Simulink blocks; MATLAB functions of hysteresis."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,12 +20,12 @@ from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.models.registry import matlab_code
 from flexstage.hysteresis.models.source_code import source_file
 
-#: How a Gain block multiplies a column of signals by its matrix.
+#: Multiplication of a column of signals by the matrix of a Gain block.
 VECTOR_GAIN = "Matrix(K*u) (u vector)"
 
 
 def gain(name: str, variable: str, meaning: str, label: str = "") -> Node:
-    """Return a block that multiplies a column of signals by a matrix, given as an expression."""
+    """Return a block that multiplies a column of signals by a matrix expression."""
     return Node(
         name, "Gain", {"Gain": variable, "Multiplication": VECTOR_GAIN}, meaning, label=label
     )
@@ -46,9 +46,9 @@ def _sum(name: str, signs: str, meaning: str) -> Node:
 
 
 def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
-    """Return an amplifier: T u' = g c - u with a limited rate, and an integrator with ends.
+    """Return an amplifier: T u' = g c - u with limited rate, and an integrator with limits.
 
-    Its variables begin with the name, as those of creep and sensor do.
+    Its variables begin with the name, like those of creep and sensor.
     """
     w = Wiring("amplifier: one pole, limited rate, limited range")
     names = {
@@ -60,7 +60,7 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
     }
     w.add(_port("Inport", "command", "command [V]"))
     w.add(_scalar("g", names["gain"], "voltage over command [1]"))
-    w.add(_sum("lag", "+-", "how far the voltage is behind [V]"))
+    w.add(_sum("lag", "+-", "lag of the voltage [V]"))
     w.add(_scalar("per_T", names["per_T"], "2 pi times the bandwidth [1/s]"))
     at = w.chain("command", "g", "lag", "per_T")
     if np.isfinite(model.largest_rate):
@@ -93,7 +93,7 @@ def amplifier(model: Amplifier, name: str, variables: Variables) -> System:
 
 
 def hysteresis(function: str, sample_time: str, meaning: str) -> System:
-    """Return a hysteresis: the input is sampled, and a function with a memory steps on.
+    """Return a hysteresis: the input is sampled, and a function with memory steps.
 
     The sample time is an expression [s].
     """
@@ -103,7 +103,7 @@ def hysteresis(function: str, sample_time: str, meaning: str) -> System:
         "sampled",
         "ZeroOrderHold",
         {"SampleTime": sample_time},
-        "samples of the input; the function steps exactly along the line between two",
+        "samples of the input; the function is exact for a straight line between two",
     )
     w.block("hysteresis", "MatlabFunction", meaning=meaning, function=function)
     w.add(_port("Outport", "y", "output of the hysteresis, held for one sample"))
@@ -112,10 +112,10 @@ def hysteresis(function: str, sample_time: str, meaning: str) -> System:
 
 
 def creep(model: Creep, name: str, variables: Variables) -> System:
-    """Return creep: lags side by side, and their sum beside the input."""
+    """Return creep: parallel lags, and the sum of input and lags."""
     rate = 1.0 / model.time_constants
     m = rate.size
-    w = Wiring("creep: lags side by side")
+    w = Wiring("creep: parallel lags")
     spread = variables.add(f"{name}_spread", np.ones((m, 1)), "one input for every lag [1]")
     rates = variables.add(f"{name}_per_tau", rate[None, :], "1 over time constants [1/s]")
     share = variables.add(
@@ -123,8 +123,8 @@ def creep(model: Creep, name: str, variables: Variables) -> System:
     )
     w.add(_port("Inport", "x", "motion without creep"))
     w.add(gain("spread", spread, "one input for every lag [1]"))
-    w.add(_sum("lag", "+-", "how far each lag is behind"))
-    # a matrix, since a column of factors could make a matrix of a column of signals
+    w.add(_sum("lag", "+-", "input of each lag less its output"))
+    # a diagonal matrix: a column of factors could turn a column of signals into a matrix
     w.add(gain("per_tau", f"diag({rates})", "1 over time constants [1/s]"))
     w.block("lags", "Integrator", {"InitialCondition": f"zeros({m}, 1)"}, "lags")
     w.add(gain("share", share, "share of each lag [1]"))
@@ -139,8 +139,8 @@ def creep(model: Creep, name: str, variables: Variables) -> System:
 
 
 def sensor(model: Sensor, name: str, variables: Variables) -> System:
-    """Return a sensor without its noise: gain, lag, offset, mains and steps of the reading."""
-    w = Wiring("sensor, without its noise")
+    """Return a sensor without noise: gain, lag, offset, mains pick-up and resolution."""
+    w = Wiring("sensor without noise")
     w.add(_port("Inport", "x", "true motion"))
     at = "x"
     if model.bandwidth_hz is not None:
@@ -170,7 +170,7 @@ def sensor(model: Sensor, name: str, variables: Variables) -> System:
 
 
 def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -> str:
-    """Add the offset and the pick-up of the mains."""
+    """Add the offset and the mains pick-up."""
     sources: list[Node] = []
     if model.offset != 0.0:
         value = variables.add(f"{name}_offset", model.offset, "reading at no motion")
@@ -178,7 +178,7 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
             Node("offset", "Constant", {"Value": value}, "reading at no motion", inputs=0)
         )
     if model.mains_amplitude != 0.0:
-        value = variables.add(f"{name}_mains", model.mains_amplitude, "pick-up of the mains")
+        value = variables.add(f"{name}_mains", model.mains_amplitude, "mains pick-up")
         settings: dict[str, Any] = {
             "Amplitude": value,
             "Frequency": f"2*pi*{literal(model.mains_frequency_hz)}",
@@ -190,13 +190,13 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
                 "mains",
                 "SineWave",
                 settings,
-                f"pick-up of the mains, {model.mains_frequency_hz:g} Hz",
+                f"mains pick-up, {model.mains_frequency_hz:g} Hz",
                 inputs=0,
             )
         )
     if not sources:
         return at
-    total = w.add(_sum("reading", "+" * (1 + len(sources)), "reading before its steps"))
+    total = w.add(_sum("reading", "+" * (1 + len(sources)), "reading before rounding"))
     w.connect(at, total)
     for port, source in enumerate(sources, 2):
         w.connect(w.add(source), total, port=port)
@@ -204,10 +204,7 @@ def _added(w: Wiring, at: str, model: Sensor, name: str, variables: Variables) -
 
 
 class Functions:
-    """Texts by the names of their functions, which begin with a prefix.
-
-    A model that comes again keeps its name.
-    """
+    """Texts of functions by name, with a prefix; the same model has the same function."""
 
     __slots__ = ("_models", "_prefix", "texts")
 
@@ -216,29 +213,29 @@ class Functions:
         self.texts: dict[str, str] = {}
         self._models: list[tuple[HysteresisModel, str]] = []
 
-    def add(self, model: HysteresisModel, wanted: str) -> str:
-        """Return the name of the function of a model that belongs to what is wanted."""
-        for known, name in self._models:
-            if known is model:
+    def add(self, model: HysteresisModel, base: str) -> str:
+        """Return the name of the function of a model, based on a name."""
+        for existing, name in self._models:
+            if existing is model:
                 return name
-        suffix = identifier(wanted.removesuffix("_hysteresis"), longest=63)
+        suffix = identifier(base.removesuffix("_hysteresis"), longest=63)
         room = 63 - len(self._prefix) - 3
-        taken = {known.lower() for known in self.texts}
-        name = free_name(f"{self._prefix}{suffix[:room]}", lambda n: n.lower() in taken)
+        used = {existing.lower() for existing in self.texts}
+        name = free_name(f"{self._prefix}{suffix[:room]}", lambda n: n.lower() in used)
         self.texts[name] = hysteresis_function(model, name)
         self._models.append((model, name))
         return name
 
 
 def hysteresis_function(model: HysteresisModel, name: str) -> str:
-    """Return a hysteresis model as a function of MATLAB that remembers.
+    """Return a hysteresis model as a MATLAB function with memory.
 
-    Each call moves the input on a straight line from its last value to a new one; the output is
-    exact for it, to rounding. The memory is in persistent variables: it begins at rest, and
-    ``clear`` with the name of the function brings it back there.
+    Each call moves the input on a straight line from its last value to a new one, with an exact
+    output. The memory is in persistent variables; ``clear`` with the name of the function resets it
+    to rest.
 
-    Validity: that of the model. The same text runs as a MATLAB Function block of Simulink, which
-    has a memory of its own for each block, and in GNU Octave.
+    Validity: that of the model. The same text runs in a MATLAB Function block of Simulink, with a
+    memory for each block, and in GNU Octave.
 
     Examples
     --------
@@ -253,8 +250,8 @@ def hysteresis_function(model: HysteresisModel, name: str) -> str:
         f"function y = {name}(u)\n"
         + comment(f"{name.upper()} Hysteresis of kind {model.kind}: output y for the next input u.")
         + comment(
-            "Each call moves u on a straight line from its last value, for which y is exact; the "
-            f"memory begins at rest, and 'clear {name}' brings it back there."
+            "Each call moves u on a straight line from its last value, with an exact y. The memory "
+            f"is initially at rest; 'clear {name}' resets it."
         )
         + comment(f"Written by flexstage {__version__}.")
         + "%#codegen\n"

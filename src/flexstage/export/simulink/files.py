@@ -1,4 +1,4 @@
-"""The files from which Simulink builds the model of a stage, and the bench that it is run on."""
+"""Files from which Simulink builds the model of a stage with commands and scopes."""
 
 import textwrap
 
@@ -6,21 +6,19 @@ import numpy as np
 
 from flexstage.base.errors import ModelError
 from flexstage.base.version import __version__
-from flexstage.export.diagram.graph import Block, Diagram
+from flexstage.export.diagram.graph import Block, Diagram, diagram_state_space
 from flexstage.export.diagram.stage_diagram import stage_diagram
-from flexstage.export.diagram.state_space import diagram_state_space
 from flexstage.export.request import StageExport
 from flexstage.export.simulink.chains import Functions
 from flexstage.export.simulink.matlab_text import Variables, identifier, mat_file, plain, valid_name
-from flexstage.export.simulink.script import build_script
 from flexstage.export.simulink.structure import modal, structure
-from flexstage.export.simulink.system import Node, System, Wiring
+from flexstage.export.simulink.system import Node, System, Wiring, build_script
 from flexstage.files.names import free_name
 from flexstage.hysteresis.dynamic_model import DynamicModel
 from flexstage.hysteresis.model import Array
 
 _POINTS = 401
-# Largest command where nobody has said how far a drive goes.
+# Largest command of a drive without a range.
 _USUAL = {"V": 10.0, "m": 1e-5, "N": 1.0}
 
 
@@ -34,17 +32,16 @@ def bench(
     variables: Variables,
     functions: Functions,
 ) -> tuple[System, dict[str, str], dict[str, str]]:
-    """Return the top of a Simulink model; without a dynamic model, with the diagram alone.
+    """Return the top level of a Simulink model, its command variables, and its logged variables.
 
-    Besides, the variable of the command by input of the diagram, and what is held, by variable in
-    the workspace of MATLAB.
-
-    The sample time of the hysteresis is an expression [s]; commands last for the duration [s].
+    Command variables are by input of the diagram, logged variables of the MATLAB workspace have
+    their meanings. Without a dynamic model there is only the diagram. The sample time of the
+    hysteresis is an expression [s]; commands last for the duration [s].
     """
     inputs = [b for b in diagram.blocks if b.kind == "input"]
     outputs = [b for b in diagram.blocks if b.kind == "output"]
     if not inputs or not outputs:
-        raise ModelError("a diagram for Simulink needs an input and an output: it has none")
+        raise ModelError("a diagram for Simulink needs an input and an output")
     w = Wiring(diagram.title)
     commands = {b.name: _source(w, b, diagram, model, duration, variables) for b in inputs}
     w.nest("structure", structure(diagram, variables, functions, sample_time))
@@ -83,7 +80,7 @@ def _source(
     duration: float,
     variables: Variables,
 ) -> str:
-    """Add a command: up and down again on half a cosine, from zero."""
+    """Add a command: one cosine cycle from zero and back."""
     unit = diagram.units.get(block.name, "")
     highest = _USUAL.get(unit, 1.0)
     for drive in model.drives if model is not None else ():
@@ -93,7 +90,7 @@ def _source(
     shape = 0.5 * highest * (1.0 - np.cos(2.0 * np.pi * time / duration))
     values: Array = np.column_stack((time, *(shape,) * block.width))
     variable = variables.add(
-        f"command_{block.name}", values, f"time [s] and {block.meaning}, to run the model with"
+        f"command_{block.name}", values, f"time [s] and {block.meaning}, for a run of the model"
     )
     return w.block(
         variable,
@@ -110,27 +107,27 @@ def _source(
 
 
 def _matched(blocks: list[Block], names: list[str], prefix: str, what: str) -> dict[str, str]:
-    """Find the block of the diagram that belongs to each drive or probe."""
+    """Return the block of the diagram for each drive or probe."""
     by_label = {b.label: b.name for b in blocks}
-    found = {n: by_label[prefix + n] for n in names if prefix + n in by_label}
-    if not found and len(blocks) == len(names):
+    matches = {n: by_label[prefix + n] for n in names if prefix + n in by_label}
+    if not matches and len(blocks) == len(names):
         return {n: b.name for n, b in zip(names, blocks, strict=True)}
-    # a probe that reads nothing need not be drawn; a drive must be
-    if len(found) < len(names) and what == "inputs":
+    # a probe without motion may be missing in the diagram; a drive may not
+    if len(matches) < len(names) and what == "inputs":
         raise ModelError(
             f"the {what} of the diagram are {', '.join(b.name for b in blocks)}, those of the "
-            f"model {', '.join(names)}: make both of one stage, or leave the model out"
+            f"model {', '.join(names)}: give a diagram and a model of the same stage"
         )
-    return found
+    return matches
 
 
 def _record(
     w: Wiring, outputs: list[Block], reader: dict[str, int], name: str, diagram: Diagram
 ) -> dict[str, str]:
-    """Show each output, that of the modes beside it, and keep both."""
-    made: dict[str, str] = {}
+    """Add a scope for each output with that of the modes, and log both."""
+    readings: dict[str, str] = {}
     for port, b in enumerate(outputs, 1):
-        _keep(w, made, "structure", port, f"{name}_{b.name}", f"{b.meaning}, structure")
+        _keep(w, readings, "structure", port, f"{name}_{b.name}", f"{b.meaning}, structure")
         scope = Node(f"scope_{b.name}", "Scope", outputs=0, meaning=b.meaning)
         if b.name not in reader:
             w.connect("structure", w.add(scope), output=port, signal=_signal(b, diagram))
@@ -141,17 +138,17 @@ def _record(
         w.connect("structure", both, output=port, signal=_signal(b, diagram))
         w.connect("modes", both, output=reader[b.name], port=2)
         w.chain(both, w.add(scope))
-        wanted = f"{name}_{b.name}_modes"
-        _keep(w, made, "modes", reader[b.name], wanted, f"{b.meaning}, modes")
-    return made
+        variable = f"{name}_{b.name}_modes"
+        _keep(w, readings, "modes", reader[b.name], variable, f"{b.meaning}, modes")
+    return readings
 
 
 def _keep(
-    w: Wiring, made: dict[str, str], source: str, output: int, wanted: str, words: str
+    w: Wiring, readings: dict[str, str], source: str, output: int, base: str, words: str
 ) -> None:
-    """Keep an output in the workspace of MATLAB, by a name that nothing else has."""
-    variable = free_name(wanted[:58], made.__contains__)
-    made[variable] = words
+    """Log an output in the MATLAB workspace under a free name."""
+    variable = free_name(base[:58], readings.__contains__)
+    readings[variable] = words
     at = w.block(
         f"keep_{variable}"[:63],
         "ToWorkspace",
@@ -162,20 +159,20 @@ def _keep(
     w.connect(source, at, output=output)
 
 
-# Longest name of a model: names of functions and variables are made of it.
+# Longest name of a model, which is part of names of functions and variables.
 _LONGEST = 30
 _ENDING = "_model"
 _STEP = 1e-4
-# Samples of the hysteresis in such a step: it is held between them, which is a delay.
+# Samples of the hysteresis per step; its output is held between them, which is a delay.
 _SAMPLES = 10
-# Fastest pole [1/s] up to which a solver for equations that are not stiff is the better one.
+# Fastest pole [1/s] for a solver of equations that are not stiff.
 _FAST = 1e6
 
 
 def model_name(text: str) -> str:
-    """Return a name, of 30 characters at most, that a Simulink model of flexstage can have.
+    """Return a name for a Simulink model, of at most 30 characters.
 
-    It is not that of the script for MATLAB, which would hide the model or be hidden by it.
+    It differs from the name of the script of the format ``mat``, so that neither hides the other.
 
     Examples
     --------
@@ -193,26 +190,24 @@ def simulink_files(
     sample_time: float | None = None,
     duration: float = 0.2,
 ) -> dict[str, bytes]:
-    """Return a script that builds a Simulink model, and what belongs to it.
+    """Return a script that builds a Simulink model, with its data and functions.
 
-    The model holds the structural diagram, a subsystem for each of its groups, and, where a
-    dynamic model is given, the modes in a State-Space block behind drive chains of their own; both
-    get the same commands, and a scope shows their readings beside each other. All numbers are in
-    the workspace of the model, named as the blocks are.
+    The model has the structural diagram, with a subsystem for each of its groups. With a dynamic
+    model it also has the modes in a State-Space block after separate drive chains; both have the
+    same commands, and a scope compares their readings. All numbers are in the workspace of the
+    model under the names of the blocks.
 
     ``NAME_build.m`` is the script, ``NAME_data.mat`` has the numbers, ``NAME_hysteresis_*.m`` is a
-    function for each hysteresis, and ``README.txt`` says how they are used. NAME is letters, digits
-    and underscores, 30 at most; `model_name` makes one. The time between samples of the hysteresis
-    [s] is a tenth of the step of the model where not given, and 0.01 ms without a model; commands
-    last for the duration [s].
+    function for each hysteresis, and ``README.txt`` is the manual. NAME is at most 30 letters,
+    digits and underscores, see `model_name`. The sample time of the hysteresis [s] is by default a
+    tenth of the step of the model, or 0.01 ms without a model; commands last for the duration [s].
 
     Notes
     -----
-    Validity: that of the diagram and of the dynamic model. Amplifier, creep and sensors are the
-    equations themselves, without the noise of the sensors. The hysteresis is exact at its samples
-    and held between them, which delays it by half a sample on average; all states begin at rest.
-    The script was executed with stand-ins for the calls of Simulink, which check blocks, ports and
-    parameters; it has not been run in Simulink itself.
+    Validity: that of the diagram and of the dynamic model. Amplifier, creep and sensors are exact,
+    without sensor noise. The hysteresis is exact at its samples and held between them, an average
+    delay of half a sample; all initial states are at rest. The script was tested with substitutes
+    for the functions of Simulink, which check blocks, ports and parameters, not in Simulink.
 
     Examples
     --------
@@ -246,13 +241,13 @@ def simulink_files(
         "Solver": solver,
         "StopTime": f"{duration:.12g}",
         "RelTol": "1e-6",
-        # displacements are metres: the usual tolerance would be as large as they are
+        # displacements in metres are smaller than the default tolerance
         "AbsTol": "1e-12",
     }
     notes = _notes(diagram, model, step, bool(functions.texts))
     script = build_script(name, top, settings=settings, notes=notes)
     stiff = "is stiff" if solver == "ode15s" else "is not stiff"
-    why = f"Solver {solver}: the fastest pole is {fastest:.3g} 1/s, which {stiff}."
+    why = f"Solver {solver}: the fastest pole is {fastest:.3g} 1/s; the system {stiff}."
     readme = _readme(name, top, (commands, readings), variables, functions, (*notes, why))
     return {
         f"{name}_build.m": script.encode("ascii"),
@@ -275,22 +270,22 @@ def _notes(
     if model is not None:
         notes += [
             "Subsystem structure: the bodies, hinges, drives and probes of the structural diagram. "
-            "Subsystem modes: the same stage as modes, each with its own damping ratio, behind "
-            "drive chains of its own. The two differ where the diagram says so above.",
+            "Subsystem modes: the same stage as modes, each with its own damping ratio, after "
+            "separate drive chains. The notes above on the diagram explain their differences.",
             *(_sentence(n) for n in _of_model(model) if _sentence(n) not in diagram.notes),
         ]
     if with_hysteresis:
         notes.append(
-            f"The hysteresis is sampled every {step:g} s: exact at the samples for an input that "
-            "is straight between them, and held from one to the next, a delay of half a sample on "
-            "average. For a faster motion make sample_time smaller in the workspace of the model."
+            f"The hysteresis is sampled every {step:g} s. It is exact at the samples for an input "
+            "that is straight between them, and held between samples, an average delay of half a "
+            "sample. For faster motion reduce sample_time in the workspace of the model."
         )
-    notes.append("All states begin at rest, at command zero.")
+    notes.append("All initial states are at rest, at command zero.")
     return tuple(notes)
 
 
 def _of_model(model: DynamicModel) -> tuple[str, ...]:
-    """Notes of a model, but for how commands go between samples: here they are signals."""
+    """Return the notes of a model without that on sampled commands: here they are signals."""
     usual = any(d.hysteresis is not None for d in model.drives)
     skipped = ("commands move on straight lines", *(() if usual else ("the hysteresis",)))
     return tuple(n for n in model.notes if not n.lower().startswith(skipped))
@@ -312,25 +307,25 @@ def _readme(
     commands, readings = signals
 
     def table(rows: dict[str, str]) -> str:
-        wide = max((len(key) for key in rows), default=0)
-        return "".join(f"  {key:<{wide}}  {plain(text)}\n" for key, text in rows.items())
+        width = max((len(key) for key in rows), default=0)
+        return "".join(f"  {key:<{width}}  {plain(text)}\n" for key, text in rows.items())
 
     def shape(key: str) -> str:
         rows, columns = variables.values[key].shape
         return f"{rows} x {columns}"
 
     files = {
-        f"{name}_build.m": "builds the model, in any release of Simulink; needs no toolbox",
-        f"{name}_data.mat": "the numbers of its blocks (MATLAB, version 5)",
-        **{f"{n}.m": "a hysteresis, for its MATLAB Function block, and by itself"
+        f"{name}_build.m": "builds the model in any release of Simulink, without toolboxes",
+        f"{name}_data.mat": "parameters of its blocks (MATLAB, version 5)",
+        **{f"{n}.m": "a hysteresis, for its MATLAB Function block or on its own"
            for n in functions.texts},
     }  # fmt: skip
     first = next(iter(commands.values()))
     blocks, subsystems = _counts(top)
     example = plain(f"assignin(get_param('{name}', 'ModelWorkspace'), '{first}', [time, command])")
     hysteresis = (
-        "\nEach hysteresis function has a memory: 'clear' with its name brings it back to rest. A "
-        "MATLAB\nFunction block has a memory of its own, which a new simulation begins at rest.\n"
+        "\nEach hysteresis function has a memory: 'clear' with its name resets it to rest. A "
+        "MATLAB\nFunction block has a separate memory, at rest at the start of a simulation.\n"
         if functions.texts
         else ""
     )
@@ -339,27 +334,27 @@ Written by flexstage {__version__}. SI units throughout.
 
 Files
 {table(files)}
-How to use it
+Use
   1. In MATLAB, go to this folder and run  {name}_build
-     It draws {blocks} blocks in {subsystems} subsystems, and saves {name}.slx.
-  2. Run the model:  sim('{name}')  and look at the scopes.
-  3. Give it commands of your own, columns of time [s] and command:
+     It builds {blocks} blocks in {subsystems} subsystems, and saves {name}.slx.
+  2. Run the model:  sim('{name}')  and open the scopes.
+  3. Use your own commands, columns of time [s] and command:
      {example}
-     or put any block in the place of the From Workspace blocks.
+     or replace the From Workspace blocks.
 
 Commands
 {table({variable: variables.meanings[variable] for variable in commands.values()})}
-Readings, in the workspace of MATLAB after a run, or in what sim returns (structures with time)
+Readings, in the MATLAB workspace after a run, or in the output of sim (structures with time)
 {table(readings)}{hysteresis}
-How far it holds
+Validity
 {"".join(_item(note) for note in notes)}
-How it was tested
-  The script was executed in GNU Octave with stand-ins for the calls of Simulink, which check that
-  blocks, ports and parameters exist and that every parameter evaluates to the size it must have.
-  The model that it built there was integrated, and its hysteresis run, against flexstage. It was
-  not run in MATLAB or Simulink, which were not at hand.
+Tests
+  The script was run in GNU Octave with substitutes for the functions of Simulink, which check that
+  blocks, ports and parameters exist and that every parameter has the required size. The resulting
+  model was integrated, and its hysteresis was run, for comparison with flexstage. The script was
+  not tested in MATLAB or Simulink.
 
-Numbers in {name}_data.mat
+Variables in {name}_data.mat
 {table({key: f"{shape(key):<9} {text}" for key, text in variables.meanings.items()})}"""
 
 
@@ -376,8 +371,8 @@ def _counts(system: System) -> tuple[int, int]:
     return blocks, subsystems
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    model = given.dynamic_of_bodies
-    diagram = stage_diagram(given.stage, model=model)
-    return simulink_files(diagram, name=model_name(given.stage.name), model=model)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    model = stage_export.dynamic_of_bodies
+    diagram = stage_diagram(stage_export.stage, model=model)
+    return simulink_files(diagram, name=model_name(stage_export.stage.name), model=model)

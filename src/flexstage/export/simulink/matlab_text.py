@@ -1,7 +1,4 @@
-"""Names, strings, comments and numbers as MATLAB reads them; variables as a .mat file.
-
-In every release and locale.
-"""
+"""Names, strings, comments and numbers of MATLAB in any release and locale, and .mat files."""
 
 import io
 import re
@@ -18,9 +15,9 @@ from flexstage.base.version import __version__
 from flexstage.files.names import free_name
 from flexstage.hysteresis.model import Array
 
-# What MATLAB takes as a name: longer ones are cut without a word.
+# Longest name in MATLAB: it silently truncates longer ones.
 _LONGEST = 63
-#: Words of the language MATLAB, which nothing can be called.
+#: Keywords of MATLAB.
 KEYWORDS = frozenset(
     ["break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function",
      "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try",
@@ -35,24 +32,24 @@ _WORDS = {
 }  # fmt: skip
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 _HEADER = 116  # bytes of text at the start of a .mat file, level 5
-# Names that stand for something in expressions of MATLAB.
-_TAKEN = frozenset(("ans", "diag", "eps", "i", "inf", "j", "max", "min", "nan", "pi", "zeros"))
+# Names with a meaning in MATLAB expressions.
+_RESERVED = frozenset(("ans", "diag", "eps", "i", "inf", "j", "max", "min", "nan", "pi", "zeros"))
 
 
 def plain(text: str) -> str:
-    """Return a text on one line in ASCII: scripts are read in the character set of the machine."""
+    """Return a text on one line in ASCII, since MATLAB reads scripts in the local encoding."""
     text = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+", lambda m: "^" + m[0].translate(_RAISED), text)
     for letter, instead in _WORDS.items():
         text = text.replace(letter, instead)
-    # accents stand behind their letter once it is taken apart
-    apart = unicodedata.normalize("NFKD", text)
-    kept = "".join(c for c in apart if not unicodedata.combining(c))
-    bare = kept.encode("ascii", "replace").decode("ascii")
-    return " ".join("".join(c if c.isprintable() else " " for c in bare).split())
+    # decomposition separates letters and accents
+    decomposed = unicodedata.normalize("NFKD", text)
+    letters = "".join(c for c in decomposed if not unicodedata.combining(c))
+    ascii_text = letters.encode("ascii", "replace").decode("ascii")
+    return " ".join("".join(c if c.isprintable() else " " for c in ascii_text).split())
 
 
 def quoted(text: str) -> str:
-    """Return a text as a string of MATLAB, in single quotes.
+    """Return a text as a MATLAB string in single quotes.
 
     Examples
     --------
@@ -63,18 +60,18 @@ def quoted(text: str) -> str:
 
 
 def comment(text: str) -> str:
-    """Return a text as lines of comment, the last one ended."""
+    """Return a text as comment lines."""
     lines = wrapped(plain(text), 90) or [""]
     return "".join(f"% {line}".rstrip() + "\n" for line in lines)
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Break a text between words alone; a word that is longer than a line stands on its own."""
+    """Break a text between words; a word longer than a line is alone on its line."""
     return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
 
 
 def identifier(text: str, *, longest: int = _LONGEST) -> str:
-    """Return a name of MATLAB made of a text, which begins with a letter and is no word of it.
+    """Return a valid MATLAB name from a text, which is not a keyword.
 
     Examples
     --------
@@ -90,41 +87,38 @@ def identifier(text: str, *, longest: int = _LONGEST) -> str:
 
 
 def identifiers(texts: Iterable[str], *, longest: int = _LONGEST) -> dict[str, str]:
-    """Return names of MATLAB by text, no two alike even where case does not count.
-
-    The texts are unlike each other, and keep their order.
-    """
-    made: dict[str, str] = {}
-    taken: set[str] = set()
+    """Return MATLAB names by text, unique regardless of case, in the order of the texts."""
+    names: dict[str, str] = {}
+    used: set[str] = set()
     for text in texts:
         name = identifier(text, longest=longest)
         number = 1
-        while name.lower() in taken:
+        while name.lower() in used:
             number += 1
             tail = f"_{number}"
             name = identifier(text, longest=longest - len(tail)) + tail
-        taken.add(name.lower())
-        made[text] = name
-    return made
+        used.add(name.lower())
+        names[text] = name
+    return names
 
 
 def valid_name(name: str, what: str, *, longest: int = _LONGEST) -> str:
-    """Return a name after checking that MATLAB takes it."""
+    """Return a name after checking that it is valid in MATLAB."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII) or name in KEYWORDS:
         raise ModelError(
-            f"the {what} must be letters, digits and underscores, beginning with a letter, and no "
-            f"word of MATLAB, got '{name}': take '{identifier(name, longest=longest)}'"
+            f"the {what} must begin with a letter, have only letters, digits and underscores, and "
+            f"not be a keyword of MATLAB, got '{name}': use '{identifier(name, longest=longest)}'"
         )
     if len(name) > longest:
         raise ModelError(
-            f"the {what} must have {longest} characters at most, since names of files are made "
-            f"of it, got {len(name)}: take '{name[:longest]}'"
+            f"the {what} must have at most {longest} characters, since it is part of names of "
+            f"files, got {len(name)}: use '{name[:longest]}'"
         )
     return name
 
 
 def literal(values: ArrayLike) -> str:
-    """Return a number, or a matrix, as MATLAB writes it; read again it is the same to the last bit.
+    """Return a number or matrix as MATLAB text, which is read back to the same bits.
 
     Examples
     --------
@@ -150,7 +144,7 @@ def _number(value: float) -> str:
 
 
 class Variables:
-    """Matrices by names that MATLAB takes, and what they are, by the same names."""
+    """Matrices and their meanings by MATLAB names."""
 
     __slots__ = ("meanings", "values")
 
@@ -158,22 +152,22 @@ class Variables:
         self.values: dict[str, Array] = {}
         self.meanings: dict[str, str] = {}
 
-    def add(self, wanted: str, value: ArrayLike, meaning: str) -> str:
-        """Add a number or a matrix and return its name; a number follows one that is taken."""
-        # room for a sign of order behind the name, and for names of files made of it
-        taken = {*_TAKEN, *(known.lower() for known in self.values)}
-        name = free_name(identifier(wanted, longest=58), lambda n: n.lower() in taken)
+    def add(self, base: str, value: ArrayLike, meaning: str) -> str:
+        """Add a number or a matrix and return its name, with a number if the name is taken."""
+        # leaves space for a number, and for names of files with this name
+        used = {*_RESERVED, *(existing.lower() for existing in self.values)}
+        name = free_name(identifier(base, longest=58), lambda n: n.lower() in used)
         self.values[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
         self.meanings[name] = meaning
         return name
 
 
 def mat_file(variables: Mapping[str, Any]) -> bytes:
-    """Return a .mat file, level 5; a dict becomes a struct, the same variables the same bytes."""
+    """Return a .mat file, level 5; a dict becomes a struct. Equal variables give equal bytes."""
     from scipy.io import savemat
 
-    made = io.BytesIO()
-    savemat(made, dict(variables), long_field_names=True, oned_as="column")
-    # a date would make every file another one
+    stream = io.BytesIO()
+    savemat(stream, dict(variables), long_field_names=True, oned_as="column")
+    # without a date, which would make every file different
     text = f"MATLAB 5.0 MAT-file, written by flexstage {__version__}"
-    return text.ljust(_HEADER).encode("ascii")[:_HEADER] + made.getvalue()[_HEADER:]
+    return text.ljust(_HEADER).encode("ascii")[:_HEADER] + stream.getvalue()[_HEADER:]

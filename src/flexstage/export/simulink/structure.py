@@ -1,6 +1,6 @@
 """A stage as systems of Simulink: its structural diagram, and its modes.
 
-Of the diagram each group is a subsystem; the modes are drive chains, then one State-Space block.
+Each group of the diagram is a subsystem; the modes are drive chains and one State-Space block.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from flexstage.export.simulink.system import Node, System, Wiring
 from flexstage.hysteresis import Amplifier, Creep, HysteresisModel, Sensor
 from flexstage.hysteresis.dynamic_model import DynamicModel, ModelDrive
 
-_ROUND = 3  # inputs of a sum that is still drawn as a circle
+_ROUND = 3  # largest number of inputs of a round sum
 
 
 def structure(
@@ -22,9 +22,9 @@ def structure(
 ) -> System:
     """Return a structural diagram as a system of Simulink.
 
-    Every gain, sum and integrator of the diagram becomes the block of that name and kind; what is
-    in a group stands in a subsystem, whose ports are named after the blocks that they come from.
-    Inports and outports are the inputs and outputs of the diagram, in their order.
+    Every gain, sum and integrator of the diagram becomes the block of its name and kind. Each group
+    becomes a subsystem, whose ports have the names of their source blocks. Inports and outports are
+    the inputs and outputs of the diagram, in order.
     """
     top = Wiring(diagram.title)
     inner = {g.name: Wiring(g.title) for g in diagram.groups}
@@ -43,28 +43,28 @@ def structure(
 
 
 class _Places:
-    """Puts blocks into the systems of their groups, and lines through the ports of these."""
+    """Placement of blocks in the systems of their groups, with lines through their ports."""
 
     def __init__(self, diagram: Diagram, top: Wiring, inner: dict[str, Wiring]) -> None:
         self._diagram, self._top, self._inner = diagram, top, inner
         self._blocks = {b.name: b for b in diagram.blocks}
         self._names: dict[str, str] = {}
-        # of each group, the blocks whose output leaves it, and those whose output comes in
-        self._leaving: dict[str, list[str]] = {g: [] for g in inner}
-        self._coming: dict[str, list[str]] = {g: [] for g in inner}
+        # by group: blocks whose output leaves it, and blocks whose output enters it
+        self._outgoing: dict[str, list[str]] = {g: [] for g in inner}
+        self._incoming: dict[str, list[str]] = {g: [] for g in inner}
         self._signals: dict[str, str] = {}
         for line in diagram.lines:
             if line.signal:
                 self._signals.setdefault(line.source, line.signal)
-            own, other = self._group(line.source), self._group(line.target)
-            if own != other:
-                if own and line.source not in self._leaving[own]:
-                    self._leaving[own].append(line.source)
-                if other and line.source not in self._coming[other]:
-                    self._coming[other].append(line.source)
+            source_group, target_group = self._group(line.source), self._group(line.target)
+            if source_group != target_group:
+                if source_group and line.source not in self._outgoing[source_group]:
+                    self._outgoing[source_group].append(line.source)
+                if target_group and line.source not in self._incoming[target_group]:
+                    self._incoming[target_group].append(line.source)
 
     def _group(self, name: str) -> str:
-        # inputs and outputs are ports of the whole, wherever they are drawn
+        # inputs and outputs are ports of the top level
         block = self._blocks[name]
         return "" if block.kind in ("input", "output") else block.group
 
@@ -79,12 +79,12 @@ class _Places:
     def wire(self) -> None:
         ports: dict[tuple[str, str], str] = {}
         for group, w in self._inner.items():
-            for source in self._coming[group]:
+            for source in self._incoming[group]:
                 width = self._blocks[source].width
                 ports[group, source] = w.block(
                     source, "Inport", {"PortDimensions": str(width)}, self._blocks[source].meaning
                 )
-            for source in self._leaving[group]:
+            for source in self._outgoing[group]:
                 out = w.block(f"{source}_out", "Outport", meaning=self._blocks[source].meaning)
                 w.connect(self._names[source], out, signal=self._signals.get(source, ""))
         for line in self._diagram.lines:
@@ -101,7 +101,7 @@ class _Places:
         self._wire_groups()
 
     def _wire_groups(self) -> None:
-        """Draw the lines between the groups, and to the outputs of the whole."""
+        """Add the lines between groups, and to the outputs of the top level."""
         titles = {g.name: g for g in self._diagram.groups}
         nested = {
             group: self._top.nest(group, w.system(), titles[group].title)
@@ -110,13 +110,13 @@ class _Places:
         }
 
         def at_top(source: str) -> tuple[str, int]:
-            own = self._group(source)
-            if not own:
+            group = self._group(source)
+            if not group:
                 return self._names[source], 1
-            return nested[own], 1 + self._leaving[own].index(source)
+            return nested[group], 1 + self._outgoing[group].index(source)
 
         for group, name in nested.items():
-            for port, source in enumerate(self._coming[group], 1):
+            for port, source in enumerate(self._incoming[group], 1):
                 at, output = at_top(source)
                 signal = self._signals.get(source, "")
                 self._top.connect(at, name, output=output, port=port, signal=signal)
@@ -158,7 +158,7 @@ def _sum(block: Block) -> Node:
         value = literal(np.zeros((block.width, 1)))
         return Node(block.name, "Constant", {"Value": value}, block.meaning, inputs=0)
     if len(block.signs) == 1:
-        # a Sum of one input would add up the numbers of its column
+        # a Sum with one input would add up its elements
         settings = {"Gain": literal(block.signs[0]), "Multiplication": "Element-wise(K.*u)"}
         return Node(block.name, "Gain", settings, block.meaning)
     return Node(
@@ -188,21 +188,21 @@ def _element(block: Block, variables: Variables, functions: Functions, sample_ti
 def modal(
     model: DynamicModel, variables: Variables, functions: Functions, sample_time: str
 ) -> System:
-    """Return the modes of a stage behind the chains of its drives.
+    """Return the modes of a stage after the chains of its drives.
 
-    The State-Space block holds `flexstage.export.control_object.linear_part`: modes with the
-    damping ratio of each, and the lags of creep. Inports are the drives and outports the probes,
-    in the order of the model.
+    The State-Space block is `flexstage.export.control_object.linear_part`: modes with individual
+    damping ratios, and the lags of creep. Inports are the drives and outports the probes, in the
+    order of the model.
     """
     form = linear_part(model)
-    w = Wiring(f"{model.name}: modes, with the damping of each")
+    w = Wiring(f"{model.name}: modes with individual damping")
     names = {
         letter: variables.add(f"modes_{letter}", matrix, meaning)
         for letter, matrix, meaning in (
             ("A", form.A, "state matrix: deflections and rates of the modes, lags of creep"),
             ("B", form.B, "input matrix: free displacements of the drives [m], or forces [N]"),
             ("C", form.C, "output matrix: motion of the probes"),
-            ("D", form.D, "what the probes follow at once"),
+            ("D", form.D, "feedthrough to the probes"),
         )
     }
     count = len(model.drives)
@@ -243,7 +243,7 @@ def _chain(
     functions: Functions,
     sample_time: str,
 ) -> str:
-    """Add what lies between the command of a drive and its free displacement."""
+    """Add the chain between the command of a drive and its free displacement."""
     at = f"command_{name}"
     what = "force" if drive.stiffness == 0.0 else "free displacement"
     unit = "N" if drive.stiffness == 0.0 else "m"
@@ -260,7 +260,7 @@ def _chain(
 
 
 def _read(w: Wiring, model: DynamicModel, variables: Variables) -> None:
-    """Lead the outputs through sensors to outports."""
+    """Connect the outputs through sensors to outports."""
     count = len(model.probes)
     names = identifiers([p.name for p in model.probes], longest=40)
     at = "modes"

@@ -1,1 +1,1 @@
-"""The model as C: hysteresis, modes, amplifier, creep and sensor, without libraries."""
+"""The dynamic model as C source: hysteresis, modes, amplifier, creep and sensor."""

@@ -1,4 +1,4 @@
-"""Numbers as C, whose digits bring back the same bits; the header that a model has of them."""
+"""Numbers as C with the digits that restore the same bits, and the data header of a model."""
 
 import math
 import textwrap
@@ -19,7 +19,7 @@ _WIDTH = 98
 
 
 def c_number(value: float) -> str:
-    """Return a number as C, with the digits that bring back the same bits.
+    """Return a number as C, with the digits that restore the same bits.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def c_number(value: float) -> str:
 
 
 def c_comment(text: str) -> str:
-    """Return text that may stand in a comment of C.
+    """Return a text that is safe in a comment of C.
 
     Examples
     --------
@@ -50,7 +50,7 @@ def c_comment(text: str) -> str:
 def c_array(
     name: str, dimensions: Sequence[str], values: ArrayLike, comment: str, kind: str = "fs_real"
 ) -> str:
-    """Return the definition of a constant array of numbers of a kind, with its sizes in C."""
+    """Return the definition of a constant array of numbers, with its sizes in C."""
     sizes = "".join(f"[{d}]" for d in dimensions)
     body = _braces(np.asarray(values, dtype=np.float64), "    ")
     return f"{_wrapped(comment)}\nstatic const {kind} {name}{sizes} = {body};\n"
@@ -82,26 +82,23 @@ def _braces(values: np.ndarray, indent: str) -> str:
 
 
 def form_of(code: HysteresisCode | None) -> str:
-    """Return what is known of a drive's free displacement between samples, as C names it."""
+    """Return the form of the free displacement of a drive between samples, as named in C."""
     if code is None:
         return "FS_FORM_LINE"
     return "FS_FORM_PIECES" if code.pieces else "FS_FORM_FITTED"
 
 
 def lag_rates(drive: ModelDrive) -> Array:
-    """Return one over the time constants of the creep of a drive [1/s].
-
-    There are none without creep, or without hysteresis.
-    """
+    """Return one over the time constants of the creep of a drive [1/s]; none without hysteresis."""
     if drive.creep is None or drive.hysteresis is None:
         return np.zeros(0)
     return 1.0 / drive.creep.time_constants
 
 
 def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: str) -> str:
-    """Return ``model_data.h``, with the sizes and the numbers of a model.
+    """Return ``model_data.h``, with sizes and numbers of a model.
 
-    `codes` are those of the drives that have hysteresis; the first comment says the origin.
+    `codes` are those of the drives with hysteresis; the origin is in the first comment.
     """
     parts = [
         f"/* {c_comment(model.name)}: sizes and numbers of the model.\n *\n"
@@ -117,9 +114,9 @@ def model_data(model: DynamicModel, codes: dict[str, HysteresisCode], origin: st
     return "\n".join(parts) + "\n"
 
 
-def _filled(rows: Sequence[Array], least: int = 1) -> list[Array]:
-    """Put zeros behind rows along the last axis, so that all are as long as the longest."""
-    size = max(least, *(r.shape[-1] for r in rows))
+def _filled(rows: Sequence[Array], smallest: int = 1) -> list[Array]:
+    """Return rows padded with zeros along the last axis to the same length."""
+    size = max(smallest, *(r.shape[-1] for r in rows))
     return [np.pad(r, [(0, 0)] * (r.ndim - 1) + [(0, size - r.shape[-1])]) for r in rows]
 
 
@@ -143,7 +140,7 @@ def _sizes(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     lines += [f"#define {name} {value}" for name, value in sizes.items()]
     lines += [
         "",
-        "/* Between samples the free displacement is a line, pieces, or fitted pieces. */",
+        "/* Form of the free displacement between samples: line, pieces, or fitted pieces. */",
         "enum { FS_FORM_LINE, FS_FORM_PIECES, FS_FORM_FITTED };",
         "",
     ]
@@ -156,27 +153,29 @@ def _memory(codes: dict[str, HysteresisCode]) -> int:
 
 def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
     drives, h, k = model.drives, model.step, model.omega.size
-    named = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
-    found = [codes.get(d.name) for d in drives]
+    drive_names = ", ".join(f"{i}: {d.name} [{d.unit}]" for i, d in enumerate(drives))
+    drive_codes = [codes.get(d.name) for d in drives]
     readers = [d.mode_weights * np.concatenate((np.ones(k), np.full(k, 1.0 / h))) for d in drives]
     rest = [np.zeros(1) if d.hysteresis is None else d.hysteresis.initial_state() for d in drives]
     none = np.zeros(1)
     by = ("FS_DRIVES", "FS_PROBES", "FS_MODES")
     return "\n".join(
         [
-            f"/* Drives: {c_comment(named)} */",
-            c_flags("fs_data_form", by[0], [form_of(c) for c in found], "form between samples"),
+            f"/* Drives: {c_comment(drive_names)} */",
+            c_flags(
+                "fs_data_form", by[0], [form_of(c) for c in drive_codes], "form between samples"
+            ),
             c_flags(
                 "fs_data_has_amplifier",
                 by[0],
                 [int(d.amplifier is not None) for d in drives],
-                "whether there is an amplifier",
+                "1 with an amplifier",
             ),
             c_flags(
                 "fs_data_imposed",
                 by[0],
                 [int(bool(np.any(d.rate_time != 0.0))) for d in drives],
-                "whether the drive is rigid, so that its rate acts too",
+                "1 for a rigid drive, whose rate acts too",
             ),
             c_flags(
                 "fs_data_lags", by[0], [lag_rates(d).size for d in drives], "lags of the creep"
@@ -184,7 +183,7 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
             c_flags(
                 "fs_data_parameters_used",
                 by[0],
-                [0 if c is None else c.parameters.size for c in found],
+                [0 if c is None else c.parameters.size for c in drive_codes],
                 "parameters of the hysteresis",
             ),
             c_array(
@@ -198,7 +197,7 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
             c_array(
                 "fs_data_parameters",
                 (by[0], "FS_PARAMETERS_MAX"),
-                _filled([none if c is None else c.parameters for c in found]),
+                _filled([none if c is None else c.parameters for c in drive_codes]),
                 "parameters of the hysteresis",
             ),
             c_array(
@@ -211,25 +210,25 @@ def _drives(model: DynamicModel, codes: dict[str, HysteresisCode]) -> str:
                 "fs_data_feedthrough",
                 by[:2],
                 [d.feedthrough for d in drives],
-                "what a probe reads of the free displacement at once [1]",
+                "feedthrough of the free displacement to a probe [1]",
             ),
             c_array(
                 "fs_data_by_rate",
                 (by[0], by[2]),
                 [d.rate_time / h for d in drives],
-                "time by which the rate of an imposed displacement acts, over the step [1]",
+                "time factor of the rate of an imposed displacement, over the step [1]",
             ),
             c_array(
                 "fs_data_reader_z",
                 by,
                 [r[:, :k] for r in readers],
-                "what a probe reads of the deflection of a mode [1]",
+                "weight of the deflection of a mode at a probe [1]",
             ),
             c_array(
                 "fs_data_reader_v",
                 by,
                 [r[:, k:] for r in readers],
-                "what a probe reads of the rate of a mode per sample [1]",
+                "weight of the rate of a mode per sample at a probe [1]",
             ),
         ]
     )
@@ -267,7 +266,7 @@ def _modes(model: DynamicModel) -> str:
                 "undamped natural frequencies, drives in place [Hz]",
             ),
             c_array("fs_data_damping_ratio", k, model.damping_ratio, "damping ratios [1]"),
-            c_array("fs_data_angle", k, step.angle, "angle of a mode in a step [rad]"),
+            c_array("fs_data_angle", k, step.angle, "phase advance of a mode in a step [rad]"),
             c_array(
                 "fs_data_transition",
                 ("4", *k),
@@ -278,7 +277,7 @@ def _modes(model: DynamicModel) -> str:
                 "fs_data_moments",
                 (str(ORDERS + 1), *k),
                 step.moments,
-                "what the derivatives of the force do in a step: row j to the rate",
+                "effect of the derivatives of the force over a step: row j on the rate",
             ),
         ]
     )
@@ -301,19 +300,19 @@ def _creep(model: DynamicModel) -> str:
             "fs_data_lag_decay",
             sizes,
             _filled([np.exp(-r) for r in ratios]),
-            "what is left of a lag after a step",
+            "decay of a lag over a step",
         ),
         c_array(
             "fs_data_lag_moments",
             (sizes[0], str(ORDERS), sizes[1]),
             _filled([lag_moments(r) for r in ratios]),
-            "what the derivatives of the input do to a lag in a step",
+            "effect of the derivatives of the input on a lag over a step",
         ),
         c_array(
             "fs_data_reader_lag",
             (sizes[0], "FS_PROBES", sizes[1]),
             _filled([d.lag_weights[:, : r.size] for d, r in zip(drives, rates, strict=True)]),
-            "what a probe reads of a lag [1]",
+            "weight of a lag at a probe [1]",
         ),
     ]
     if any(r.size for r in rates):
@@ -337,29 +336,29 @@ def _creep(model: DynamicModel) -> str:
                 "fs_data_reach",
                 (sizes[0], "FS_PROBES", "FS_MODES"),
                 [r[:, :k] for r in reach],
-                "what a probe reads of the deflection of a mode without creep [1]",
+                "weight of the deflection of a mode at a probe without creep [1]",
             ),
         ]
     return "\n".join(blocks)
 
 
 def _sensors(model: DynamicModel) -> str:
-    named = ", ".join(f"{i}: {p.name} [{p.unit}]" for i, p in enumerate(model.probes))
+    probe_names = ", ".join(f"{i}: {p.name} [{p.unit}]" for i, p in enumerate(model.probes))
     return "\n".join(
         [
-            f"/* Probes: {c_comment(named)} */",
+            f"/* Probes: {c_comment(probe_names)} */",
             c_flags(
                 "fs_data_has_sensor",
                 "FS_PROBES",
                 [int(p.sensor is not None) for p in model.probes],
-                "whether there is a sensor before the reading",
+                "1 with a sensor",
             ),
             c_array(
                 "fs_data_sensor",
                 ("FS_PROBES", "9"),
                 [_sensor_numbers(p.sensor, model.step) for p in model.probes],
                 "gain, offset, bandwidth [Hz] (0: no lag), quantisation, mains: amplitude, "
-                "frequency [Hz], phase [rad]; share of a constant and of a ramp that the lag "
+                "frequency [Hz], phase [rad]; shares of a constant and of a ramp that the lag "
                 "follows in a step",
             ),
         ]

@@ -1,4 +1,4 @@
-"""A stage of rigid bodies and hinges as cells of the whole plate, and how they move."""
+"""Cells and motion of the plate of a stage with rigid bodies."""
 
 import math
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from flexstage.stage import Circle, Hinge, Loop, Stage
 from flexstage.stage.contour import body_contour, inner_notch
 from flexstage.system import MechanicalSystem
 
-# The part of a notch, from the neck on, that is drawn as bending; the rest is its body's.
+# Share of a notch that is drawn in bending; the rest moves with its body.
 _BENT = 0.8
-# A notch is drawn in at least so many parts along each half of it.
+# Smallest number of divisions along each half of a notch.
 _PARTS = 12
 
 
@@ -26,43 +26,44 @@ class BodyCells:
     points: Array
     """Corners at rest [m], shape (n, 3): from z = -thickness/2 to thickness/2."""
     cells: NDArray[np.intp]
-    """Corners of each tetrahedron, the fourth on the side that the first three turn left about,
-    shape (m, 4).
+    """Corners of each tetrahedron, the fourth on the side from which the first three are
+    anticlockwise, shape (m, 4).
     """
     region: NDArray[np.intp]
     """Index into `regions` of each cell, shape (m,)."""
     point_region: NDArray[np.intp]
-    """The same of each corner, shape (n,); corners stay apart where two regions meet."""
+    """Index into `regions` of each corner, shape (n,); regions share no corners."""
     regions: tuple[str, ...]
     """Names of the regions: bodies without their notches, and halves of notches."""
     body: NDArray[np.intp]
-    """Index of the body that each region is a part of, shape (r,)."""
+    """Index of the body of each region, shape (r,)."""
     hinge: NDArray[np.intp]
-    """Index of the hinge that each region is a part of, -1 for bodies, shape (r,)."""
+    """Index of the hinge of each region, -1 for bodies, shape (r,)."""
 
     def displacement(self, system: MechanicalSystem, q: Array) -> Array:
-        """Return how the corners move [m], shape (n, 3).
+        """Return the displacement of the corners [m], shape (n, 3).
 
-        Bodies move as rigid ones; those that the system does not name stand still. A notch is drawn
-        as a bar of constant stiffness between its two bodies, v of third order along it, which is
-        only a picture.
+        Bodies are rigid; those that are not in the system do not move. A notch is drawn as a bar of
+        constant stiffness between its two bodies, a cubic curve, for illustration only.
         """
-        found = np.zeros_like(self.points)
+        motion_of_points = np.zeros_like(self.points)
         motion = {b.name: (b.centre, b.matrix @ q) for b in system.bodies}
         still = ((0.0, 0.0), np.zeros(3))
         for i, (body, hinge) in enumerate(zip(self.body, self.hinge, strict=True)):
-            own = self.point_region == i
-            at = self.points[own, :2]
+            in_region = self.point_region == i
+            at = self.points[in_region, :2]
             if hinge < 0:
-                found[own, :2] = _rigid(*motion.get(self.stage.bodies[body].name, still), at)
+                motion_of_points[in_region, :2] = _rigid(
+                    *motion.get(self.stage.bodies[body].name, still), at
+                )
             else:
-                one = self.stage.hinges[hinge]
-                ends = [motion.get(name, still) for name in one.bodies]
-                found[own, :2] = _bent(one, ends[0], ends[1], at)
-        return found
+                notch = self.stage.hinges[hinge]
+                ends = [motion.get(name, still) for name in notch.bodies]
+                motion_of_points[in_region, :2] = _bent(notch, ends[0], ends[1], at)
+        return motion_of_points
 
     def hinge_values(self, values: dict[str, float]) -> Array:
-        """Return a number of each hinge in the cells of its notch, 0 in all others."""
+        """Return the value of each hinge in the cells of its notch, 0 in all other cells."""
         by_hinge = np.array([*(values.get(h.name, 0.0) for h in self.stage.hinges), 0.0])
         return by_hinge[self.hinge][self.region]
 
@@ -76,7 +77,7 @@ def _rigid(centre: tuple[float, float], motion: Array, at: Array) -> Array:
 
 
 def _bent(hinge: Hinge, a: _Motion, b: _Motion, at: Array) -> Array:
-    """Displace the points of a notch as those of a bar that is clamped to two bodies."""
+    """Return the displacement of the points of a notch, a bar clamped to two bodies."""
     half = 0.5 * _BENT * hinge.profile.length
     c, s = math.cos(hinge.direction), math.sin(hinge.direction)
     axes = np.array(((c, s), (-s, c)))
@@ -107,10 +108,10 @@ def _bent(hinge: Hinge, a: _Motion, b: _Motion, at: Array) -> Array:
 
 
 def body_cells(stage: Stage) -> BodyCells:
-    """Divide the plate of a stage into tetrahedra; chords lie within 2 um of its arcs.
+    """Return the plate of a stage in tetrahedra; chords are within 2 um of its arcs.
 
-    Three make a prism over a triangle. They are not written as wedges, since programs differ in
-    which way round a wedge is right side out.
+    Three tetrahedra make a prism over a triangle. Wedges are not used, since programs differ in the
+    orientation of a wedge.
     """
     index = {b.name: i for i, b in enumerate(stage.bodies)}
     outlines: list[tuple[str, int, int, Loop, tuple[Loop | Circle, ...], float]] = []
@@ -148,7 +149,7 @@ def body_cells(stage: Stage) -> BodyCells:
 def _triangles(
     outline: Loop, holes: tuple[Loop | Circle, ...], step: float
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Divide an area into triangles, counter-clockwise, without corners inside it."""
+    """Return an area in counter-clockwise triangles without inner corners."""
     import shapely
 
     inner = [(h.loop() if isinstance(h, Circle) else h).polyline() for h in holes]
@@ -156,7 +157,7 @@ def _triangles(
     if step:
         area = shapely.segmentize(area, step)
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    # each triangle is given as a closed ring of four points
+    # each triangle is a closed ring of four points
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     (ax, ay), (bx, by) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
     clockwise = ax * by < ay * bx
@@ -166,10 +167,10 @@ def _triangles(
 
 
 def _tetrahedra(triangles: NDArray[np.intp], above: int) -> NDArray[np.intp]:
-    """Divide prisms, whose upper corners have numbers higher by `above`, so that they fit.
+    """Return the tetrahedra of prisms, whose upper corners have numbers higher by `above`.
 
-    Each side is halved from its corner of lower number below to the other above, and so is the same
-    side of the next prism.
+    The diagonal of each side is from the lower corner of smaller number to the other upper corner,
+    the same in the neighbouring prism.
     """
     order = np.sort(triangles, axis=1)
     a, b, c = order.T
@@ -181,9 +182,9 @@ def _tetrahedra(triangles: NDArray[np.intp], above: int) -> NDArray[np.intp]:
         ],
         axis=1,
     )
-    # sorting has turned some triangles over: with them the second and third corner change places
+    # triangles that sorting has flipped: exchange the second and third corner
     start = np.argmin(triangles, axis=1)
     second = np.take_along_axis(triangles, ((start + 1) % 3)[:, None], axis=1)[:, 0]
-    over = second != b
-    parts[over] = parts[over][:, :, [0, 2, 1, 3]]
+    flipped = second != b
+    parts[flipped] = parts[flipped][:, :, [0, 2, 1, 3]]
     return parts.reshape(-1, 4)

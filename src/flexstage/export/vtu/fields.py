@@ -1,4 +1,4 @@
-"""Statics and modes of any model as files for ParaView and its like, with modes that move."""
+"""Statics, modes and animations of any model as files for ParaView."""
 
 import base64
 import zlib
@@ -23,7 +23,7 @@ from flexstage.system import Analysis, AxisAnalysis
 if TYPE_CHECKING:
     from flexstage.fem import StageModel
 
-# types of cells by their corners: triangle, tetrahedron, wedge
+# cell types by number of corners: triangle, tetrahedron, wedge
 _CELL_TYPES = {3: 5, 4: 10, 6: 13}
 
 _HEAD = '<?xml version="1.0"?>\n'
@@ -37,35 +37,35 @@ _KINDS = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "|u1")}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Values:
-    """Numbers at points, in cells, or of the whole grid."""
+    """Values at points, in cells, or of the entire grid."""
 
     values: NDArray
-    """The numbers, shape (n,) or (n, components)."""
+    """Values, shape (n,) or (n, components)."""
     unit: str = ""
-    """Their unit; empty for numbers of something."""
+    """Unit; empty for counts and indices."""
     components: tuple[str, ...] = field(default=())
-    """Names of the components; none for a number or a vector."""
+    """Names of the components; none for a scalar or a vector."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedCells:
-    """Cells and what is in them, written already: many grids can share them."""
+    """Encoded cells with their values, which several grids can share."""
 
     count: int
     """Number of cells."""
     cells: str
-    """Their corners, as the format has them."""
+    """Encoded corners."""
     values: str
-    """The values in them, as the format has them."""
+    """Encoded values of the cells."""
 
     def and_values(self, in_cells: Mapping[str, Values]) -> "PackedCells":
-        """Return the same cells with more values."""
+        """Return the cells with additional values."""
         _require_rows("cell", self.count, in_cells)
         return replace(self, values=self.values + _arrays(in_cells))
 
 
 def packed_cells(cells: NDArray[np.integer], in_cells: Mapping[str, Values]) -> PackedCells:
-    """Write triangles, tetrahedra or wedges, by their 3, 4 or 6 corners, with values in each."""
+    """Return encoded triangles, tetrahedra or wedges of 3, 4 or 6 corners, with values."""
     count, corners = cells.shape
     parts = {
         "connectivity": Values(values=cells.ravel()),
@@ -83,10 +83,9 @@ def grid_file(
     about: Mapping[str, Values],
     remark: str,
 ) -> bytes:
-    """Write an unstructured grid (``.vtu``) over points [m], with values at them and of the whole.
+    """Return an unstructured grid (``.vtu``) of points [m] with values at points and of the grid.
 
-    A unit goes with its values as the toolkit's own label; the remark is for people who open the
-    file in an editor.
+    Units use the label of the toolkit; the remark is for readers of the file in an editor.
     """
     _require_rows("point", len(points), at_points)
     text = [
@@ -104,7 +103,7 @@ def grid_file(
 
 
 def collection_file(files: Sequence[str], times: Sequence[float], *, remark: str) -> bytes:
-    """Write a list of grids (``.pvd``), one for each time."""
+    """Return a collection of grids (``.pvd``), one for each time."""
     sets = "".join(
         f'<DataSet timestep="{time:.10g}" group="" part="0" file="{escape(name)}"/>\n'
         for name, time in zip(files, times, strict=True)
@@ -136,20 +135,20 @@ def _arrays(fields: Mapping[str, Values]) -> str:
     return "".join(f"{_data_array(name, values)}\n" for name, values in fields.items())
 
 
-def _data_array(name: str, held: Values) -> str:
-    """Write numbers: a header of one block, and the block, compressed."""
-    values = np.asarray(held.values)
+def _data_array(name: str, numbers: Values) -> str:
+    """Return encoded numbers: a header of one block, and the block, compressed."""
+    values = np.asarray(numbers.values)
     kind, wide = _KINDS[values.dtype.kind]
     raw = np.ascontiguousarray(values, dtype=wide).tobytes()
     packed = zlib.compress(raw, 6)
     header = np.array([1, len(raw), 0, len(packed)], dtype="<u8").tobytes()
     data = base64.b64encode(header).decode() + base64.b64encode(packed).decode()
     width = values.shape[1] if values.ndim == 2 else 1
-    labels = "".join(f' ComponentName{i}="{n}"' for i, n in enumerate(held.components))
+    labels = "".join(f' ComponentName{i}="{n}"' for i, n in enumerate(numbers.components))
     unit = (
-        f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(held.unit)}'
+        f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(numbers.unit)}'
         "</InformationKey>"
-        if held.unit
+        if numbers.unit
         else ""
     )
     return (
@@ -159,7 +158,7 @@ def _data_array(name: str, held: Values) -> str:
 
 
 _MOST_FRAMES = 360
-# motion that is drawn at most, as part of the diagonal of the stage
+# largest motion in animations, as share of the diagonal of the stage
 _LARGEST = 0.02
 
 
@@ -171,17 +170,17 @@ _COMPONENTS = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Drawn:
-    """A stage in cells at rest, and what is seen of a state of its system."""
+class _StageGrid:
+    """Grid of a stage at rest, and its fields for a state of the system."""
 
     points: Array
     cells: PackedCells
     regions: Sequence[tuple[str, int]]
-    """Name of each region, and the body that it is a part of."""
+    """Name and body of each region."""
     displacement: Callable[[Array], Array]
-    """Of the points [m], by the coordinates of the system."""
+    """Displacement of the points [m] for coordinates of the system."""
     static: Callable[[AxisAnalysis], tuple[Fields, Fields]]
-    """At points and in cells, at full stroke."""
+    """Fields at points and in cells at full stroke."""
 
 
 def field_files(
@@ -198,27 +197,25 @@ def field_files(
     ``static-AXIS.vtu``: each axis at full stroke, with ``displacement`` [m]; of rigid bodies with
     ``hinge_stress`` [Pa], the largest of each hinge in all cells of its notch; of a mesh with
     ``von_mises`` [Pa] and ``stress`` [Pa] (xx, yy, zz, xy, yz, xz). ``mode-NN.vtu``:
-    ``displacement`` as part of the largest [1], its frequency as field data ``frequency_hz``;
-    ``modes.pvd`` opens them all, with the number of the mode as time. ``mode-NN-period.pvd`` with
-    its ``mode-NN-frame-KK.vtu``: one period of the mode, with the part of the period as time;
-    points are moved already, by 2 % of the diagonal of the stage at most, which can let bodies seem
-    to run into each other. Every cell has its ``region`` and its ``body``, numbers whose names are
-    in ``regions.csv``. Points are in metres.
+    ``displacement`` normalised to its maximum [1], its frequency as field data ``frequency_hz``;
+    ``modes.pvd`` opens all modes, with the number of the mode as time. ``mode-NN-period.pvd`` with
+    its ``mode-NN-frame-KK.vtu``: one period of the mode, with the fraction of the period as time.
+    Its points are displaced, by at most 2 % of the diagonal of the stage; bodies may seem to
+    overlap. Every cell has numbers of its ``region`` and ``body``, whose names are in
+    ``regions.csv``. Points are in metres.
 
-    The mesh is that of the finite elements behind the analysis. Where not given, bodies are drawn
-    as rigid ones, as the lumped model has them, and as the condensed bodies move on the whole.
-    `frames` are pictures in one period of each of the `animated` lowest modes, 0 for none, else 2
-    to 360; where not given, 12, but none of a mesh, whose files are large. `divisions` are parts of
-    each edge of a finite element: where None its order but 4 at most in the plane, and 2 in three
-    dimensions and in frames.
+    The mesh is that of the finite elements of the analysis. Without a mesh, bodies are drawn as
+    rigid bodies. `frames` is the number of frames in one period of each of the `animated` lowest
+    modes, 0 for none, else 2 to 360; by default 12, or none with a mesh, whose files are large.
+    `divisions` of each edge of a finite element are by default its order, but at most 4, in the
+    plane, and 2 in three dimensions and in frames.
 
     Notes
     -----
-    Validity: that of the model. Rigid bodies are drawn over the whole thickness, arcs by chords
-    within 2 um; between two bodies a notch is drawn as a bent bar, which is only a picture, and its
-    stress is that of its most stressed point. A mesh in three dimensions is written over its whole
-    thickness, mirrored from the half that is meshed; stress is averaged at corners within a region,
-    never over regions.
+    Validity: that of the model. Rigid bodies are drawn over the full thickness, arcs by chords
+    within 2 um. A notch between two bodies is drawn as a bent bar, for illustration only; its
+    stress is the largest one. A mesh in three dimensions has its full thickness, mirrored from the
+    meshed half. Stress is averaged at corners within a region, never across regions.
 
     Examples
     --------
@@ -234,7 +231,7 @@ def field_files(
         frames = 12 if mesh is None else 0
     if not (frames == 0 or 2 <= frames <= _MOST_FRAMES) or animated < 0:
         raise ModelError(
-            f"an animation has 0 or 2 to {_MOST_FRAMES} frames of 0 or more modes, got "
+            f"an animation must have 0 or 2 to {_MOST_FRAMES} frames of 0 or more modes, got "
             f"{frames!r} frames of {animated!r} modes"
         )
     if mesh is None:
@@ -244,7 +241,7 @@ def field_files(
         solid = mesh.problems[0].continuum.dimension == 3
         usual = 2 if solid else min(mesh.mesh_settings.order, 4)
         still = _of_mesh(mesh, usual if divisions is None else divisions)
-        # frames are many and small
+        # coarser, since there are many frames
         moving = _of_mesh(mesh, 2) if frames and divisions is None else still
     files = _still(analysis, still)
     if frames:
@@ -259,13 +256,13 @@ def field_files(
 def _require_analysed(mesh: "StageModel", analysis: Analysis) -> None:
     if mesh.system.order != analysis.system.order or mesh.system.model != analysis.system.model:
         raise ModelError(
-            f"the mesh is of a {mesh.system.model} model with {mesh.system.order} coordinates, the "
-            f"analysis of a {analysis.system.model} model with {analysis.system.order}: give the "
-            "mesh that was analysed"
+            f"the mesh belongs to a {mesh.system.model} model with {mesh.system.order} "
+            f"coordinates, the analysis to a {analysis.system.model} model with "
+            f"{analysis.system.order}: give the mesh of the analysis"
         )
 
 
-def _of_mesh(mesh: "StageModel", divisions: int) -> _Drawn:
+def _of_mesh(mesh: "StageModel", divisions: int) -> _StageGrid:
     from flexstage.fem.sampling import Sampler
 
     sampler = Sampler(model=mesh, divisions=divisions, extent="whole", seams=True)
@@ -282,7 +279,7 @@ def _of_mesh(mesh: "StageModel", divisions: int) -> _Drawn:
         }
         return at_points, {}
 
-    return _Drawn(
+    return _StageGrid(
         points=rest.points,
         cells=_packed(rest.cells, rest.region, regions),
         regions=regions,
@@ -294,7 +291,7 @@ def _of_mesh(mesh: "StageModel", divisions: int) -> _Drawn:
 # ------------------------------------------------------------------ rigid bodies
 
 
-def _of_bodies(stage: Stage, analysis: Analysis) -> _Drawn:
+def _of_bodies(stage: Stage, analysis: Analysis) -> _StageGrid:
     cells = body_cells(stage)
     regions = list(zip(cells.regions, cells.body.tolist(), strict=True))
 
@@ -306,7 +303,7 @@ def _of_bodies(stage: Stage, analysis: Analysis) -> _Drawn:
         moved = Values(values=displacement(axis.static.q), unit="m")
         return {"displacement": moved}, {"hinge_stress": Values(values=stress, unit="Pa")}
 
-    return _Drawn(
+    return _StageGrid(
         points=cells.points,
         cells=_packed(cells.cells, cells.region, regions),
         regions=regions,
@@ -318,72 +315,74 @@ def _of_bodies(stage: Stage, analysis: Analysis) -> _Drawn:
 # ------------------------------------------------------------------ the files
 
 
-def _still(analysis: Analysis, drawn: _Drawn) -> dict[str, bytes]:
-    """Write statics and modes, with the names of the regions."""
+def _still(analysis: Analysis, grid: _StageGrid) -> dict[str, bytes]:
+    """Return statics and modes, with the names of the regions."""
     files: dict[str, bytes] = {}
-    what = f"{analysis.system.model} model of {analysis.stage.name}"
+    title = f"{analysis.system.model} model of {analysis.stage.name}"
     for name, axis in zip(file_names([a.axis for a in analysis.axes]), analysis.axes, strict=True):
-        at_points, in_cells = drawn.static(axis)
+        at_points, in_cells = grid.static(axis)
         fields = ", ".join(f"{n} [{v.unit}]" for n, v in (at_points | in_cells).items())
         files[f"static-{name}.vtu"] = grid_file(
-            drawn.points,
-            drawn.cells.and_values(in_cells),
+            grid.points,
+            grid.cells.and_values(in_cells),
             at_points=at_points,
             about={"input_displacement_m": _one(axis.input_displacement, "m")},
-            remark=f"{what}, axis {axis.axis} at full stroke: {fields}",
+            remark=f"{title}, axis {axis.axis} at full stroke: {fields}",
         )
     names = []
-    found = analysis.modes["removed"]
-    for k, frequency in enumerate(found.frequency_hz.tolist(), start=1):
-        moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
+    shapes = analysis.modes["removed"]
+    for k, frequency in enumerate(shapes.frequency_hz.tolist(), start=1):
+        motion = _normalised(grid.displacement(shapes.shapes[:, k - 1]))
         names.append(f"mode-{k:02d}.vtu")
         files[names[-1]] = grid_file(
-            drawn.points,
-            drawn.cells,
-            at_points={"displacement": Values(values=moved)},
+            grid.points,
+            grid.cells,
+            at_points={"displacement": Values(values=motion)},
             about={"frequency_hz": _one(frequency, "Hz"), "mode": _one(float(k))},
-            remark=f"{what}, drives removed, mode {k} at {frequency:.6g} Hz: displacement as part "
-            "of the largest",
+            remark=f"{title}, drives removed, mode {k} at {frequency:.6g} Hz: displacement "
+            "normalised to its maximum",
         )
     if names:
         files["modes.pvd"] = collection_file(
-            names, range(1, len(names) + 1), remark=f"modes of the {what}; time: number of the mode"
+            names,
+            range(1, len(names) + 1),
+            remark=f"modes of the {title}; time: number of the mode",
         )
-    files["regions.csv"] = _region_table(analysis.stage, drawn.regions)
+    files["regions.csv"] = _region_table(analysis.stage, grid.regions)
     return files
 
 
 def _moving(
-    analysis: Analysis, drawn: _Drawn, counts: tuple[int, int], size: float
+    analysis: Analysis, grid: _StageGrid, counts: tuple[int, int], size: float
 ) -> dict[str, bytes]:
-    """Write one period, in some frames, of each of some modes; the largest motion is the size."""
+    """Return frames of one period of modes, with the size as the largest motion."""
     frames, animated = counts
     files: dict[str, bytes] = {}
-    what = f"{analysis.system.model} model of {analysis.stage.name}"
-    found = analysis.modes["removed"]
-    for k, frequency in enumerate(found.frequency_hz[:animated].tolist(), start=1):
-        moved = _part_of_largest(drawn.displacement(found.shapes[:, k - 1]))
+    title = f"{analysis.system.model} model of {analysis.stage.name}"
+    shapes = analysis.modes["removed"]
+    for k, frequency in enumerate(shapes.frequency_hz[:animated].tolist(), start=1):
+        motion = _normalised(grid.displacement(shapes.shapes[:, k - 1]))
         names, times = [], [i / frames for i in range(frames)]
         for i, time in enumerate(times, start=1):
-            now = np.cos(2.0 * np.pi * time) * moved
+            displacement = np.cos(2.0 * np.pi * time) * motion
             names.append(f"mode-{k:02d}-frame-{i:02d}.vtu")
             files[names[-1]] = grid_file(
-                drawn.points + size * now,
-                drawn.cells,
-                at_points={"displacement": Values(values=now)},
+                grid.points + size * displacement,
+                grid.cells,
+                at_points={"displacement": Values(values=displacement)},
                 about={
                     "frequency_hz": _one(frequency, "Hz"),
                     "mode": _one(float(k)),
                     "exaggerated_to_m": _one(size, "m"),
                 },
-                remark=f"{what}, mode {k} at {frequency:.6g} Hz, {time:.4g} of a period, largest "
+                remark=f"{title}, mode {k} at {frequency:.6g} Hz, {time:.4g} of a period, largest "
                 f"motion drawn as {size:.4g} m",
             )
         files[f"mode-{k:02d}-period.pvd"] = collection_file(
             names,
             times,
-            remark=f"{what}, drives removed: one period of mode {k} at {frequency:.6g} Hz; time: "
-            "part of the period",
+            remark=f"{title}, drives removed: one period of mode {k} at {frequency:.6g} Hz; time: "
+            "fraction of the period",
         )
     return files
 
@@ -396,7 +395,7 @@ def _packed(
     return packed_cells(cells, in_cells)
 
 
-def _part_of_largest(displacement: Array) -> Array:
+def _normalised(displacement: Array) -> Array:
     return displacement / (float(np.linalg.norm(displacement, axis=1).max()) or 1.0)
 
 
@@ -405,11 +404,11 @@ def _one(value: float, unit: str = "") -> Values:
 
 
 def _region_table(stage: Stage, regions: Sequence[tuple[str, int]]) -> bytes:
-    """Write the names of regions and bodies."""
+    """Return the names of regions and bodies as CSV."""
     rows = ((i, name, body, stage.bodies[body].name) for i, (name, body) in enumerate(regions))
     return csv_text([("region", "region name", "body", "body name"), *rows]).encode()
 
 
-def export(given: StageExport) -> dict[str, bytes]:
-    """Write the format."""
-    return field_files(given.stage, given.analysis, mesh=given.mesh)
+def export(stage_export: StageExport) -> dict[str, bytes]:
+    """Return the files of the format."""
+    return field_files(stage_export.stage, stage_export.analysis, mesh=stage_export.mesh)

@@ -1,4 +1,4 @@
-"""What was computed before: arrays and results on disk, by the content that they came from."""
+"""The cache: arrays and results on disk, by the content that they were computed from."""
 
 from typing import TYPE_CHECKING
 

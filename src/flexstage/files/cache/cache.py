@@ -1,4 +1,4 @@
-"""Arrays on disk by the content that they were computed from; damaged files count as absent."""
+"""A cache of arrays on disk, by the content that they were computed from."""
 
 import contextlib
 import hashlib
@@ -19,11 +19,11 @@ from flexstage.files.names import user_folder
 from flexstage.files.write import draft_of
 
 Entry = Mapping[str, NDArray]
-#: What arrays are of, as NumPy names it: floats, integers, bytes, complex and truth values.
+#: Types of arrays as NumPy names them: float, integer, byte, complex, bool.
 TYPES = ("<f8", "<i8", "|u1", "<c16", "|b1")
 _LOG = logging.getLogger(__name__)
 
-# A file: mark, SHA-256 of all that follows, key, length of the header, header, numbers.
+# File: mark, SHA-256 of all that follows, key, length of the header, header, numbers.
 _MARK = b"flexstage cache 1\n"
 _DIGEST = 32
 _LENGTH = struct.Struct("<Q")
@@ -31,44 +31,40 @@ _START = len(_MARK) + _DIGEST
 _SUFFIX = ".arrays"
 _UNFINISHED = ".part"
 
-#: Largest size of a cache on disk [bytes], and what remains when it is cut back.
+#: Largest size of a cache on disk [bytes], and the share that remains after trimming.
 LIMIT, REMAINS = 500_000_000, 0.8
 _MEMORY = 128_000_000
-_ABANDONED = 3600.0  # a file that was being written so long ago belongs to a dead process [s]
+_ABANDONED = 3600.0  # an unfinished file of this age belongs to a dead process [s]
 
 
 class Cache:
     """Arrays in a directory, one file for each key.
 
-    A file is trusted only if it is whole: a checksum covers every byte of it. It appears under its
-    name at once, complete and on disk, so that processes that share a directory, or die at any
-    moment, leave it sound. Where a directory cannot be written the cache does without, and says so
-    once in the log.
+    A checksum covers every byte of a file; a damaged file counts as absent. Writing is atomic:
+    processes may share a directory and may end at any moment. If the directory cannot be written,
+    the cache warns once in the log and works in memory only.
 
-    The directory is made at the first write; `limit` is its largest size, beyond which the entries
-    that were not used for longest give way, and `memory` that of what is kept in memory as well
-    [bytes]. A key has 64 hexadecimal digits; an entry holds arrays of `TYPES` by name.
+    The first write creates the directory. `limit` is its largest size: the least recently used
+    entries are removed first. `memory` is the largest size of the copy in memory [bytes]. A key has
+    64 hexadecimal digits; an entry has arrays of `TYPES` by name.
     """
 
     def __init__(self, directory: Path, *, limit: int = LIMIT, memory: int = _MEMORY) -> None:
         self.directory = directory
         self.limit = limit
         self._memory = memory
-        self._kept: OrderedDict[str, Entry] = OrderedDict()
+        self._entries: OrderedDict[str, Entry] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
-        self._written = False
+        self._untrimmed = False
         self._silent = False
 
     def load(self, key: str) -> Entry | None:
-        """Return the arrays of a key.
-
-        They are not to be written to; None stands for no arrays, or a damaged file.
-        """
+        """Return the read-only arrays of a key; None for no file or a damaged one."""
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
+            if key in self._entries:
+                self._entries.move_to_end(key)
+                return self._entries[key]
         path = self._path(key)
         try:
             data = path.read_bytes()
@@ -76,13 +72,13 @@ class Cache:
             return None
         entry = _decode(data, key)
         if entry is not None:
-            with contextlib.suppress(OSError):  # in a directory that is only read
+            with contextlib.suppress(OSError):  # read-only directory
                 os.utime(path)
             self._remember(key, entry)
         return entry
 
     def store(self, key: str, entry: Entry) -> None:
-        """Keep the arrays of a key."""
+        """Store the arrays of a key."""
         data = _encode(entry, key)
         self._remember(key, entry)
         try:
@@ -94,25 +90,25 @@ class Cache:
                 _LOG.warning("the cache in %s cannot be written: %s", self.directory, error)
                 self._silent = True
             return
-        self._written = True
+        self._untrimmed = True
 
     @staticmethod
     def _write(write: Callable[[bytes], object], data: bytes) -> None:
         write(data)
 
     def trim(self) -> None:
-        """Cut the directory back to its limit, if something was written since the last time.
+        """Trim the directory to its limit if anything was written since the last time.
 
-        The entries that were read or written longest ago go first, and what dead processes left.
+        The least recently used entries and the files of dead processes are removed.
         """
-        if not self._written:
+        if not self._untrimmed:
             return
-        self._written = False
+        self._untrimmed = False
         files: list[tuple[float, int, Path]] = []
         now = time.time()
         with contextlib.suppress(OSError):
             for item in os.scandir(self.directory):
-                # another process may take a file away at any moment
+                # another process may remove a file at any moment
                 with contextlib.suppress(OSError):
                     state = item.stat()
                     if item.name.endswith(_SUFFIX):
@@ -137,12 +133,12 @@ class Cache:
         if size > self._memory:
             return
         with self._lock:
-            if (old := self._kept.pop(key, None)) is not None:
+            if (old := self._entries.pop(key, None)) is not None:
                 self._size -= sum(a.nbytes for a in old.values())
-            self._kept[key] = entry
+            self._entries[key] = entry
             self._size += size
             while self._size > self._memory:
-                _, old = self._kept.popitem(last=False)
+                _, old = self._entries.popitem(last=False)
                 self._size -= sum(a.nbytes for a in old.values())
 
 
@@ -159,10 +155,10 @@ def _encode(entry: Entry, key: str) -> bytes:
 
 
 def _decode(data: bytes, key: str) -> Entry | None:
-    """Return the arrays of a whole file of a key, and None of any other."""
+    """Return the arrays of a complete file of a key; None for any other file."""
     view = memoryview(data)[_START:]
-    whole = data.startswith(_MARK) and hashlib.sha256(view).digest() == data[len(_MARK) : _START]
-    if not whole or view[:_DIGEST] != bytes.fromhex(key):
+    complete = data.startswith(_MARK) and hashlib.sha256(view).digest() == data[len(_MARK) : _START]
+    if not complete or view[:_DIGEST] != bytes.fromhex(key):
         return None
     at = _DIGEST + _LENGTH.size
     (length,) = _LENGTH.unpack(view[_DIGEST:at])
@@ -181,10 +177,9 @@ _OPEN: dict[Path, Cache] = {}
 
 
 def open_cache(cache: "Cache | Path | str | bool | None") -> Cache | None:
-    """Return a cache.
+    """Return a cache: that of the user for True, none for False and None.
 
-    True stands for that of the user, False and None for no cache; a directory has one cache
-    in a process.
+    A directory has one cache per process.
     """
     if cache is None or cache is False:
         return None

@@ -1,6 +1,6 @@
-"""Work that is done once: its result is read where the same was done before.
+"""Memoisation: results of functions in a cache, by function and arguments.
 
-Results are kept as arrays by name: nothing in them is ever executed.
+Results are stored as arrays by name: nothing in them is ever executed.
 """
 
 import dataclasses
@@ -24,80 +24,81 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
-#: What results are computed and drawn with.
+#: Libraries on which results and figures depend.
 _LIBRARIES = ("matplotlib", "netgen-mesher", "ngsolve", "numba", "numpy", "scipy", "shapely")
 
 
 class Memory:
-    """Results of work in a cache, by all that they depend on.
+    """Results of functions in a cache, by all that they depend on.
 
-    That is the name of the function and its arguments, down to the last digit, the source of this
-    package, and the versions of what it computes with: after any change, of the description or of
-    the program, the work is done again. Without a cache it always is.
+    That is the name of the function, its arguments to the last digit, the source of this package,
+    and the versions of its libraries: after any change of description or program the result is
+    computed again. Without a cache it is always computed.
     """
 
     def __init__(self, cache: Cache | None) -> None:
-        #: Where results are kept; None where they are not.
+        #: The cache; None for none.
         self.cache = cache
         self._read: dict[str, None] = {}
-        self._made: dict[str, None] = {}
+        self._computed: dict[str, None] = {}
 
     @property
     def read(self) -> tuple[str, ...]:
-        """What was read, by name."""
+        """Names of results that were read."""
         return tuple(self._read)
 
     @property
-    def made(self) -> tuple[str, ...]:
-        """What was made anew, by name."""
-        return tuple(self._made)
+    def computed(self) -> tuple[str, ...]:
+        """Names of results that were computed."""
+        return tuple(self._computed)
 
     def recall(
-        self, name: str, work: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs
+        self, name: str, work: Callable[_P, _T], *arguments: _P.args, **keywords: _P.kwargs
     ) -> _T:
-        """Return what a function of this package gives, read where its arguments are known.
+        """Return the result of a function of this package, from the cache where it is there.
 
-        What is no content of a result (see `pack`) must be functions; of a result that was read
-        each of them does the work again when it is called. What is no plain data is not kept.
+        Parts of a result that are not stored (see `pack`) must be functions; in a result from the
+        cache each of them runs `work` again when it is called. A result that is not plain data is
+        not stored.
         """
         if self.cache is None:
-            return work(*arguments, **named)
+            return work(*arguments, **keywords)
         try:
-            key = content_hash((_surroundings(), work, arguments, named))
+            key = content_hash((_surroundings(), work, arguments, keywords))
         except TypeError as error:
-            _LOG.info("%s is not looked for: %s", name, error)
-            return work(*arguments, **named)
+            _LOG.info("%s is not in the cache: %s", name, error)
+            return work(*arguments, **keywords)
         entry = self.cache.load(key)
         if entry is not None:
             self._read[name] = None
 
             @functools.cache
-            def left_out() -> tuple[Any, ...]:
-                return pack(work(*arguments, **named))[1]
+            def functions() -> tuple[Any, ...]:
+                return pack(work(*arguments, **keywords))[1]
 
-            def again(place: int) -> Callable[..., Any]:
-                return functools.partial(_called, left_out, place)
+            def substitute(place: int) -> Callable[..., Any]:
+                return functools.partial(_called, functions, place)
 
-            return unpack(entry, again)
-        self._made[name] = None
-        made = work(*arguments, **named)
+            return unpack(entry, substitute)
+        self._computed[name] = None
+        result = work(*arguments, **keywords)
         try:
-            entry, _ = pack(made)
+            entry, _ = pack(result)
         except NotPlainError as error:
-            _LOG.info("%s is not kept: %s", name, error)
-            return made
+            _LOG.info("%s is not stored: %s", name, error)
+            return result
         self.cache.store(key, entry)
         self.cache.trim()
-        return made
+        return result
 
 
-def _called(functions: Callable[[], tuple[Any, ...]], place: int, *given: Any) -> Any:
-    return functions()[place](*given)
+def _called(functions: Callable[[], tuple[Any, ...]], place: int, *arguments: Any) -> Any:
+    return functions()[place](*arguments)
 
 
 @functools.cache
 def _surroundings() -> tuple[str, ...]:
-    """Hash of the package's files, and the versions of what it runs on."""
+    """Return the hash of the source, and the versions of interpreter, machine and libraries."""
     return (
         source_hash(Path(__file__).parents[1]),
         platform.python_version(),
@@ -107,13 +108,13 @@ def _surroundings() -> tuple[str, ...]:
 
 
 def source_hash(folder: Path) -> str:
-    """Return a hash of all files in a folder, but those that Python compiles."""
-    found = hashlib.sha256()
+    """Return a hash of all files in a folder, without compiled ones."""
+    digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if "__pycache__" not in path.parts and path.is_file():
             content = hashlib.sha256(path.read_bytes()).hexdigest()
-            found.update(f"{path.relative_to(folder).as_posix()} {content}\n".encode())
-    return found.hexdigest()
+            digest.update(f"{path.relative_to(folder).as_posix()} {content}\n".encode())
+    return digest.hexdigest()
 
 
 _TREE = "tree"
@@ -122,20 +123,20 @@ _SCALARS = (type(None), bool, int, float, str)
 
 
 class NotPlainError(TypeError):
-    """A value that is more than data of this package."""
+    """A value that is not plain data of this package."""
 
 
 def pack(value: object) -> tuple[Entry, tuple[Any, ...]]:
-    """Return a value as arrays by name, and what was left out of it.
+    """Return a value as arrays by name, and the parts that are not stored.
 
     The value consists of dataclasses of this package, tuples, lists, mappings, arrays, numbers and
-    text; what stands in several places is kept once. Fields that are not compared
-    (``compare=False``) are no content, and left out in the order in which they stand.
+    text; a part that occurs several times is stored once. Fields that are not compared
+    (``compare=False``) are not stored, and are returned in order.
 
     Raises
     ------
     NotPlainError
-        There is something else in it.
+        The value contains something else.
 
     Examples
     --------
@@ -147,22 +148,22 @@ def pack(value: object) -> tuple[Entry, tuple[Any, ...]]:
     tree = json.dumps(packer.node(value), separators=(",", ":"))
     entry = {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8)}
     entry |= {str(i): array for i, array in enumerate(packer.arrays)}
-    return entry, tuple(packer.left_out)
+    return entry, tuple(packer.omitted)
 
 
-def unpack(entry: Entry, again: Callable[[int], Any] | None = None) -> Any:
-    """Return the value that was packed; `again` gives what was left out, by its place."""
+def unpack(entry: Entry, substitute: Callable[[int], Any] | None = None) -> Any:
+    """Return the value of an entry; `substitute` returns a part that was not stored, by number."""
     tree = json.loads(entry[_TREE].tobytes())
-    return _Unpacker(entry, again).value(tree)
+    return _Unpacker(entry, substitute).value(tree)
 
 
 class _Packer:
-    """A tree in JSON: scalars as they are, all else a list that begins with what it is."""
+    """A tree in JSON: scalars as they are, all else as a list that begins with its kind."""
 
     def __init__(self) -> None:
         self.arrays: list[NDArray] = []
-        self.left_out: list[Any] = []
-        self._seen: dict[int, int] = {}
+        self.omitted: list[Any] = []
+        self._numbers: dict[int, int] = {}
 
     def node(self, value: Any) -> Any:
         if type(value) in _SCALARS:
@@ -171,12 +172,12 @@ class _Packer:
             return self.node(value.item())
         if isinstance(value, complex):
             return ["complex", value.real, value.imag]
-        if (seen := self._seen.get(id(value))) is not None:
-            return ["same", seen]
-        made = self._node(value)
-        # numbered when they are complete, as they are when they are read
-        self._seen[id(value)] = len(self._seen)
-        return made
+        if (place := self._numbers.get(id(value))) is not None:
+            return ["same", place]
+        packed = self._node(value)
+        # numbered when complete, as in reading
+        self._numbers[id(value)] = len(self._numbers)
+        return packed
 
     def _node(self, value: Any) -> list[Any]:
         kind = type(value)
@@ -188,20 +189,20 @@ class _Packer:
                 if field.compare:
                     parts.append(self.node(getattr(value, field.name)))
                 else:
-                    parts.append(["left out", len(self.left_out)])
-                    self.left_out.append(getattr(value, field.name))
+                    parts.append(["omitted", len(self.omitted)])
+                    self.omitted.append(getattr(value, field.name))
             return ["object", name, parts]
         if kind is list or isinstance(value, tuple):
             name = kind.__name__ if kind in (list, tuple) else _name(kind)
             return [name, [self.node(one) for one in value]]
         if isinstance(value, Mapping):
             return ["mapping", [[self.node(k), self.node(v)] for k, v in value.items()]]
-        raise NotPlainError(f"a {kind.__name__} is no plain data")
+        raise NotPlainError(f"a {kind.__name__} is not plain data")
 
     def _array(self, array: NDArray) -> list[Any]:
         kind = next((t for t in TYPES if np.dtype(t) == array.dtype), None)
         if kind is None:
-            raise NotPlainError(f"an array of {array.dtype} is not kept")
+            raise NotPlainError(f"an array of {array.dtype} cannot be stored")
         # sums over an array depend on the order of its numbers in memory
         columns = array.flags.f_contiguous and not array.flags.c_contiguous
         self.arrays.append(array.T if columns else array)
@@ -209,9 +210,9 @@ class _Packer:
 
 
 class _Unpacker:
-    def __init__(self, entry: Entry, again: Callable[[int], Any] | None) -> None:
-        self._entry, self._again = entry, again
-        self._made: list[Any] = []
+    def __init__(self, entry: Entry, substitute: Callable[[int], Any] | None) -> None:
+        self._entry, self._substitute = entry, substitute
+        self._complete: list[Any] = []
 
     def value(self, node: Any) -> Any:
         if not isinstance(node, list):
@@ -220,14 +221,14 @@ class _Unpacker:
             case ["complex", real, imaginary]:
                 return complex(real, imaginary)
             case ["same", place]:
-                return self._made[place]
-            case ["left out", place]:
-                return None if self._again is None else self._again(place)
-        made = self._whole(*node)
-        self._made.append(made)
-        return made
+                return self._complete[place]
+            case ["omitted", number]:
+                return None if self._substitute is None else self._substitute(number)
+        value = self._node(*node)
+        self._complete.append(value)
+        return value
 
-    def _whole(self, what: str, *parts: Any) -> Any:
+    def _node(self, what: str, *parts: Any) -> Any:
         if what in ("array", "columns"):
             array = self._entry[str(parts[0])].copy()
             return array.T if what == "columns" else array
@@ -240,20 +241,20 @@ class _Unpacker:
             # a named tuple takes its parts one by one
             return getattr(kind, "_make", kind)(map(self.value, parts[0]))
         kind = _class(parts[0])
-        made = object.__new__(kind)
+        thing = object.__new__(kind)
         for field, node in zip(dataclasses.fields(kind), parts[1], strict=True):
-            object.__setattr__(made, field.name, self.value(node))
-        return made
+            object.__setattr__(thing, field.name, self.value(node))
+        return thing
 
 
 def _name(kind: type) -> str:
     if not kind.__module__.startswith(_PACKAGE) or "<" in kind.__qualname__:
-        raise NotPlainError(f"{kind.__qualname__} is no class of this package")
+        raise NotPlainError(f"{kind.__qualname__} is not a class of this package")
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def _class(name: str) -> Any:
-    """Return a class that holds data: of what a file names nothing else is touched."""
+    """Return a data class by name; refuse any other name in a file."""
     module, _, qualified = name.partition(":")
     kind: Any = import_module(module) if module.startswith(_PACKAGE) else None
     for part in qualified.split("."):
@@ -261,5 +262,5 @@ def _class(name: str) -> Any:
     if not isinstance(kind, type) or not (
         dataclasses.is_dataclass(kind) or issubclass(kind, tuple)
     ):
-        raise NotPlainError(f"{name} holds no data")
+        raise NotPlainError(f"{name} is not a data class")
     return kind

@@ -31,7 +31,7 @@ from flexstage.files.expression import (
     power,
     powers_in,
     product,
-    shown,
+    short_text,
 )
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Mapping, Node, Scalar
@@ -131,7 +131,9 @@ def compute(equation: QuantityExpression, values: dict[str, Any]) -> Any:
     try:
         return fold(equation.tree, computing(named, _OPERATIONS, FUNCTIONS))
     except (ArithmeticError, ValueError) as error:
-        raise ModelError(f"the equation {shown(equation.text)} has no value: {error}") from error
+        raise ModelError(
+            f"the equation {short_text(equation.text)} has no value: {error}"
+        ) from error
 
 
 def require_unit(equation: QuantityExpression, units: dict[str, str], unit: str) -> None:

@@ -9,7 +9,7 @@ from flexstage.base.choose import did_you_mean
 from flexstage.base.errors import StageError
 from flexstage.files.decoder import Decoder
 from flexstage.files.format import field_types, required
-from flexstage.files.nodes import Given, node_of
+from flexstage.files.nodes import MappingData, node_of
 from flexstage.stage import Stage
 from flexstage.stage.designs.amplifiers import BRIDGE, RHOMBUS
 from flexstage.stage.designs.bridge_xy import BRIDGE_XY
@@ -181,7 +181,7 @@ def _dimensions(topology: Topology, settings: Mapping[str, object], base: Any) -
     """Read dimensions; missing ones are those of a base, where there is one."""
     node, path = node_of(settings), ""
     decoder = Decoder(f"the design '{topology.name}'", STAGE_FILE)
-    if isinstance(settings, Given):  # in a file, whose lines are known
+    if isinstance(settings, MappingData):  # in a file, whose lines are known
         decoder, path = settings.decoder, "design"
     missing = [
         name

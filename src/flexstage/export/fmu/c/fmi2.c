@@ -1,5 +1,5 @@
-/* The calls of FMI 2.0, model exchange and co-simulation; those that FMI 3.0 has too are in
- * fmi_calls.h, the stage itself in fmu_body.h. */
+/* Functions of FMI 2.0, model exchange and co-simulation; functions common with FMI 3.0 are in
+ * fmi_calls.h, the stage is in fmu_body.h. */
 #include "fmi2_types.h"
 #include "fmu_body.h"
 
@@ -68,7 +68,7 @@ FMU_EXPORT fmi2Component FMI2(Instantiate)(fmi2String name, fmi2Type type, fmi2S
     }
     if (length) memcpy(c->name, name, length);
     if (!guid || strcmp(guid, FMU_TOKEN) != 0) {
-        report(c, FMU_ERROR, "the guid is not that of this library: modelDescription.xml and the "
+        report(c, FMU_ERROR, "the guid does not match this library: modelDescription.xml and the "
                              "binary are of different models or builds");
         free(c->name);
         free(c);
@@ -134,7 +134,7 @@ FMU_EXPORT fmi2Status FMI2(SetInteger)(fmi2Component handle, const fmi2ValueRefe
     return set_integers(INSTANCE, vr, count, value);
 }
 
-/* There are no variables of these types: only an empty list of them can be asked for. */
+/* There are no variables of these types: only an empty list is accepted. */
 #define NONE_OF(call, type, constant)                                                              \
     FMU_EXPORT fmi2Status FMI2(call)(fmi2Component handle, const fmi2ValueReference vr[],          \
                                      size_t count, constant type value[])                          \
@@ -161,7 +161,7 @@ FMU_EXPORT fmi2Status FMI2(GetDirectionalDerivative)(
     (void)seed;
     (void)sensitivity;
     NEED(FMU_ALIVE, "fmi2GetDirectionalDerivative");
-    return refuse(INSTANCE, "this model gives no directional derivatives");
+    return refuse(INSTANCE, "this model has no directional derivatives");
 }
 
 /* ---- co-simulation ---- */
@@ -171,7 +171,7 @@ static int set_slope(fmu_instance *c, unsigned reference, int order, double valu
     unsigned d = reference - FMU_FIRST_INPUT;
     if (d >= FS_DRIVES || order != 1 || !(value - value == 0.0)) {
         snprintf(c->text, sizeof c->text,
-                 "derivatives can be given of inputs, of order 1 and finite; got value reference "
+                 "only finite derivatives of order 1 of inputs are accepted; got value reference "
                  "%u, order %d, value %g", reference, order, value);
         return FMU_ERROR;
     }
@@ -202,7 +202,7 @@ FMU_EXPORT fmi2Status FMI2(GetRealOutputDerivatives)(fmi2Component handle,
     (void)order;
     (void)value;
     NEED(FMU_ALIVE, "fmi2GetRealOutputDerivatives");
-    return none_of(INSTANCE, "this model gives no derivatives of outputs", count);
+    return none_of(INSTANCE, "this model has no derivatives of outputs", count);
 }
 
 FMU_EXPORT fmi2Status FMI2(DoStep)(fmi2Component handle, fmi2Real from, fmi2Real size,
@@ -216,7 +216,7 @@ FMU_EXPORT fmi2Status FMI2(DoStep)(fmi2Component handle, fmi2Real from, fmi2Real
 FMU_EXPORT fmi2Status FMI2(CancelStep)(fmi2Component handle)
 {
     NEED(FMU_ALIVE, "fmi2CancelStep");
-    return refuse(INSTANCE, "steps are done at once: there is none to cancel");
+    return refuse(INSTANCE, "steps are synchronous: there is none to cancel");
 }
 
 FMU_EXPORT fmi2Status FMI2(GetStatus)(fmi2Component handle, const fmi2StatusKind kind,

@@ -1,4 +1,4 @@
-/* What FMI 2.0 fixes about types and calls, as far as this file set needs it. */
+/* Types and functions of FMI 2.0, as far as these files need them. */
 #ifndef FMU_FMI2_TYPES_H
 #define FMU_FMI2_TYPES_H
 
@@ -26,7 +26,7 @@ typedef enum {
     fmi2Terminated
 } fmi2StatusKind;
 
-/* The order of these members is that of the standard: it is read by every importer. */
+/* The standard fixes the order of these members. */
 typedef struct {
     void (*logger)(fmi2ComponentEnvironment, fmi2String, fmi2Status, fmi2String, fmi2String, ...);
     void *(*allocateMemory)(size_t, size_t);
@@ -44,7 +44,7 @@ typedef struct {
     fmi2Real nextEventTime;
 } fmi2EventInfo;
 
-/* Names carry a prefix only where the sources are linked into another program. */
+/* Names have a prefix only if the sources are linked into another program. */
 #ifdef FMI2_FUNCTION_PREFIX
 #define FMI2(name) FMU_JOIN(FMI2_FUNCTION_PREFIX, fmi2##name)
 #else

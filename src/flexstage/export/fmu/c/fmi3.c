@@ -1,5 +1,5 @@
-/* The calls of FMI 3.0, model exchange and co-simulation; those that FMI 2.0 has too are in
- * fmi_calls.h, the stage itself in fmu_body.h. */
+/* Functions of FMI 3.0, model exchange and co-simulation; functions common with FMI 2.0 are in
+ * fmi_calls.h, the stage is in fmu_body.h. */
 #include "fmi3_types.h"
 #include "fmu_body.h"
 
@@ -53,7 +53,7 @@ static fmi3Instance made(int kind, fmi3String token, fmi3InstanceEnvironment env
     c->environment = environment;
     c->log = log;
     if (!token || strcmp(token, FMU_TOKEN) != 0) {
-        report(c, FMU_ERROR, "the instantiation token is not that of this library: "
+        report(c, FMU_ERROR, "the instantiation token does not match this library: "
                              "modelDescription.xml and the binary are of different models or "
                              "builds");
         free(c);
@@ -169,7 +169,7 @@ FMU_EXPORT fmi3Status FMI3(SetInt32)(fmi3Instance handle, const fmi3ValueReferen
     return set_integers(INSTANCE, vr, count, value);
 }
 
-/* There are no variables of these types: only an empty list of them can be asked for. */
+/* There are no variables of these types: only an empty list is accepted. */
 #define NONE_OF(call, type, constant)                                                              \
     FMU_EXPORT fmi3Status FMI3(call)(fmi3Instance handle, const fmi3ValueReference vr[],           \
                                      size_t count, constant type value[], size_t values)           \
@@ -217,7 +217,7 @@ NONE_OF(SetString, fmi3String, const)
 NO_BINARY(GetBinary, size_t, EITHER)
 NO_BINARY(SetBinary, const size_t, const)
 
-/* ---- clocks, of which there are none ---- */
+/* ---- clocks: none ---- */
 
 static fmi3Status no_clocks(fmi_stage *c, const char *call, size_t count)
 {
@@ -274,7 +274,7 @@ FMU_EXPORT fmi3Status FMI3(ActivateModelPartition)(fmi3Instance handle, fmi3Valu
     return no_clocks(INSTANCE, "fmi3ActivateModelPartition", 1);
 }
 
-/* ---- dependencies and derivatives, which are in modelDescription.xml or not given ---- */
+/* ---- dependencies, in modelDescription.xml, and derivatives: none ---- */
 
 FMU_EXPORT fmi3Status FMI3(GetNumberOfVariableDependencies)(fmi3Instance handle,
                                                             fmi3ValueReference vr, size_t *count)
@@ -282,7 +282,7 @@ FMU_EXPORT fmi3Status FMI3(GetNumberOfVariableDependencies)(fmi3Instance handle,
     (void)vr;
     (void)count;
     NEED(FMU_ALIVE, "fmi3GetNumberOfVariableDependencies");
-    return refuse(INSTANCE, "the dependencies are those of modelDescription.xml");
+    return refuse(INSTANCE, "dependencies are in modelDescription.xml");
 }
 
 FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
@@ -297,7 +297,7 @@ FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
     (void)kinds;
     (void)count;
     NEED(FMU_ALIVE, "fmi3GetVariableDependencies");
-    return refuse(INSTANCE, "the dependencies are those of modelDescription.xml");
+    return refuse(INSTANCE, "dependencies are in modelDescription.xml");
 }
 
 #define NO_DERIVATIVE(call)                                                                        \
@@ -315,7 +315,7 @@ FMU_EXPORT fmi3Status FMI3(GetVariableDependencies)(
         (void)sensitivity;                                                                         \
         (void)sensitivities;                                                                       \
         NEED(FMU_ALIVE, "fmi3" #call);                                                             \
-        return refuse(INSTANCE, "fmi3" #call ": this model gives no such derivatives");            \
+        return refuse(INSTANCE, "fmi3" #call ": this model has no such derivatives");            \
     }
 NO_DERIVATIVE(GetDirectionalDerivative)
 NO_DERIVATIVE(GetAdjointDerivative)
@@ -330,10 +330,10 @@ FMU_EXPORT fmi3Status FMI3(GetOutputDerivatives)(fmi3Instance handle,
     (void)value;
     (void)values;
     NEED(FMU_ALIVE, "fmi3GetOutputDerivatives");
-    return none_of(INSTANCE, "this model gives no derivatives of outputs", count);
+    return none_of(INSTANCE, "this model has no derivatives of outputs", count);
 }
 
-/* ---- modes that this model does not have or passes through ---- */
+/* ---- modes without effect in this model ---- */
 
 FMU_EXPORT fmi3Status FMI3(EnterConfigurationMode)(fmi3Instance handle)
 {
@@ -350,7 +350,7 @@ FMU_EXPORT fmi3Status FMI3(ExitConfigurationMode)(fmi3Instance handle)
 FMU_EXPORT fmi3Status FMI3(EnterStepMode)(fmi3Instance handle)
 {
     NEED(FMU_ALIVE, "fmi3EnterStepMode");
-    return refuse(INSTANCE, "co-simulation of this model has no event mode to come back from");
+    return refuse(INSTANCE, "co-simulation of this model has no event mode");
 }
 
 FMU_EXPORT fmi3Status FMI3(EvaluateDiscreteStates)(fmi3Instance handle)

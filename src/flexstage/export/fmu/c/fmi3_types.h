@@ -1,4 +1,4 @@
-/* What FMI 3.0 fixes about types and calls, as far as this file set needs it. */
+/* Types and functions of FMI 3.0, as far as these files need them. */
 #ifndef FMU_FMI3_TYPES_H
 #define FMU_FMI3_TYPES_H
 
@@ -41,7 +41,7 @@ typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Floa
 typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
 
-/* Names carry a prefix only where the sources are linked into another program. */
+/* Names have a prefix only if the sources are linked into another program. */
 #ifdef FMI3_FUNCTION_PREFIX
 #define FMI3(name) FMU_JOIN(FMI3_FUNCTION_PREFIX, fmi3##name)
 #else

@@ -1,14 +1,14 @@
-/* The calls that FMI 2.0 and FMI 3.0 have in common, but for the prefix of their names. The stage
- * itself is in fmu_body.h.
+/* Functions that FMI 2.0 and FMI 3.0 have in common, apart from the prefix of their names. The
+ * stage is in fmu_body.h.
  *
- * Before it includes this file, each of the two defines
+ * The including file defines
  *   FMI(name), FMI_TEXT(name)      the name of a call, and the same as text
  *   fmi_status, fmi_handle, fmi_reference, fmi_real, fmi_integer, fmi_boolean, fmi_string,
  *   fmi_byte, fmi_state            its types
  *   fmi_stage                      its instance, which begins with an fmu_instance called base
- *   FMI_ERROR                      its status of an error
- *   FMI_GET_STATE and so on        the names that are spelled otherwise
- *   report                         which hands a message to the importer
+ *   FMI_ERROR                      its error status
+ *   FMI_GET_STATE and so on        names with another spelling
+ *   report                         passes a message to the importer
  */
 #ifndef FMU_FMI_CALLS_H
 #define FMU_FMI_CALLS_H
@@ -25,7 +25,7 @@ static fmi_status refuse(fmi_stage *c, const char *message)
     return answer(c, FMU_ERROR);
 }
 
-/* Leave with an error where the instance is missing or in another phase. */
+/* Return with an error if the instance is missing or in another phase. */
 #define NEED(phases, call)                                                                         \
     do {                                                                                           \
         if (!handle) return FMI_ERROR;                                                             \
@@ -40,7 +40,7 @@ static fmi_status refuse(fmi_stage *c, const char *message)
 FMU_EXPORT fmi_status FMI(SetDebugLogging)(fmi_handle handle, fmi_boolean on, size_t count,
                                            const fmi_string categories[])
 {
-    /* errors are always reported, and there is nothing else to say */
+    /* errors are always reported; there are no other messages */
     (void)on;
     (void)count;
     (void)categories;
@@ -161,7 +161,7 @@ FMU_EXPORT fmi_status FMI(FMI_SERIALIZE)(fmi_handle handle, fmi_state state, fmi
 {
     NEED(FMU_ALIVE, FMI_TEXT(FMI_SERIALIZE));
     if (!state || size < sizeof(fmu_saved))
-        return refuse(INSTANCE, "the buffer for the state is too small: ask "
+        return refuse(INSTANCE, "the buffer for the state is too small: see "
                                 FMI_TEXT(FMI_STATE_SIZE) " for its size");
     memcpy(bytes, state, sizeof(fmu_saved));
     return DONE;
@@ -220,7 +220,7 @@ FMU_EXPORT fmi_status FMI(SetContinuousStates)(fmi_handle handle, const fmi_real
     return answer(INSTANCE, fmu_set_states(BASE, x));
 }
 
-/* Reads all of a kind at once: their number, and what fills them in. */
+/* Read all values of a kind: their number, and the function that writes them. */
 #define READS(call, number, fill)                                                                  \
     FMU_EXPORT fmi_status FMI(call)(fmi_handle handle, fmi_real x[], size_t count)                 \
     {                                                                                              \

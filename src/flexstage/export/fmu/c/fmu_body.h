@@ -1,6 +1,6 @@
-/* One running stage, the same for FMI 2 and FMI 3: phases, variables, steps, saved states.
+/* One running stage for FMI 2 and FMI 3: phases, variables, steps, saved states.
  *
- * All that changes lives in fmu_body, which holds no pointer: a byte copy is a saved state.
+ * All variable data are in fmu_body, which has no pointer: a byte copy is a saved state.
  */
 #ifndef FMU_BODY_H
 #define FMU_BODY_H
@@ -14,7 +14,7 @@
 #include "me.h"
 #include "stage.h"
 
-/* The numbers are those of FMI 2 and of FMI 3. */
+/* Values as in FMI 2 and FMI 3. */
 enum { FMU_OK, FMU_WARNING, FMU_DISCARD, FMU_ERROR };
 enum { FMU_MODEL_EXCHANGE, FMU_CO_SIMULATION };
 enum { FMU_HOLD, FMU_LINE };
@@ -34,17 +34,17 @@ enum {
 typedef struct {
     fs_stage stage;
     fmu_me me;
-    double start;               /* time at which the simulation began [s] */
+    double start;               /* start time of the simulation [s] */
     double time;                /* now [s] */
     double steps;               /* steps done since the start, a whole number */
     double command[FS_DRIVES];  /* as set by the importer */
-    double last[FS_DRIVES];     /* where the command stood at the end of the last step */
-    double slope[FS_DRIVES];    /* rate of the command in the next step, where it was given */
+    double last[FS_DRIVES];     /* command at the end of the last step */
+    double slope[FS_DRIVES];    /* rate of the command in the next step, if set */
     fs_real reading[FS_PROBES];
     int32_t sloped[FS_DRIVES];
     int32_t kind, phase, interpolation;
-    int32_t untuned;            /* parameters changed, tables not yet */
-    int32_t unsettled;          /* start values changed, state not yet */
+    int32_t untuned;            /* parameters changed, derived values outdated */
+    int32_t unsettled;          /* start values changed, state outdated */
 } fmu_body;
 
 typedef struct {
@@ -75,7 +75,7 @@ static void fmu_begin(fmu_body *b, int kind)
     b->unsettled = 1;
 }
 
-/* 1 where the call is allowed now; else 0, and the message says why. */
+/* 1 if the call is allowed now; else 0, with a message. */
 static int fmu_allowed(fmu_instance *c, int phases, const char *call)
 {
     if (c->body.phase & phases) return 1;
@@ -91,13 +91,13 @@ static int fmu_fail(fmu_instance *c, const char *message)
     return FMU_ERROR;
 }
 
-/* Bring tables and state up to date with what was set. */
+/* Update derived values and state after changes. */
 static int fmu_refresh(fmu_instance *c)
 {
     fmu_body *b = &c->body;
     if (b->untuned) {
         const char *message = fs_prepare(&b->stage);
-        /* not a failure: another value may be set, and is tried again */
+        /* not fatal: another value may be set */
         if (message) {
             snprintf(c->text, sizeof c->text, "a parameter cannot be used: %s", message);
             return FMU_ERROR;
@@ -122,7 +122,7 @@ static int fmu_refresh(fmu_instance *c)
     return FMU_OK;
 }
 
-/* States and derivatives that belong to the end of the last step; the steps see nothing of it. */
+/* States and derivatives at the end of the last step, without effect on the steps. */
 static void fmu_look(fmu_body *b)
 {
     fs_real unused[FS_PROBES], voltage[FS_DRIVES], w[FS_DRIVES];
@@ -232,7 +232,7 @@ static int fmu_exit_initialization(fmu_instance *c)
     return FMU_OK;
 }
 
-/* Whether a communication step can be done; the message says why not. */
+/* Whether a communication step is possible; else with a message. */
 static int fmu_check_step(fmu_instance *c, double from, double size, double *count)
 {
     fmu_body *b = &c->body;
@@ -245,7 +245,7 @@ static int fmu_check_step(fmu_instance *c, double from, double size, double *cou
                  step, size, near * step);
         return FMU_DISCARD;
     }
-    /* an importer that adds up its steps drifts by rounding, but not by a tenth of a step */
+    /* tolerance for an importer that accumulates rounding errors: a tenth of a step */
     if (!(fabs(from - b->time) <= 0.1 * step)) {
         snprintf(c->text, sizeof c->text,
                  "the step must start where the last one ended, at %.10g s, got %.10g s: restore "
@@ -267,7 +267,7 @@ static int fmu_do_step(fmu_instance *c, double from, double size)
     for (d = 0; d < FS_DRIVES; d++) {
         double set = b->command[d], last = b->last[d];
         if (b->sloped[d]) {
-            /* where the command goes on from where it was, rounding is no jump */
+            /* a continuous command within rounding is not a jump */
             from_command[d] = fabs(set - last) <= 1e-12 * fabs(last) ? last : set;
             rise[d] = b->slope[d] * count * (double)b->stage.step;
         } else {
@@ -283,7 +283,7 @@ static int fmu_do_step(fmu_instance *c, double from, double size)
         for (d = 0; d < FS_DRIVES; d++) {
             double at = k < count ? from_command[d] + rise[d] * (k / count)
                                   : from_command[d] + rise[d];
-            /* the end of a line is met to the last bit */
+            /* the end of a line is exact */
             if (k == count && !b->sloped[d]) at = b->command[d];
             now[d] = (fs_real)at;
             b->last[d] = at;
@@ -298,7 +298,7 @@ static int fmu_do_step(fmu_instance *c, double from, double size)
     return FMU_OK;
 }
 
-/* The end of an integrator step, or of an event: the hysteresis keeps where it has been. */
+/* End of an integrator step or event: the hysteresis is committed. */
 static int fmu_commit(fmu_instance *c)
 {
     fmu_body *b = &c->body;
@@ -348,7 +348,7 @@ static int fmu_indicators(fmu_instance *c, double *z)
     return FMU_OK;
 }
 
-/* ---- saved states: a head that names the model, then the bytes ---- */
+/* ---- saved states: a header with the model, then the bytes ---- */
 
 typedef struct {
     char token[48];
@@ -369,7 +369,7 @@ static uint64_t fmu_sum(const void *data, size_t size)
     return sum;
 }
 
-/* Save into *kept, which is made where it is NULL. */
+/* Save into *kept, which is allocated if it is NULL. */
 static int fmu_save(fmu_instance *c, void **kept)
 {
     fmu_saved *saved = (fmu_saved *)*kept;
@@ -388,7 +388,7 @@ static int fmu_save(fmu_instance *c, void **kept)
     return FMU_OK;
 }
 
-/* Whether bytes are a state of this model, and unharmed. */
+/* Whether bytes are an undamaged state of this model. */
 static int fmu_is_state(fmu_instance *c, const void *data, size_t size)
 {
     fmu_head head;
@@ -415,7 +415,7 @@ static int fmu_restore(fmu_instance *c, const void *kept)
     if (!fmu_is_state(c, kept, kept ? sizeof(fmu_saved) : 0)) return FMU_ERROR;
     if (saved->body.kind != c->body.kind) {
         snprintf(c->text, sizeof c->text,
-                 "the state was saved under %s: it cannot go on under the other kind",
+                 "the state was saved under %s: it cannot continue under the other kind",
                  saved->body.kind == FMU_CO_SIMULATION ? "co-simulation" : "model exchange");
         return FMU_ERROR;
     }

@@ -1,4 +1,4 @@
-/* How a function becomes visible outside a shared library. */
+/* Visibility of functions outside a shared library. */
 #ifndef FMU_EXPORT_H
 #define FMU_EXPORT_H
 

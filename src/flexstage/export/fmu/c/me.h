@@ -9,9 +9,9 @@
  * t_d = 2 zeta/omega where a displacement is imposed, else 0. The state of the rate is
  * q' - omega^2 sum_d gain_d t_d total_d, so that no rate of an input is needed.
  *
- * The hysteresis does not depend on rate: its output is found from where it stood at the end of
- * the last integrator step, which is exact where the voltage does not turn within a step. Each
- * turn of an amplifier's voltage is an event, so that steps end there.
+ * The hysteresis does not depend on rate: its output follows from its state at the end of the last
+ * integrator step, which is exact unless the voltage reverses within a step. Each reversal of an
+ * amplifier's voltage is an event, so that steps end there.
  */
 #ifndef FMU_ME_H
 #define FMU_ME_H
@@ -23,8 +23,8 @@
 
 enum { ME_FOLLOWS, ME_SLEWS_UP, ME_SLEWS_DOWN, ME_AT_TOP, ME_AT_BOTTOM };
 
-/* Shares of the usual voltage: turns below the first, and passing the range by less than the
- * second, are no events, or the rounding of a solver would make them without end. */
+/* Shares of the usual voltage: reversals below the first, and excess over the range below the
+ * second, are not events, else rounding in the solver would cause endless events. */
 #define ME_TURN 1e-5
 #define ME_PASS 1e-7
 
@@ -167,7 +167,7 @@ static double me_reading(const fs_stage *s, int p, double seen, double time)
     return y;
 }
 
-/* What drives do now: voltage, free displacement, lags of the creep. */
+/* Current values of the drives: voltage, free displacement, lags of the creep. */
 static void me_drive(fmu_me *me, fs_stage *s, const double *command, int d)
 {
     fs_drive *drive = &s->drive[d];
@@ -192,7 +192,7 @@ static void me_drive(fmu_me *me, fs_stage *s, const double *command, int d)
     }
 }
 
-/* Derivatives and readings, of the states and commands of now; time counts from the start. */
+/* Derivatives and readings for the current states and commands; time is from the start. */
 static void me_evaluate(fmu_me *me, fs_stage *s, const double *command, double time,
                         fs_real *reading)
 {
@@ -228,7 +228,7 @@ static void me_evaluate(fmu_me *me, fs_stage *s, const double *command, double t
     me->fresh = 1;
 }
 
-/* The hysteresis has come to where the voltages are. */
+/* Commit the hysteresis at the current voltages. */
 static void me_commit(fmu_me *me, fs_stage *s, const double *command)
 {
     int d;
@@ -236,7 +236,7 @@ static void me_commit(fmu_me *me, fs_stage *s, const double *command)
         me_through(s, d, s->drive[d].memory, me_voltage(me, s, command, d));
 }
 
-/* At an event: which way each voltage goes, and what limits its amplifier. */
+/* At an event: direction of each voltage, and active limit of its amplifier. */
 static void me_update(fmu_me *me, fs_stage *s, const double *command)
 {
     int d;
@@ -259,8 +259,8 @@ static void me_update(fmu_me *me, fs_stage *s, const double *command)
     me->fresh = 0;
 }
 
-/* Event indicators of an amplifier: its voltage turns, slews or follows again, meets an end of its
- * range. At an end only the turn ends it. */
+/* Event indicators of an amplifier: reversal of its voltage, start and end of slewing, saturation.
+ * Only a reversal ends saturation. */
 static double me_indicator_of(const fmu_me *me, const fs_stage *s, int d, int which)
 {
     const fs_drive *drive = &s->drive[d];
@@ -273,7 +273,7 @@ static double me_indicator_of(const fmu_me *me, const fs_stage *s, int d, int wh
     default: z = u - (double)drive->lowest + pass; break;
     }
     if (me->mode[d] == ME_AT_TOP || me->mode[d] == ME_AT_BOTTOM) return 1.0;
-    /* where there is no limit there is no event */
+    /* without a limit there is no event */
     return z - z == 0.0 ? z : 1.0;
 }
 

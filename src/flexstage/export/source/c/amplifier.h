@@ -1,8 +1,8 @@
-/* Exact steps of an amplifier that follows, slews, and rests at the ends of its range.
+/* Exact steps of an amplifier with one pole, limited slew rate and limited range.
  *
- * Time is counted in time constants, so that the output moves by u' = c - u, and by no more than a
- * threshold. Between two samples the command c moves on a straight line; the changes between
- * following, slewing and resting are solved for.
+ * Time is in time constants, so that u' = c - u, limited to a threshold. Between two samples the
+ * command c is a straight line; the transitions between following, slewing and saturation are
+ * solved for.
  */
 #ifndef FS_AMPLIFIER_H
 #define FS_AMPLIFIER_H
@@ -21,11 +21,11 @@ static inline fs_real fs_amplifier_tail(fs_real t)
     return (FS_R(1.0) - total * t) / FS_R(24.0);
 }
 
-/* The output after a time t of following a line that is e away and rises by slope. */
+/* Output after following a line for a time t, with initial error e. */
 static inline fs_real fs_amplifier_follow(fs_real u, fs_real e, fs_real slope, fs_real t)
 {
     const fs_real gone = -FS_EXPM1(-t);
-    /* slope (t - gone) + e gone, by a series where t - gone would lose its digits */
+    /* slope (t - gone) + e gone, by a series where t - gone would cancel */
     const fs_real ramp =
         t > FS_R(0.1)
             ? t - gone
@@ -33,7 +33,7 @@ static inline fs_real fs_amplifier_follow(fs_real u, fs_real e, fs_real slope, f
     return u + e * gone + slope * ramp;
 }
 
-/* The time between two at which the output passes the end of its range, by bisection. */
+/* Time at which the output reaches the end of its range, by bisection. */
 static inline fs_real fs_amplifier_meet(fs_real u, fs_real e, fs_real slope, fs_real start,
                                         fs_real end, fs_real rail)
 {
@@ -51,7 +51,7 @@ static inline fs_real fs_amplifier_meet(fs_real u, fs_real e, fs_real slope, fs_
     return end;
 }
 
-/* The output after a time h; c is the command times the gain, u the output before. */
+/* Output after a time h; c is command times gain, u the output before. */
 static inline fs_real fs_amplifier_step(fs_real c, fs_real slope, fs_real u, fs_real h,
                                         fs_real threshold, fs_real low, fs_real high)
 {
@@ -62,7 +62,7 @@ static inline fs_real fs_amplifier_step(fs_real c, fs_real slope, fs_real u, fs_
         mode = FS_AT_END;
     else
         mode = FS_ABS(e) > threshold ? FS_SLEWING : FS_FOLLOWING;
-    /* each change is towards a mode that the rest of the step does not leave for the same one */
+    /* within a step no mode is entered twice from the same one */
     for (change = 0; change < 16; change++) {
         fs_real s, t, rail;
         e = c - u;
@@ -94,7 +94,7 @@ static inline fs_real fs_amplifier_step(fs_real c, fs_real slope, fs_real u, fs_
             t = h < t ? h : t;
             following = FS_SLEWING;
             end = fs_amplifier_follow(u, e, slope, t);
-            /* the output turns at most once; on which side it may meet an end before that */
+            /* the output turns at most once, and may reach an end of the range before */
             turn = e * slope < FS_R(0.0) ? FS_LOG1P(-e / slope) : never;
             early = turn < t ? fs_amplifier_follow(u, e, slope, turn) : end;
             if (early > high || early < low) {

@@ -1,8 +1,8 @@
-/* A hysteresis that has no closed form between the samples, in pieces that are fitted to it.
+/* Hysteresis without a closed form between the samples, in fitted pieces.
  *
- * A piece meets the output at its ends and at the thirds between, by a constant, a slope and an
- * exponential, and is compared with it at sixths. A step is one piece where that is good enough;
- * where it is not, because the hysteretic displacement passes zero, say, pieces are halved.
+ * A piece, constant plus slope plus exponential, equals the output at its ends and thirds, and is
+ * compared with it at sixths. Pieces that are not accurate enough, for example where the
+ * hysteretic displacement passes zero, are halved.
  */
 #ifndef FS_FITTED_H
 #define FS_FITTED_H
@@ -16,9 +16,8 @@
 
 #if FS_HAS_FITTED
 
-/* A piece is good where it is off by at most this part of the output; the deepest is past the
- * rounding of its ends. Amplitudes of exponentials are at most so many times the output: larger
- * ones would cancel with the constant and leave their rounding. */
+/* Relative tolerance of a piece; deepest halving; largest amplitude of an exponential over the
+ * output, since a larger one would cancel with the constant and leave rounding errors. */
 #ifdef FS_SINGLE
 #define FS_GOOD 2e-6f
 #define FS_DEEPEST 16
@@ -28,15 +27,15 @@
 #define FS_DEEPEST 40
 #define FS_LARGEST 1e3
 #endif
-/* Most of an exponential over a third of a piece. */
+/* Largest exponent over a third of a piece. */
 #define FS_STEEPEST FS_R(3.0)
-/* A step halves no more pieces than this, so that its time is bounded: what is rough then, stays
- * so. A kink in the output takes some 40 of them. */
+/* Largest number of halvings in a step, so that its time is bounded; remaining errors are accepted.
+ * A kink in the output needs about 40. */
 #ifndef FS_HALVINGS_MAX
 #define FS_HALVINGS_MAX 2000
 #endif
 
-/* A piece of some length, in steps, through outputs at its sixths; how far it is off between. */
+/* Piece of a length, in steps, through outputs at its sixths; returns its largest error. */
 static inline fs_real fs_fitted_piece(const fs_real *y, fs_real length, fs_real size,
                                       fs_piece *piece)
 {
@@ -99,7 +98,7 @@ static inline const char *fs_fitted_step(fs_stage *s, int d, fs_real u1, fs_real
                                       share < FS_R(1.0) ? u0 + rise * share : u1);
         }
         if (!FS_FINITE(y[0]) || !FS_FINITE(y[6]))
-            return "the hysteresis is no longer finite: its parameters let it run away";
+            return "the hysteresis is no longer finite: its parameters are unstable";
         for (i = 0; depth == 0 && i < 7; i++)
             size = FS_ABS(y[i]) > size ? FS_ABS(y[i]) : size;
         off = fs_fitted_piece(y, length, size, &piece);

@@ -1,4 +1,4 @@
-/* First-order lags of the creep through an input that is known between the samples. */
+/* First-order lags of the creep for an input that is known between the samples. */
 #ifndef FS_LAGS_H
 #define FS_LAGS_H
 
@@ -8,7 +8,7 @@
 
 typedef struct {
     fs_real ratio[FS_LAGS_MAX];              /* step over time constant */
-    fs_real decay[FS_LAGS_MAX];              /* what is left after a step */
+    fs_real decay[FS_LAGS_MAX];              /* decay over a step */
     fs_real moments[FS_ORDERS][FS_LAGS_MAX]; /* row j: the input's derivative j to the lag */
 } fs_lags;
 
@@ -34,8 +34,8 @@ static inline fs_real fs_lag_piece(fs_real lag, fs_real r, fs_real h, fs_real a,
     return (FS_R(1.0) - gone) * lag + a * gone + b * h * share + by_c;
 }
 
-/* A lag after a whole step of which `by` is what the input adds. In single precision a slow lag
- * moves by less than its last digit in a step: what is lost is carried
+/* A lag after a full step, with `by` as the contribution of the input. In single precision the step
+ * of a slow lag is below its last digit: the rounding error is carried
  * (W. Kahan, Communications of the ACM 8 (1965) 40). */
 static inline void fs_lag_add(const fs_lags *lags, int m, fs_real *lag, fs_real *rest, fs_real by)
 {
@@ -50,7 +50,7 @@ static inline void fs_lag_add(const fs_lags *lags, int m, fs_real *lag, fs_real 
 #endif
 }
 
-/* All lags through a step whose input is in pieces. */
+/* All lags over a step with a piecewise input. */
 static inline void fs_lags_through(const fs_lags *lags, int size, fs_real *lag, fs_real *rest,
                                    const fs_piece *pieces, int count)
 {

@@ -1,6 +1,6 @@
-/* Modes through a force that is known between the samples: exact for lines and exponentials.
+/* Modes under a force that is known between the samples: exact for lines and exponentials.
  *
- * Time is counted in samples here: a mode is z'' + 2 zeta W z' + W^2 z = W^2 f with W the angle
+ * Time is in samples: a mode is z'' + 2 zeta W z' + W^2 z = W^2 f with W the angle
  * [rad] that the undamped mode turns in a step, so that z settles at f.
  */
 #ifndef FS_MODES_H
@@ -10,27 +10,26 @@
 #include "piece.h"
 #include "real.h"
 
-/* Most derivatives of an exponential that a whole step takes into account, and the largest rate
+/* Largest number of derivatives of an exponential in a full step, and the largest rate
  * [per sample] for which they suffice. */
 #define FS_ORDERS 12
 #define FS_LARGEST_RATE FS_R(0.5)
-/* Modes that are damped more have no closed form over a piece of a step. */
+/* Modes with larger damping have no closed form over a piece of a step. */
 #define FS_MUCH_DAMPED FS_R(0.9)
-/* The fastest exponential [per sample] that is stepped at all: a longer way in one step is an
- * error, so that the time of a step is bounded. */
+/* Fastest exponential [per sample] that is accepted, so that the time of a step is bounded. */
 #define FS_FASTEST FS_R(2000.0)
 
 typedef struct {
     fs_real frequency_hz[FS_MODES]; /* undamped, drives in place [Hz] */
     fs_real damping_ratio[FS_MODES];
-    /* made by fs_prepare: */
+    /* computed by fs_prepare: */
     fs_real angle[FS_MODES];                  /* W [rad] */
-    fs_real own[FS_MODES], damped[FS_MODES];  /* W^2 (1 - zeta^2) and its root; 1 if damped much */
+    fs_real own[FS_MODES], damped[FS_MODES];  /* W^2 (1 - zeta^2) and its root; 1 if overdamped */
     fs_real transition[4][FS_MODES];          /* from (z, z') to (z, z'): zz, zv, vz, vv */
     fs_real moments[FS_ORDERS + 1][FS_MODES]; /* row j: the force's derivative j to z' */
 } fs_modes;
 
-/* What pieces of a step need of each mode. */
+/* Values of each mode for pieces of a step. */
 static inline void fs_modes_swing(fs_modes *modes)
 {
     int m;
@@ -42,7 +41,7 @@ static inline void fs_modes_swing(fs_modes *modes)
     }
 }
 
-/* The number of derivatives that whole steps need for the fastest exponential among the pieces. */
+/* Number of derivatives that full steps need for the fastest exponential of the pieces. */
 static inline int fs_terms_needed(const fs_piece *pieces, int count)
 {
     fs_real fastest = FS_R(0.0), size = FS_R(1.0);
@@ -124,7 +123,7 @@ static inline void fs_modes_piece(const fs_modes *modes, fs_real *z, fs_real *v,
             sine[m] = FS_SIN(turn);
         }
     }
-    /* in closed form: what the force holds, and what turns about it */
+    /* closed form: particular solution, and oscillation about it */
     for (m = 0; m < FS_MODES; m++) {
         const fs_real w = modes->angle[m], zeta = modes->damping_ratio[m];
         const fs_real decay = zeta * w;
@@ -146,7 +145,7 @@ static inline void fs_modes_piece(const fs_modes *modes, fs_real *z, fs_real *v,
     }
 }
 
-/* All modes through one whole step under the force a + b s + c exp(-mu s). */
+/* All modes over a full step under the force a + b s + c exp(-mu s). */
 static inline void fs_modes_whole(const fs_modes *modes, fs_real *z, fs_real *v, int terms,
                                   fs_real a, fs_real b, fs_real c, fs_real mu)
 {
@@ -178,7 +177,7 @@ static inline void fs_modes_whole(const fs_modes *modes, fs_real *z, fs_real *v,
     }
 }
 
-/* All modes through a step whose force is in pieces. */
+/* All modes over a step with a piecewise force. */
 static inline void fs_modes_through(const fs_modes *modes, fs_real *z, fs_real *v,
                                     const fs_piece *pieces, int count)
 {
@@ -206,13 +205,13 @@ static inline void fs_modes_through(const fs_modes *modes, fs_real *z, fs_real *
     }
 }
 
-/* All modes along one straight line from w to w + rise, and behind its rate. */
+/* All modes over a straight line from w to w + rise, with its rate. */
 static inline void fs_modes_along_line(const fs_modes *modes, fs_real *z, fs_real *v,
                                        const fs_real *by_rate, fs_real w, fs_real rise)
 {
     int m;
     for (m = 0; m < FS_MODES; m++) {
-        /* a rate in the force is a constant within each step */
+        /* the rate is constant within each step */
         const fs_real start = w + by_rate[m] * rise;
         const fs_real at = z[m], speed = v[m];
         z[m] = (modes->transition[0][m] * at + modes->transition[1][m] * speed) +

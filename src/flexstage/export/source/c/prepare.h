@@ -1,4 +1,4 @@
-/* What follows from the parameters: as exported, and again after they were changed.
+/* Values derived from the parameters, as exported and after changes.
  */
 #ifndef FS_PREPARE_H
 #define FS_PREPARE_H
@@ -8,7 +8,7 @@
 #include "modes.h"
 #include "real.h"
 
-/* The angle [rad] of a step from which integrals by parts keep their digits. */
+/* Smallest angle [rad] of a step at which integration by parts is accurate. */
 #define FS_LONG FS_R(8.0)
 
 /* The response g to an impulse after a time h, its rate, and its integrals
@@ -57,7 +57,7 @@ static inline void fs_impulse_doubled(fs_real w, fs_real zeta, fs_real *transiti
         fs_real doubled[FS_ORDERS + 1];
         fs_real a, b, c, d;
         for (k = 0; k < FS_ORDERS; k++) {
-            /* the first half goes on, the second sees (s + h)^k/k! */
+            /* the first half continues, the second has (s + h)^k/k! */
             fs_real share = FS_R(1.0);
             doubled[k + 1] = zz * I[k + 1] + zv * I[k];
             for (j = k; j >= 0; j--) {
@@ -84,7 +84,7 @@ static inline void fs_impulse_doubled(fs_real w, fs_real zeta, fs_real *transiti
     transition[3] = vv;
 }
 
-/* What a step of one sample does to a mode that turns by w in it. */
+/* Transition of a mode over one sample, in which it turns by w. */
 static inline void fs_unit_step(fs_real w, fs_real zeta, fs_real *transition, fs_real *moments)
 {
     const int closed = zeta <= FS_R(0.999) && w >= FS_R(0.01);
@@ -115,7 +115,7 @@ static inline void fs_unit_step(fs_real w, fs_real zeta, fs_real *transition, fs
         moments[j] = w * w * I[j];
 }
 
-/* How far a lag follows the rise of a ramp in a step, r the step over the time constant. */
+/* Ramp share of a lag in a step; r is the step over the time constant. */
 static inline fs_real fs_ramp_share(fs_real r)
 {
     fs_real share = FS_R(0.0);
@@ -176,9 +176,9 @@ static inline const char *fs_prepare_creep(fs_stage *s, int d)
             const fs_real below = FS_R(1.0) - FS_R(2.0) * zeta * x + x * x;
             const fs_real c = FS_R(1.0) / below, gain = rise * fs_data_lag_share[d][l];
             if (!(FS_ABS(below) >= FS_R(1e-6)))
-                return "a mode that does not swing falls together with a lag of the creep: change "
-                       "its damping or its frequency";
-            /* 1 - c, without the loss of digits */
+                return "an overdamped mode coincides with a lag of the creep: change its damping "
+                       "or its frequency";
+            /* 1 - c, without cancellation */
             apart += gain * (x * x - FS_R(2.0) * zeta * x) * c;
             lost += gain * c * rate;
             for (p = 0; p < FS_PROBES; p++)
@@ -242,7 +242,7 @@ static inline const char *fs_prepare_sensor(fs_stage *s, fs_sensor *sensor)
     return 0;
 }
 
-/* Everything that follows from the parameters. */
+/* All values derived from the parameters. */
 static inline const char *fs_prepare_all(fs_stage *s)
 {
     const char *message = fs_prepare_modes(s);
@@ -287,7 +287,7 @@ static inline void fs_init_drive(fs_drive *drive, int d)
     }
 }
 
-/* Everything as exported, but the state. */
+/* All parameters as exported; the state is not set. */
 static inline void fs_init_parameters(fs_stage *s)
 {
     int d, p, i, j;

@@ -1,4 +1,4 @@
-/* A sensor: gain, offset, first-order lag, pick-up of the mains, steps of the reading. No noise. */
+/* A sensor: gain, offset, first-order lag, mains pick-up, resolution. No noise. */
 #ifndef FS_SENSOR_H
 #define FS_SENSOR_H
 
@@ -11,11 +11,11 @@ typedef struct {
     fs_real bandwidth_hz; /* 0: no lag */
     fs_real quantisation; /* 0: none */
     fs_real mains_amplitude, mains_frequency_hz, mains_phase;
-    /* made by fs_prepare: */
+    /* computed by fs_prepare: */
     fs_real decay, ramp;
     /* state: */
     fs_real last, lag;        /* the motion at the last sample, and the lag behind it */
-    fs_real seen;             /* what the lag gave at the last sample */
+    fs_real seen;             /* output of the lag at the last sample */
     unsigned long long count; /* number of the next sample */
 } fs_sensor;
 
@@ -26,7 +26,7 @@ static inline void fs_sensor_settle(fs_sensor *sensor, fs_real motion)
     sensor->count = 0;
 }
 
-/* The motion changes at once; what lags stays. */
+/* The motion jumps; the lag does not change. */
 static inline void fs_sensor_jump(fs_sensor *sensor, fs_real motion)
 {
     sensor->last = motion;
@@ -45,7 +45,7 @@ static inline void fs_sensor_step(fs_sensor *sensor, fs_real motion)
     sensor->count += 1;
 }
 
-/* What it reads at the last sample. */
+/* Reading at the last sample. */
 static inline fs_real fs_sensor_reading(const fs_sensor *sensor, fs_real step)
 {
     fs_real y = sensor->gain * sensor->seen + sensor->offset;

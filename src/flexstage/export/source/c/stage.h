@@ -25,29 +25,29 @@
 #include "real.h"
 #include "sensor.h"
 
-/* The interface. A message is NULL where all is well; after one, settle or restore a copy. */
+/* Interface. The message is NULL on success; after an error, settle or restore a copy. */
 
 /* Parameters as exported; at rest, settled at zero commands. */
 static inline void fs_init(fs_stage *s);
-/* After parameters were changed: make what follows from them. The state stays. */
+/* Call after a change of parameters: computes derived values. The state does not change. */
 static inline const char *fs_prepare(fs_stage *s);
-/* After commands went from zero to these and stayed there. */
+/* Settle at these commands, reached from zero. */
 static inline void fs_settle(fs_stage *s, const fs_real *commands);
 /* One step of s->step seconds; commands move on straight lines from the last ones to these. */
 static inline const char *fs_step(fs_stage *s, const fs_real *commands, fs_real *readings);
-/* Commands change at once, no time passes: the hysteresis passes through, the modes stay. */
+/* Commands jump without time passing: the hysteresis follows, the modes do not change. */
 static inline void fs_jump(fs_stage *s, const fs_real *commands);
-/* The readings now. */
+/* Current readings. */
 static inline void fs_readings(const fs_stage *s, fs_real *readings);
 
-/* Add to y what one drive moves: modes, lags of the creep, what follows at once. */
+/* Add the motion by one drive to y: modes, lags of the creep, feedthrough. */
 static inline void fs_drive_read(const fs_drive *drive, int d, const fs_real *v, fs_real *y)
 {
     const int lags = fs_data_lags[d];
     fs_real part[FS_PROBES][FS_MODES];
     fs_real total[FS_PROBES];
     int m, p;
-    /* products first, so that only the sums wait for one another: their order is fixed */
+    /* products first: only the sums, in fixed order, are sequential */
     for (p = 0; p < FS_PROBES; p++)
         for (m = 0; m < FS_MODES; m++)
             part[p][m] = drive->reader_z[p][m] * drive->z[m] + drive->reader_v[p][m] * v[m];
@@ -63,7 +63,7 @@ static inline void fs_drive_read(const fs_drive *drive, int d, const fs_real *v,
         y[p] = total[p] + fs_data_feedthrough[d][p] * drive->free;
 }
 
-/* What the probes see now, from the state alone. */
+/* Motion at the probes now, from the state alone. */
 static inline void fs_observe(fs_stage *s)
 {
     fs_real v[FS_MODES];
@@ -158,7 +158,7 @@ static inline void fs_jump(fs_stage *s, const fs_real *commands)
         leap = w - drive->free;
         drive->voltage = u;
         drive->free = w;
-        /* a leap in a displacement that acts by its rate too is a blow */
+        /* a jump of an imposed displacement is an impulse */
         for (m = 0; m < FS_MODES; m++)
             drive->rate[m] += s->modes.angle[m] * s->modes.angle[m] * drive->by_rate[m] * leap /
                               s->step;
@@ -168,7 +168,7 @@ static inline void fs_jump(fs_stage *s, const fs_real *commands)
         fs_sensor_jump(&s->sensor[p], s->motion[p]);
 }
 
-/* One step of one drive, and what the probes see of it added to y. */
+/* One step of one drive; its motion at the probes is added to y. */
 static inline const char *fs_drive_step(fs_stage *s, int d, fs_real command, fs_real *y)
 {
     fs_drive *drive = &s->drive[d];
@@ -202,10 +202,10 @@ static inline const char *fs_drive_step(fs_stage *s, int d, fs_real command, fs_
         const int count =
             fs_hysteresis_line(d, drive->parameters, drive->memory, u, pieces, &ignored);
         if (count < 1)
-            return "the hysteresis is no longer finite: its parameters let it run away";
+            return "the hysteresis is no longer finite: its parameters are unstable";
         for (m = 0; m < count; m++)
             if (pieces[m].amplitude != FS_R(0.0) && !(FS_ABS(pieces[m].rate) <= FS_FASTEST))
-                return "the voltage moves too far in one step: take it in several, or jump";
+                return "the voltage changes too much in one step: use several steps, or jump";
         fs_modes_through(&s->modes, drive->z, v, pieces, count);
         fs_lags_through(&drive->lags, fs_data_lags[d], drive->lag, drive->lag_rest, pieces,
                         count);
