@@ -23,11 +23,11 @@ from flexstage.studies.explore import (
     variables_of,
 )
 from flexstage.studies.explore.family import Evaluated
-from flexstage.studies.explore.optimise import ladder
+from flexstage.studies.explore.optimise import multi_fidelity
 from flexstage.studies.explore.optimise.local_search import LocalOptimum, local_search
 from flexstage.studies.explore.optimise.optimum import held_by
 from flexstage.studies.explore.optimise.problem import StageProgram
-from flexstage.studies.explore.optimise.usual import (
+from flexstage.studies.explore.optimise.default_requirements import (
     held_dimensions,
     published_targets,
     usual_requirements,

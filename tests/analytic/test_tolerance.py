@@ -33,7 +33,7 @@ from flexstage.stage.designs.pieces import Leg
 from flexstage.studies.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
 from flexstage.studies.explore.family import known_figures
 from flexstage.studies.explore.figures import Figure, Requirement, requirements_of
-from flexstage.studies.explore.made_stages import TOLERANCE, lot_figures, notch_table, process_of
+from flexstage.studies.explore.manufactured_samples import TOLERANCE, lot_figures, notch_table, process_of
 from flexstage.studies.explore.spread import shares_of, spread_of, yield_of
 from flexstage.studies.explore.tolerance import lot_of, tolerance
 from flexstage.studies.explore.tolerance_choice import _Search, choose_tolerances, scaled

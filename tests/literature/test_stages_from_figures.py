@@ -24,7 +24,7 @@ from flexstage.studies.explore import (
     requirement_of,
     variables_of,
 )
-from flexstage.studies.explore.optimise.usual import published_targets, usual_requirements
+from flexstage.studies.explore.optimise.default_requirements import published_targets, usual_requirements
 
 PIEZO = (
     *("x.lever_arm_input=6..16 mm", "x.lever_arm_output=10..26 mm", "x.leg_neck=0.3..1.2 mm"),

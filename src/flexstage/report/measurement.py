@@ -10,7 +10,7 @@ from flexstage.experiments.campaign.results import TestResult
 from flexstage.files.cache.memory import Memory
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities.characteristic import shown_units
-from flexstage.quantities.quantity import Quantity, beside, display, number, prefixed
+from flexstage.quantities.quantity import Quantity, display, number, prefixed, value_and_uncertainty
 from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.quantities.units import readable
@@ -167,7 +167,9 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
 
 def _cells(row: MeasuredRow, origins: tuple[str, ...], shown: Quantity) -> list[Cell | str]:
     estimate = row.figure.estimate
-    value, spread = beside(shown.factor * estimate.value, shown.factor * estimate.expanded)
+    value, spread = value_and_uncertainty(
+        shown.factor * estimate.value, shown.factor * estimate.expanded
+    )
     cells: list[Cell | str] = [
         f"{shown.heading}, assumed" if row.assumed else shown.heading,
         row.figure.axis,
@@ -228,7 +230,7 @@ def stroke_ranges(result: TestResult) -> Table | None:
     for one in ranges:
         basis, size = one.curve.basis, one.stroke
         ends = readable(one.curve.position_unit, basis.low, basis.high)
-        length = beside(shown.factor * size.value, shown.factor * size.expanded)
+        length = value_and_uncertainty(shown.factor * size.value, shown.factor * size.expanded)
         rows.append((ends, one.of_cycles.size, *length))
     title = f"{result.test.name}, axis {result.test.axis}: stroke by range of the command"
     return table(title, ("command", "cycles", f"stroke [{shown.shown_unit}]", _SPREAD), rows)
@@ -266,7 +268,7 @@ def _motion(result: TestResult) -> Iterator[Content]:
             "legend": False,
         }
         shown.append(Picture(result=curve, title=words, caption=f"{words}{band}.", options=options))
-    yield Pictures(shown=tuple(shown), columns=2)
+    yield Pictures(pictures=tuple(shown), columns=2)
 
 
 def _positioning(result: TestResult) -> Iterator[Content]:
@@ -282,7 +284,7 @@ def _positioning(result: TestResult) -> Iterator[Content]:
         caption=f"Positioning by ISO 230-2, test {name}.",
         options={"title": f"{result.test.axis}: ISO 230-2"},
     )
-    yield Pictures(shown=(shown,))
+    yield Pictures(pictures=(shown,))
     yield tables.axis
     yield tables.targets
 
@@ -292,7 +294,7 @@ def _workspace(result: TestResult) -> Iterator[Content]:
     if found is not None:
         words = f"Workspace, test {result.test.name}; ± of its title is statistical."
         shown = Picture(result=found, title="workspace", caption=words)
-        yield Pictures(shown=(shown,), columns=2)
+        yield Pictures(pictures=(shown,), columns=2)
 
 
 def _response(result: TestResult) -> Iterator[Content]:
@@ -317,7 +319,7 @@ def _response(result: TestResult) -> Iterator[Content]:
                 caption=f"Stabilisation diagram, test {name}.",
             )
         )
-    yield Pictures(shown=tuple(shown))
+    yield Pictures(pictures=tuple(shown))
 
 
 def _standing(result: TestResult) -> Iterator[Content]:
@@ -334,4 +336,4 @@ def _standing(result: TestResult) -> Iterator[Content]:
         return
     name = f"test {result.test.name}"
     picture = Picture(result=shown, title=name, caption=f"{kind}, {name}.", options=options)
-    yield Pictures(shown=(picture,))
+    yield Pictures(pictures=(picture,))

@@ -16,9 +16,9 @@ from flexstage.report.figures.optimum import draw_front
 from flexstage.report.page import page_html
 from flexstage.report.sweep import parallel_coordinates
 from flexstage.studies.explore.figures import Figure, Requirement
+from flexstage.studies.explore.optimise.default_requirements import walls_note
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, round_step
-from flexstage.studies.explore.optimise.usual import walls_note
 from flexstage.studies.explore.variables import Variable
 
 # limits that are named, and what the table says of a bound

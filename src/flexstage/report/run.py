@@ -9,7 +9,7 @@ from flexstage.base.version import __version__
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.verbs import VERBS
 from flexstage.quantities.characteristic import in_order
-from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.quantity import display, number, value_and_uncertainty
 from flexstage.quantities.section import Content, Definitions, Section
 from flexstage.quantities.table import Table, table
 from flexstage.report.measurement import measurement_section
@@ -96,7 +96,9 @@ def _further(result: PlanResult) -> Iterator[Content]:
     for found in (*own, *result.further_figures):
         shown = display(found.quantity)
         label = shown.label + (", drives in place" if result.drives_in_place(found) else "")
-        value, spread = beside(found.value * shown.factor, found.estimate.expanded * shown.factor)
+        value, spread = value_and_uncertainty(
+            found.value * shown.factor, found.estimate.expanded * shown.factor
+        )
         rows.append((label, found.axis, found.test, value, spread, shown.shown_unit))
     if not rows:
         return
@@ -163,7 +165,7 @@ def _figure_row(result: "PlanResult", figure: "MeasuredCharacteristic") -> tuple
     return (
         label[:1].lower() + label[1:],
         figure.axis,
-        *beside(value, expanded),
+        *value_and_uncertainty(value, expanded),
         shown.shown_unit,
         figure.test,
         number(known[0].value * shown.factor) if known else "",

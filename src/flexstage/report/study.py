@@ -167,7 +167,7 @@ def _bode(study: Study) -> Iterator[Content]:
         for a in study.main.axes
     ]
     if plots:
-        yield Pictures(shown=tuple(plots))
+        yield Pictures(pictures=tuple(plots))
 
 
 def _modes(study: Study) -> Iterator[Content]:
@@ -194,7 +194,7 @@ def _static(study: Study) -> Iterator[Content]:
         for a in study.main.axes
     ]
     if plots:
-        yield Pictures(shown=tuple(plots), columns=2)
+        yield Pictures(pictures=tuple(plots), columns=2)
 
 
 def _stroke(study: Study) -> Iterator[Content]:
@@ -209,7 +209,7 @@ def _stroke(study: Study) -> Iterator[Content]:
     if plots:
         # axes that go straight have one curve, and stand side by side
         narrow = all(len(stroke_curves(path)) == 1 for path in study.paths.values())
-        yield Pictures(shown=tuple(plots), columns=2 if narrow else 1)
+        yield Pictures(pictures=tuple(plots), columns=2 if narrow else 1)
 
 
 def _stress(study: Study) -> Iterator[Content]:

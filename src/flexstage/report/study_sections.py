@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.base.errors import FlexstageError
 from flexstage.quantities.characteristic import measured_value
-from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.quantity import display, number, value_and_uncertainty
 from flexstage.quantities.section import Content, Picture, Pictures
 from flexstage.quantities.table import Column, Table, table
 from flexstage.report.figures.centring import draw_polar
@@ -106,7 +106,7 @@ def neck_stress_section(study: "Study") -> Iterator[Content]:
             "number of the hinge. Stress at held edges is in no figure of this chapter."
         )
         yield Pictures(
-            shown=tuple(
+            pictures=tuple(
                 Picture(
                     result=partial(
                         draw_neck_stress, run.mesh, run.analysis, axis.axis, sampler=sampler
@@ -157,7 +157,7 @@ def convergence_section(study: "Study") -> Iterator[Content]:
         shown.append(Picture(result=draw, title=title, caption=caption, size="small"))
     if shown:
         yield "Refinement cannot reveal errors common to all meshes: geometry, material, supports."
-        yield Pictures(shown=tuple(shown))
+        yield Pictures(pictures=tuple(shown))
 
 
 def mesh_words(name: str, run: "ModelRun") -> str:
@@ -210,7 +210,7 @@ def hysteresis_section(study: "Study") -> Iterator[Content]:
             "identified Bouc-Wen model, below their difference. Middle: output over the reference. "
             "Right: error over time.",
         )
-        yield Pictures(shown=(shown,))
+        yield Pictures(pictures=(shown,))
     for axis, why in study.experiments_left_out.items():
         yield f"Axis {axis} was left out: {why}."
 
@@ -276,7 +276,7 @@ def bench_section(found: MeasurementComparison | str | None, file: str) -> Itera
     elif found is not None:
         yield fragment("bench.html", file=file)
         yield from _main_figures(found)
-        yield Pictures(shown=tuple(_resonances(found)), columns=2)
+        yield Pictures(pictures=tuple(_resonances(found)), columns=2)
 
 
 def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
@@ -291,7 +291,9 @@ def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
             shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
             k = shown.factor
             values = (
-                " ± ".join(beside(k * of[a].value, k * of[a].expanded)) if a in of else "–"
+                " ± ".join(value_and_uncertainty(k * of[a].value, k * of[a].expanded))
+                if a in of
+                else "–"
                 for a in axes
             )
             rows.append((shown.heading, *values))
@@ -361,4 +363,4 @@ def centring_section(found: CentringTrial | str | None) -> Iterator[Content]:
     yield table("Centring step by step; simulated.", heads, rows)
     words = "Graduation error read by the first head before and after centring; simulated."
     draw = partial(draw_polar, found.fits, found.angles)
-    yield Pictures(shown=(Picture(result=draw, title="scale before and after", caption=words),))
+    yield Pictures(pictures=(Picture(result=draw, title="scale before and after", caption=words),))

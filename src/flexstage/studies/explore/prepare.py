@@ -25,10 +25,10 @@ from flexstage.studies.explore.figures import (
     usual_figures,
 )
 from flexstage.studies.explore.optimise.front import Front, find_front
-from flexstage.studies.explore.optimise.ladder import SearchOptions, find_optimum
+from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.optimise.problem import Goal, Problem
-from flexstage.studies.explore.optimise.usual import (
+from flexstage.studies.explore.optimise.default_requirements import (
     CHECK,
     held_dimensions,
     published_targets,

@@ -21,7 +21,7 @@ from flexstage.studies.explore.batches import Job
 from flexstage.studies.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
 from flexstage.studies.explore.family import batched_figures
 from flexstage.studies.explore.figures import Figure, Requirement
-from flexstage.studies.explore.made_stages import (
+from flexstage.studies.explore.manufactured_samples import (
     THINNEST,
     TOLERANCE,
     Process,
@@ -320,7 +320,7 @@ def tolerance(
     """Return what a process makes of a stage: the spread of its figures, its yield.
 
     Every sample is the stage with its own necks, radii, positions of notches, plate, material,
-    temperature and drives (`flexstage.studies.explore.made_stages`), analysed by the lumped model
+    temperature and drives (`flexstage.studies.explore.manufactured_samples`), analysed by the lumped model
     in batches.
 
     Parameters

@@ -10,7 +10,7 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
 from flexstage.base.progress import listen, update
-from flexstage.studies.explore.made_stages import process_of
+from flexstage.studies.explore.manufactured_samples import process_of
 from flexstage.studies.explore.spread import Yield, yield_of
 from flexstage.studies.explore.tolerance import Lot, ToleranceChoice, ToleranceStudy, yields_of
 from flexstage.studies.explore.workers import Workers

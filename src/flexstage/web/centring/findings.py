@@ -3,7 +3,7 @@
 from typing import Any
 
 from flexstage.centring import ARCSEC
-from flexstage.quantities.quantity import beside, number
+from flexstage.quantities.quantity import number, value_and_uncertainty
 from flexstage.quantities.table import Table, table
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.centring.state import CentringState
@@ -16,7 +16,7 @@ _KINDS = {"start": "start", "trial": "trial move", "move": "move"}
 
 def pair(value: float, uncertainty: float, factor: float) -> str:
     """Write a value and its standard uncertainty, in a unit of so many in the SI unit."""
-    return in_page_words(" ± ".join(beside(factor * value, factor * uncertainty)))
+    return in_page_words(" ± ".join(value_and_uncertainty(factor * value, factor * uncertainty)))
 
 
 def place(at: tuple[float, float], preferences: Preferences) -> str:
@@ -34,7 +34,7 @@ def figures(
     shown: list[tuple[str, str, str]] = []
     if (e := found.get("eccentricity")) is not None:
         unsure = factor * e["uncertainty"]
-        low, high = (beside(factor * end, unsure)[0] for end in e["interval"])
+        low, high = (value_and_uncertainty(factor * end, unsure)[0] for end in e["interval"])
         value = f"{pair(e['value'], e['uncertainty'], factor)} {unit}"
         shown.append(("Eccentricity", value, f"95 %: {low} to {high} {unit}"))
     if (first := first_order(found, radius)) is not None:

@@ -6,7 +6,11 @@ from dataclasses import dataclass, field
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import batched_figures, known_figures
 from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
-from flexstage.studies.explore.optimise.usual import CHECK, usual_requirements, usual_variables
+from flexstage.studies.explore.optimise.default_requirements import (
+    CHECK,
+    usual_requirements,
+    usual_variables,
+)
 from flexstage.studies.explore.variables import Variable, every_variable
 from flexstage.web.design.state import SHARE, Variant
 

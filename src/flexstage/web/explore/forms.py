@@ -7,7 +7,7 @@ from nicegui import ui
 
 from flexstage.report.tolerance import scatter_text
 from flexstage.studies.explore.deviations import KINDS as DEVIATIONS
-from flexstage.studies.explore.optimise.ladder import SearchOptions
+from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions
 from flexstage.studies.explore.requests import (
     ExploreRequest,
     OptimiseRequest,

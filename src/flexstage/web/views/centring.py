@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.files.write import write_whole
-from flexstage.quantities.quantity import beside
+from flexstage.quantities.quantity import value_and_uncertainty
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.findings import figures, pair, place, rows_of
@@ -249,7 +249,7 @@ class CentringView:
         unit, factor = preferences.length_unit()
         for axis, by in zip("xy", centre["move_from_last"], strict=True):
             unsure = centre[f"uncertainty_{axis}"]
-            step = beside(factor * by, factor * unsure)[0]
+            step = value_and_uncertainty(factor * by, factor * unsure)[0]
             value = f"{pair(centre[axis], unsure, factor)} {unit}"
             stays = abs(by) <= state.noise["xy".index(axis)]
             told = "stays: less than the noise of its sensor" if stays else f"by {step} {unit}"

@@ -17,7 +17,7 @@ from flexstage.files.result import Result
 from flexstage.studies.explore.batches import Job
 from flexstage.studies.explore.family import evaluate
 from flexstage.studies.explore.figures import Figure
-from flexstage.studies.explore.optimise.ladder import SearchOptions, find_optimum, start_notes
+from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum, start_notes
 from flexstage.studies.explore.optimise.local_search import (
     FEASIBLE,
     Bools,
