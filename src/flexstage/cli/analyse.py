@@ -73,7 +73,7 @@ def analyse(
     screen = console()
     for run in found.runs.values():
         _print(screen, run)
-    left = (f"the {name} model was left out: {why}" for name, why in found.left_out.items())
+    left = (f"the {name} model was skipped: {why}" for name, why in found.skipped_models.items())
     print_notes(screen, left, files)
 
 
@@ -89,7 +89,7 @@ def _written(
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            alone = replace(found, runs={name: run}, left_out={})
+            alone = replace(found, runs={name: run}, skipped_models={})
             files += write_files(within, analysis_files(run.analysis, alone.to_dict()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files

@@ -17,7 +17,7 @@ def print_measurement(
 ) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.quantities.characteristic import shown_units
-    from flexstage.quantities.quantity import beside
+    from flexstage.quantities.quantity import value_and_uncertainty
     from flexstage.quantities.table import Column
     from flexstage.report.measurement import stroke_ranges
     from flexstage.report.tables import column_title
@@ -32,7 +32,7 @@ def print_measurement(
         shown = units[row.figure.quantity]
         estimate = row.figure.estimate
         cells = [
-            *beside(estimate.value * shown.factor, estimate.expanded * shown.factor),
+            *value_and_uncertainty(estimate.value * shown.factor, estimate.expanded * shown.factor),
             shown.shown_unit,
         ]
         for name in columns:
@@ -46,7 +46,7 @@ def print_measurement(
         screen.print(
             "Differences of what was measured to each model and publication; * significant at 95 %."
         )
-    for measured in result.found.results:
+    for measured in result.characterisation.results:
         if (ranges := stroke_ranges(measured)) is not None:
             print_shown(screen, ranges)
         if "positioning" in measured.details:

@@ -1,4 +1,4 @@
-"""`flexstage optimise`: the best stage of a family, or the one that has stated figures."""
+"""`flexstage optimise`: dimensions that optimise a figure, or match values."""
 
 from functools import partial
 
@@ -35,15 +35,15 @@ def optimise(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find the best dimensions, or those of stated figures.
+    """Optimise a figure subject to constraints, or match values.
 
-    The lumped model is searched, finer ones correct it and confirm what is found. Printed are the
-    figures before and after, which limit holds the best stage, and what it would give to relax it.
+    Finer models correct a search of the lumped model and confirm its optimum. The result has the
+    figures before and after, the active constraints and their sensitivities.
 
     Parameters
     ----------
     folder
-        Write the best stage as best.yaml, its dimensions rounded to 0.001 mm, the result as
+        Write the optimised stage as best.yaml, with dimensions rounded to 0.001 mm, the result as
         optimise.json, and pictures.
     figure
         Draw the stage before and after, or the Pareto front. (.svg, .png or .pdf)

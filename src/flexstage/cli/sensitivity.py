@@ -1,4 +1,4 @@
-"""`flexstage sensitivity`: which parameter of a stage moves which figure."""
+"""`flexstage sensitivity`: influence of the parameters of a stage on its figures."""
 
 from contextlib import suppress
 
@@ -34,15 +34,15 @@ def sensitivity(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Show which parameter of a stage moves which figure.
+    """Run a sensitivity analysis of the parameters of a stage.
 
     Parameters
     ----------
     units
-        Show the changes in the units of the figures, in place of per cent of them.
+        Show the changes in the units of the figures instead of per cent.
     folder
         Write sensitivity.json, sensitivity.csv and a picture, sensitivity.svg; with --hinges also
-        necks.svg, the necks that move a figure most on the drawing of the stage.
+        necks.svg, the necks with the largest influence on the drawing of the stage.
     figure
         Draw the changes as a map of colours. (.svg, .png or .pdf)
     """
@@ -65,10 +65,10 @@ def sensitivity(
     if json:
         print_result(found.to_dict(), files)
         return
-    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+    from flexstage.report.sensitivity import sensitivity_table, skipped_notes
 
     screen, shown = console(), sensitivity_table(found, in_units=units)
     if len(shown.rows) > 1:
         print_shown(screen, shown)
     own = shown.notes if len(shown.rows) < 2 else ()
-    print_notes(screen, (*own, *left_out_notes(found)), files)
+    print_notes(screen, (*own, *skipped_notes(found)), files)

@@ -1,4 +1,4 @@
-"""`flexstage study`: every model of a stage beside what was published, with a report."""
+"""`flexstage study`: models of a stage compared with published values, with a report."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,8 +39,8 @@ def study(
     measured
         FILE: Test description (.yaml) whose measured values are added to the table.
     cache
-        --cache/--no-cache: Read what was computed before of the same description, with the same
-        options and the same flexstage, and keep what is computed.
+        --cache/--no-cache: Reuse cached results of the same description, options and version of
+        flexstage, and store new ones.
     """
     from flexstage.files.cache import Memory, open_cache
     from flexstage.files.write import require_writable, write_files
@@ -79,18 +79,19 @@ def study(
             print_shown(screen, replace(shown, rows=rows, notes=()))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
-        from flexstage.studies.traditional import claim_verdict
+        from flexstage.studies.traditional import claim_conclusion
 
         print_shown(screen, claim_table(result.traditional))
-        screen.print(claim_verdict(result.traditional), markup=False)
-    notes = [f"the {model} model was left out: {why}" for model, why in result.left_out.items()]
-    for axis, why in result.experiments_left_out.items():
-        notes.append(f"the hysteresis of axis {axis} was left out: {why}")
+        screen.print(claim_conclusion(result.traditional), markup=False)
+    notes = [
+        f"the {model} model was skipped: {why}" for model, why in result.skipped_models.items()
+    ]
+    for axis, why in result.skipped_experiments.items():
+        notes.append(f"the hysteresis of axis {axis} was skipped: {why}")
     if not described.axes:
-        notes.append("the stage names no axis, so there are modes only; see the report")
+        notes.append("the stage has no axes: the results are modes only; see the report")
     if result.read:
         notes.append(
-            f"{', '.join(result.read)}: read from the cache, as computed before of the same "
-            "description; --no-cache computes them again"
+            f"{', '.join(result.read)}: read from the cache; --no-cache computes them again"
         )
     print_notes(screen, (*notes, *described.notes), files)

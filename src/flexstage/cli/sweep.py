@@ -37,13 +37,13 @@ def sweep(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Vary parameters of a stage, and see what its figures do.
+    """Run a parameter sweep: figures of a stage over its parameters.
 
     Parameters
     ----------
     folder
         Write all points as sweep.csv and sweep.parquet, the summary as sweep.json, pictures, and
-        sweep.html with parallel coordinates. A sweep that was interrupted goes on from there.
+        sweep.html with parallel coordinates. An interrupted sweep can be resumed there.
     figure
         Draw the figures over the parameters: curves, maps or diagrams. (.svg, .png or .pdf)
     """

@@ -1,4 +1,4 @@
-"""`flexstage tolerance`: what the workshop makes of a stage, and which tolerance to tighten."""
+"""`flexstage tolerance`: Monte Carlo tolerance analysis, and the tolerances to tighten."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,15 +39,15 @@ def tolerance(
     quiet: QuietOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute what the workshop makes of a stage: spread, yield.
+    """Run a Monte Carlo tolerance analysis: scatter and yield.
 
     Parameters
     ----------
     figure
         Draw the distribution of every figure. (.svg, .png or .pdf)
     folder
-        Folder of tolerance.html, tolerance.json and pictures; finished batches are kept there while
-        it works, and the same run goes on from them.
+        Folder of tolerance.html, tolerance.json and pictures. Finished batches are stored there, so
+        that an interrupted run can be resumed.
     every_sample
         Write the figures of every sample as well, samples.csv.
     """
@@ -78,7 +78,7 @@ def _print(study: "ToleranceStudy", files: list[Path]) -> None:
     if study.shares:
         print_shown(screen, share_table(study))
     if choice is not None:
-        if choice.found:
+        if choice.available:
             print_shown(screen, choice_table(choice))
-        screen.print(choice.verdict, markup=False)
+        screen.print(choice.conclusion, markup=False)
     print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

@@ -413,9 +413,9 @@ def measured(study: "Study") -> str:
 
 def traditional(study: "Study") -> str:
     """Say what becomes of the claim of smaller motion errors."""
-    from flexstage.studies.traditional import claim_verdict
+    from flexstage.studies.traditional import claim_conclusion
 
-    return "" if study.traditional is None else claim_verdict(study.traditional)
+    return "" if study.traditional is None else claim_conclusion(study.traditional)
 
 
 def hysteresis(study: "Study") -> str:
@@ -434,10 +434,10 @@ def centring(study: "Study") -> str:
     found = study.centring
     if found is None or isinstance(found, str):
         return "No scale could be centred."
-    first = found.done.steps[0].reading.length.value
+    first = found.procedure.steps[0].reading.length.value
     return (
-        f"An eccentricity of {1e6 * first:.1f} µm was reduced to {1e9 * found.left:.1f} nm "
-        f"(simulated; {found.done.reason})."
+        f"An eccentricity of {1e6 * first:.1f} µm was reduced to {1e9 * found.residual:.1f} nm "
+        f"(simulated; {found.procedure.reason})."
     )
 
 

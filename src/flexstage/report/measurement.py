@@ -99,12 +99,12 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
     return page_html(
         heading=result.title,
         lead=(
-            f"{len(result.found.results)} tests, {len(result.rows)} figures; intervals are those "
-            "of 95 %"
+            f"{len(result.characterisation.results)} tests, {len(result.rows)} figures; intervals "
+            "are those of 95 %"
         ),
         version=__version__,
         sections=_sections(result),
-        notes=result.found.notes,
+        notes=result.characterisation.notes,
         memory=memory,
     )
 
@@ -112,7 +112,7 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
 def measurement_section(result: MeasurementComparison, *further: Content) -> Section:
     """Return what was measured as one section of another page, with more behind its figures."""
     figures, *others = _sections(result)
-    notes = "; ".join(result.found.notes)
+    notes = "; ".join(result.characterisation.notes)
     return Section(
         title="",
         content=(*figures.content, *others, *further),
@@ -130,21 +130,23 @@ def _sections(result: MeasurementComparison) -> Iterator[Section]:
         ("standing", "Steps and noise", _standing),
     )
     for key, title, show in named:
-        content = tuple(part for r in result.found.results for part in show(r))
+        content = tuple(part for r in result.characterisation.results for part in show(r))
         if content:
             yield Section(key=key, title=title, content=content)
     yield Section(
         key="budgets", title="Budgets of uncertainty", content=(_BUDGETS, _budgets(result))
     )
-    words = [n for n in result.notes if n not in result.found.notes]
-    sources = {name: f"SHA-256 {digest}" for name, digest in result.found.sources.items()}
+    words = [n for n in result.notes if n not in result.characterisation.notes]
+    sources = {
+        name: f"SHA-256 {digest}" for name, digest in result.characterisation.sources.items()
+    }
     if words or sources:
         content = (Bullets(words), Definitions(sources))
         yield Section(key="records", title="Records", content=content)
 
 
 def _figures(result: MeasurementComparison) -> Iterator[Content]:
-    simulated = result.found.origin == "virtual"
+    simulated = result.characterisation.origin == "virtual"
     # a simulated stage is made from published values and random errors: it tests no model
     references = () if simulated else result.references
     here = "simulated measurement" if simulated else "measured here"

@@ -1,4 +1,4 @@
-"""What an optimisation found: tables, and sentences of what holds it."""
+"""Tables and notes of an optimisation: figures, dimensions, active constraints."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -16,36 +16,35 @@ from flexstage.report.figures.optimum import draw_front
 from flexstage.report.page import page_html
 from flexstage.report.sweep import parallel_coordinates
 from flexstage.studies.explore.figures import Figure, Requirement
-from flexstage.studies.explore.optimise.default_requirements import walls_note
+from flexstage.studies.explore.optimise.default_requirements import wall_note
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, round_step
 from flexstage.studies.explore.variables import Variable
 
-# limits that are named, and what the table says of a bound
-_HELD, _BOUND = 8, {"low": "lower", "high": "upper"}
+# number of reported active constraints, and words for bounds in the table
+_CONSTRAINTS, _BOUND = 8, {"low": "lower", "high": "upper"}
 
 
 def optimum_tables(found: Optimum) -> Iterator[Table]:
-    """Yield what people read of an optimum: its figures, then its dimensions."""
+    """Yield the tables of an optimum: figures, trade-offs, dimensions."""
     yield _figures(found)
-    if found.problem.exchanged:
-        yield _exchange(found)
+    if found.problem.other_goals:
+        yield _trade_offs(found)
     yield _variables(found)
 
 
 def optimum_notes(found: Optimum) -> tuple[str, ...]:
-    """Return in sentences what was reached, what holds it and what it took."""
+    """Return notes on the result, active constraints, defaults and evaluations of an optimum."""
     problem = found.problem
-    # what goals exchange has a table of its own
-    holding = [held for held in found.held if held.kind != "goal"]
-    notes = [_reached(found), *(held.text for held in holding[:_HELD])]
-    if len(holding) > _HELD:
-        notes.append(f"held by {len(holding) - _HELD} more, each of which matters less")
-    unasked = [*(["check"] if problem.checked else []), *(r.text for r in problem.usual)]
-    if unasked:
-        asked = ", ".join(unasked)
-        notes.append(f"required without being asked (--without NAME leaves one out): {asked}")
-    if walls := walls_note(problem.usual):
+    # trade-offs of goals have a table
+    active = [c for c in found.active_constraints if c.kind != "goal"]
+    notes = [_reached(found), *(constraint.text for constraint in active[:_CONSTRAINTS])]
+    if len(active) > _CONSTRAINTS:
+        notes.append(f"{len(active) - _CONSTRAINTS} further active constraints with less influence")
+    defaults = [*(["check"] if problem.checked else []), *(r.text for r in problem.defaults)]
+    if defaults:
+        notes.append(f"default constraints (--without NAME disables one): {', '.join(defaults)}")
+    if walls := wall_note(problem.defaults):
         notes.append(walls)
     notes += found.notes
     notes.append(f"evaluations: {_work(found)}")
@@ -53,18 +52,18 @@ def optimum_notes(found: Optimum) -> tuple[str, ...]:
 
 
 def front_tables(found: Front) -> Iterator[Table]:
-    """Yield what people read of a front: its points, then the chosen design."""
+    """Yield the tables of a front: its points, then the selected design."""
     yield _front(found)
     yield from optimum_tables(found.optimum)
 
 
 def front_notes(found: Front) -> tuple[str, ...]:
-    """Return in sentences what the front is, and what holds the chosen design."""
+    """Return notes on a front and its selected design."""
     counted = ", ".join(f"{n} {model}" for model, n in found.evaluations.items())
     return (
         f"{len(found.points)} stages on the front after {found.generations} generations; "
-        f"evaluations: {counted}; point {found.chosen + 1} was chosen, the nearest to the best of "
-        "all goals, and made better at the same values of the others",
+        f"evaluations: {counted}; point {found.selected + 1} is selected, the nearest to the best "
+        "values of all goals, and is improved in the first goal with the others fixed",
         *optimum_notes(found.optimum),
     )
 
@@ -81,7 +80,7 @@ def front_html(found: Front) -> str:
     goals = [goal.figure for goal in found.problem.goals]
     columns = [found.figures.index(figure) for figure in goals]
     axes = [
-        (figure.heading, found.values[:, i] * figure.shown.factor)
+        (figure.heading, found.values[:, i] * figure.display.factor)
         for figure, i in zip(goals, columns, strict=True)
     ]
     axes += [
@@ -91,10 +90,10 @@ def front_html(found: Front) -> str:
     picture = Picture(
         result=partial(draw_front, found),
         title="Pareto front",
-        caption="What the goals cost each other, by both models; the star is the chosen design.",
+        caption="Pareto front by both models; the star is the selected design.",
     )
     shown = Section(
-        key="front", title="Front and chosen design", content=(picture, *front_tables(found))
+        key="front", title="Front and selected design", content=(picture, *front_tables(found))
     )
     return page_html(
         heading=f"{found.problem.family.template.source}: Pareto front",
@@ -121,13 +120,13 @@ def _reached(found: Optimum) -> str:
             text += f" ({100.0 * found.gain:+.1f} %)"
         text += f" by the {last.model} model"
     else:
-        text = f"the nearest stage to the start that was found, by the {last.model} model"
+        text = f"the nearest stage to the start, by the {last.model} model"
     if found.met:
-        return f"{text}; every requirement is kept within {100.0 * TOLERANCE:g} %"
+        return f"{text}; every requirement is met within {100.0 * TOLERANCE:g} %"
     missed = found.problem.all_requirements[worst]
     return (
-        f"{missed.text} is missed by {100.0 * found.excess[worst]:.2g} %: no stage between the "
-        f"bounds was found that keeps all requirements, and this one misses them least; {text}"
+        f"{missed.text} is violated by {100.0 * found.excess[worst]:.2g} %: no stage within the "
+        f"bounds meets all requirements; this one has the least violation; {text}"
     )
 
 
@@ -140,8 +139,8 @@ def _work(found: Optimum) -> str:
 
 def _figures(found: Optimum) -> Table:
     problem, last = found.problem, found.levels[-1]
-    others = (held.goal for held in problem.exchanged)
-    goals = {goal.figure: goal.way for goal in (*problem.goals, *others)}
+    others = (other.goal for other in problem.other_goals)
+    goals = {goal.figure: goal.direction for goal in (*problem.goals, *others)}
     columns = [
         Column("figure", "title"),
         Column("unit", "words"),
@@ -151,51 +150,53 @@ def _figures(found: Optimum) -> Table:
     ]
     rows = []
     for i, figure in enumerate(found.figures):
-        asked = zip(problem.all_requirements, found.excess, strict=True)
-        wanted = [
-            _limit(r) + ("" if excess <= TOLERANCE else " missed")
-            for r, excess in asked
+        requirements = zip(problem.all_requirements, found.excess, strict=True)
+        limits = [
+            _limit(r) + ("" if excess <= TOLERANCE else " violated")
+            for r, excess in requirements
             if r.figure == figure
         ]
         if figure in goals:
-            wanted.insert(0, goals[figure])
+            limits.insert(0, goals[figure])
         values = (last.start[i], *(level.best[i] for level in found.levels))
-        cells = [figure.shown.text(float(v)) if np.isfinite(v) else "–" for v in values]
-        rows.append([figure.label, figure.shown.shown_unit, ", ".join(wanted), *cells])
+        cells = [figure.display.text(float(v)) if np.isfinite(v) else "–" for v in values]
+        rows.append([figure.label, figure.display.shown_unit, ", ".join(limits), *cells])
     return table(f"{found.problem.family.template.source}: figures", columns, rows)
 
 
-def _exchange(found: Optimum) -> Table:
-    """Tell what the first goal gains for a little less of each other one."""
-    gained = found.problem.goals[0].figure
+def _trade_offs(found: Optimum) -> Table:
+    """Return the gain of the first goal for a small loss in each other one."""
+    first = found.problem.goals[0].figure
     rows = []
-    for held, rate in zip(found.problem.exchanged, found.exchange, strict=True):
-        figure = held.goal.figure
-        step = round_step(abs(held.value) * figure.shown.factor) / figure.shown.factor
-        worse = step if held.goal.way == "minimise" else -step
-        told = "0"
-        if rate is not None:
-            told = f"{rate.rate * worse * gained.shown.factor:+.2g}".replace("-", "−")
-        sign = "+" if worse > 0.0 else "−"
-        at = figure.shown.text(held.value)
-        given = f"{sign}{number(step * figure.shown.factor)}"
-        rows.append((figure.label, figure.shown.shown_unit, at, given, told))
-    heads = ("goal", "<unit", "chosen point", "given up", f"gives {gained.heading}")
-    return table("rates of exchange between goals at the chosen point", heads, rows)
+    for other, constraint in zip(found.problem.other_goals, found.trade_offs, strict=True):
+        figure = other.goal.figure
+        step = round_step(abs(other.value) * figure.display.factor) / figure.display.factor
+        loss = step if other.goal.direction == "minimise" else -step
+        gain = "0"
+        if constraint is not None:
+            gain = f"{constraint.rate * loss * first.display.factor:+.2g}".replace("-", "−")
+        sign = "+" if loss > 0.0 else "−"
+        value = figure.display.text(other.value)
+        change = f"{sign}{number(step * figure.display.factor)}"
+        rows.append((figure.label, figure.display.shown_unit, value, change, gain))
+    heads = ("goal", "<unit", "selected point", "loss", f"gain in {first.heading}")
+    return table("trade-offs between goals at the selected point", heads, rows)
 
 
 def _limit(requirement: Requirement) -> str:
     """Write a requirement without the name of its figure."""
-    shown = requirement.figure.shown
+    quantity = requirement.figure.display
     low, high = requirement.low, requirement.high
     if low is not None and high is not None:
         same = low == high
-        return f"= {shown.text(low)}" if same else f"{shown.text(low)} to {shown.text(high)}"
-    return f"≥ {shown.text(low)}" if low is not None else f"≤ {shown.text(high)}"
+        return (
+            f"= {quantity.text(low)}" if same else f"{quantity.text(low)} to {quantity.text(high)}"
+        )
+    return f"≥ {quantity.text(low)}" if low is not None else f"≤ {quantity.text(high)}"
 
 
 def _variables(found: Optimum) -> Table:
-    at_bound = {h.name: _BOUND[h.side] for h in found.held if h.kind == "bound"}
+    at_bound = {h.name: _BOUND[h.side] for h in found.active_constraints if h.kind == "bound"}
     rows = [
         (
             variable.name,
@@ -212,11 +213,11 @@ def _variables(found: Optimum) -> Table:
 
 
 def _every_digit(variable: Variable, value: float) -> str:
-    """Write a value as it stands in the file; with three decimals what a drawing has so."""
-    shown = value * variable.factor
-    rounded = f"{shown:.3f}"
-    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - shown) < 1e-9
-    return rounded if decimals else f"{shown:.12g}"
+    """Write a value with all digits of the file, and with three decimals if it is rounded."""
+    number_in_unit = value * variable.factor
+    rounded = f"{number_in_unit:.3f}"
+    decimals = variable.unit in ("mm", "deg") and abs(float(rounded) - number_in_unit) < 1e-9
+    return rounded if decimals else f"{number_in_unit:.12g}"
 
 
 def _front(found: Front) -> Table:
@@ -228,15 +229,15 @@ def _front(found: Front) -> Table:
         *(Column(f.heading, group=model) for model in models for f in goals),
     ]
     rows = []
-    for k, i in enumerate(found.asked):
-        name = f"{i + 1} (chosen)" if i == found.chosen else f"{i + 1}"
+    for k, i in enumerate(found.recomputed):
+        name = f"{i + 1} (selected)" if i == found.selected else f"{i + 1}"
         cells = _cells(goals, found.values[i, at])
         if found.model in models[1:]:
-            cells += _cells(goals, found.found[k, at])
+            cells += _cells(goals, found.recomputed_values[k, at])
         rows.append([name, *cells])
     source = found.problem.family.template.source
     return table(f"{source}: Pareto front of {len(found.points)} stages", columns, rows)
 
 
 def _cells(figures: list[Figure], values: Array) -> list[str]:
-    return [f.shown.text(float(v)) for f, v in zip(figures, values, strict=True)]
+    return [f.display.text(float(v)) for f, v in zip(figures, values, strict=True)]

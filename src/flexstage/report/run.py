@@ -65,7 +65,7 @@ def _notes(result: PlanResult) -> Sequence[str]:
 
 def _sections(result: PlanResult) -> Iterator[Section]:
     measured = compare_plan(result)
-    if measured.rows or measured.found.results:
+    if measured.rows or measured.characterisation.results:
         whole = measurement_section(measured, *_further(result))
         yield Section(key="figures", title="Figures", content=whole.content, notes=whole.notes)
     records = Section(key="record", title="What was recorded", content=())

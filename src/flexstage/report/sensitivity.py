@@ -30,7 +30,7 @@ def shown_changes(
     nothing = 0.005
     changes = found.changes(length)
     parts = 100.0 * changes / np.where(found.vanishing, np.nan, np.abs(found.values))[:, None]
-    factors = np.array([figure.shown.factor for figure in found.figures])
+    factors = np.array([figure.display.factor for figure in found.figures])
     own = changes * factors[:, None]
     largest = np.abs(own).max(axis=1, initial=0.0)[:, None]
     shown = np.where(np.isnan(parts) | in_units, own, parts)
@@ -60,7 +60,7 @@ def moving(found: Sensitivities) -> tuple[list[int], list[str]]:
 
 def parameter_label(found: Sensitivities, index: int) -> str:
     """Return what a parameter is called, with how many hinges it stands for."""
-    alike = found.alike[index]
+    alike = found.equivalent[index]
     return alike[0] if len(alike) == 1 else f"{alike[0]} (×{len(alike)})"
 
 
@@ -89,7 +89,7 @@ def sensitivity_table(found: Sensitivities, *, in_units: bool = False) -> Table:
     plain = [in_units or bool(found.vanishing[i]) for i in range(len(found.figures))]
     for i in kept:
         figure = found.figures[i]
-        unit = f"[{figure.shown.shown_unit}]" if plain[i] and figure.shown.shown_unit else ""
+        unit = f"[{figure.display.shown_unit}]" if plain[i] and figure.display.shown_unit else ""
         axis = "" if figure.axis == WHOLE_STAGE else figure.axis
         columns.append(Column(f"{axis} {unit}".strip(), "figures", short_label(figure)))
         now.append(Cell(figure.text(float(found.values[i]))))
@@ -151,13 +151,13 @@ def _notes(found: Sensitivities, rest: list[str], kept: list[int]) -> Iterator[s
     ]
     if found.length is None and zero and not all(name in rest for name in zero):
         yield f"a length that is 0 changes by {value_text(LENGTH, 'length')}"
-    if any(len(alike) > 1 for alike in found.alike):
+    if any(len(alike) > 1 for alike in found.equivalent):
         yield "×2: the row stands for two hinges, which do the same but for signs"
     if rest:
         yield f"{listed(rest)} {'moves' if len(rest) == 1 else 'move'} none of them"
 
 
-def left_out_notes(found: Sensitivities) -> Iterator[str]:
+def skipped_notes(found: Sensitivities) -> Iterator[str]:
     """Say what the slopes are where they are no derivatives, and what is not among them, and why.
 
     Parameters of one reason stand together.
@@ -179,7 +179,7 @@ def left_out_notes(found: Sensitivities) -> Iterator[str]:
                     "their modes, and which of them it moves is open"
                 )
     reasons: dict[str, list[str]] = {}
-    for name, reason in found.left_out.items():
+    for name, reason in found.skipped.items():
         reasons.setdefault(reason, []).append(name)
     for reason, names in reasons.items():
         yield f"left out: {listed(names)}: {reason}"

@@ -138,7 +138,7 @@ def _by_model(quantities: Collection[str], caption: str) -> _Show:
 
 
 def _against(study: Study) -> Iterator[Content | None]:
-    for model, why in study.left_out.items():
+    for model, why in study.skipped_models.items():
         yield f"The {model} model was left out: {why}."
     yield differences_table(study.comparison)
 
@@ -226,7 +226,7 @@ def _stress(study: Study) -> Iterator[Content]:
 
 
 def _measured(study: Study) -> Iterator[Content]:
-    if (measured := study.measured_beside) is not None:
+    if (measured := study.measurement_comparison) is not None:
         yield measurement_section(measured)
 
 

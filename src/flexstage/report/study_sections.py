@@ -211,7 +211,7 @@ def hysteresis_section(study: "Study") -> Iterator[Content]:
             "Right: error over time.",
         )
         yield Pictures(pictures=(shown,))
-    for axis, why in study.experiments_left_out.items():
+    for axis, why in study.skipped_experiments.items():
         yield f"Axis {axis} was left out: {why}."
 
 
@@ -307,7 +307,7 @@ def _main_figures(found: MeasurementComparison) -> Iterator[Table]:
 def _resonances(found: MeasurementComparison) -> Iterator[Picture]:
     published = () if found.stage is None else found.stage.published
     estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in found.rows}
-    for result in found.found.results:
+    for result in found.characterisation.results:
         fit = result.details.get("fit")
         if fit is None or not fit.modes:
             continue
@@ -339,23 +339,23 @@ def centring_section(found: CentringTrial | str | None) -> Iterator[Content]:
     if isinstance(found, str):
         yield f"No scale could be centred: {found}."
         return
-    done = found.done
+    procedure = found.procedure
     rows = []
-    for count, step in enumerate(done.steps):
+    for count, step in enumerate(procedure.steps):
         length = step.reading.length
         low, high = length.interval()
         expected = "" if step.predicted is None else f"{step.predicted.interval()[1] * 1e6:.3f}"
         places = (f"{value * 1e6:.3f}" for value in (*step.command, length.value))
         between = f"{low * 1e6:.3f} to {high * 1e6:.3f}"
         rows.append((count, step.kind, *places, between, expected))
-    target = "met" if done.reached else "not met"
+    target = "met" if procedure.reached else "not met"
     yield (
         f"A scale of {2e3 * SCALE_RADIUS:g} mm diameter, {ECCENTRICITY * 1e6:g} µm off the axis of "
         f"a virtual table, read by {len(HEADS)} heads with {HEAD_NOISE:g} arcsec of noise; its own "
         f"lines are off by {LINE_ERRORS:g} arcsec (rms). The stage turns with the table, mounted "
         "at an unknown angle and mirrored, which trial moves find out. Each command is approached "
-        f"from the low end of both axes. True residual eccentricity: {found.left * 1e9:.2g} nm "
-        f"(target {target}: {done.reason})."
+        f"from the low end of both axes. True residual eccentricity: {found.residual * 1e9:.2g} nm "
+        f"(target {target}: {procedure.reason})."
     )
     heads = (
         "", "step", "x [µm]", "y [µm]", "eccentricity [µm]", "95 % interval", "predicted, at most",

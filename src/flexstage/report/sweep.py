@@ -36,7 +36,7 @@ _SHARE = 0.01
 
 def sweep_tables(sweep: Sweep) -> Iterator[Table]:
     """Yield what people read of a sweep first."""
-    if len(sweep.variables) == 1 and sweep.moving:
+    if len(sweep.variables) == 1 and sweep.varying:
         yield _rows(sweep)
     yield from range_tables(sweep)
 
@@ -59,18 +59,18 @@ def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
     if gone:
         are = "is" if gone == 1 else "are"
         notes.append(f"{gone} of {len(sweep.points)} points {are} no possible stage")
-        notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.reasons[:3]]
+        notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.common_faults[:3]]
         if sweep.advice:
             notes.append(sweep.advice)
-    still = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.moving]
+    still = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.varying]
     if still:
         notes.append(f"vary by less than 0.1 %: {', '.join(still)}")
-    if sweep.indices is not None and sweep.indices.left_out:
+    if sweep.indices is not None and sweep.indices.excluded:
         notes.append(
-            f"Sobol' indices without {sweep.indices.left_out} base samples, which hold an "
+            f"Sobol' indices without {sweep.indices.excluded} base samples, which hold an "
             "impossible stage"
         )
-    if sweep.indices is not None and _beyond(sweep.indices, sweep.moving):
+    if sweep.indices is not None and _beyond(sweep.indices, sweep.varying):
         notes.append(
             "an index lies from 0 to 1: an interval that goes beyond shows how much chance is in "
             "its estimate, and more --samples narrow it"
@@ -185,9 +185,9 @@ def _coordinates(sweep: Sweep) -> "Markup":
         (sweep.variables[i].heading, sweep.points[rows, i] * sweep.variables[i].factor)
         for i in sweep.strongest(_AXES)
     ]
-    first = len(axes) if sweep.moving else 0
-    for k in sweep.moving:
-        shown = sweep.shown(k)
+    first = len(axes) if sweep.varying else 0
+    for k in sweep.varying:
+        shown = sweep.display(k)
         axes.append((sweep.figures[k].heading_in(shown), sweep.values[rows, k] * shown.factor))
     return parallel_coordinates(axes, first)
 
@@ -259,8 +259,8 @@ def _rows(sweep: Sweep) -> Table:
     order = np.argsort(sweep.points[:, 0], kind="stable")
     count = min(_ROWS, len(order))
     chosen = order[np.unique(np.round(np.linspace(0, len(order) - 1, count)).astype(int))]
-    shown = sweep.moving[:_COLUMNS]
-    quantities = [sweep.shown(k) for k in shown]
+    shown = sweep.varying[:_COLUMNS]
+    quantities = [sweep.display(k) for k in shown]
     headings = [sweep.figures[k].heading_in(q) for k, q in zip(shown, quantities, strict=True)]
     places = [_place(sweep, row, 0) for row in chosen]
     decimals = max(len(place.partition(".")[2]) for place in places)
@@ -283,7 +283,7 @@ def _ranges(sweep: Sweep) -> Table:
     rows = []
     correlations, least, greatest = sweep.correlations, sweep.least, sweep.greatest
     for k, figure in enumerate(sweep.figures):
-        shown = sweep.shown(k)
+        shown = sweep.display(k)
         ends = [sweep.values[row, k] for row in (least[k], greatest[k])]
         described = sweep.described[k]
         texts = [
@@ -308,8 +308,8 @@ def _extremes(sweep: Sweep) -> Table:
     """Where each figure is least and greatest."""
     rows = []
     least, greatest = sweep.least, sweep.greatest
-    for k in sweep.moving:
-        figure, shown = sweep.figures[k], sweep.shown(k)
+    for k in sweep.varying:
+        figure, shown = sweep.figures[k], sweep.display(k)
         for word, row in (("least", least[k]), ("greatest", greatest[k])):
             at = (_place(sweep, row, i) for i in range(len(sweep.variables)))
             value = f"{shown.text(float(sweep.values[row, k]))} {shown.shown_unit}".strip()
@@ -323,7 +323,7 @@ def _indices(sweep: Sweep) -> Table:
     found = sweep.indices
     assert found is not None
     rows = []
-    for k in sweep.moving:
+    for k in sweep.varying:
         figure = sweep.figures[k]
         for i in np.argsort(-found.total[k], kind="stable"):
             if found.total[k, i] < _SHARE:

@@ -39,9 +39,9 @@ def _few(study: ToleranceStudy) -> Iterator[str]:
 
 def _cells(spread: Spread) -> tuple[str, ...]:
     most_decimals = 9  # that a figure has at most
-    shown = spread.figure.shown
+    shown = spread.figure.display
     deviation = spread.standard_deviation * shown.factor
-    if spread.still:
+    if spread.constant:
         same = shown.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
     # what is known of a standard deviation, in parts: 1 / sqrt(2 (n - 1)) of normal values
@@ -104,8 +104,10 @@ def share_table(study: ToleranceStudy) -> Table:
                     most,
                 )
             )
-        if of.rest >= _LEAST:
-            rows.append(("", "joint or bent effects", "", f"{100.0 * of.rest:.1f} %", "", ""))
+        if of.unexplained >= _LEAST:
+            rows.append(
+                ("", "joint or bent effects", "", f"{100.0 * of.unexplained:.1f} %", "", "")
+            )
     return table(
         "What spreads them: shares of the variance.",
         ("figure", "<deviation", "scatter", "share", "one deviation changes", "<most of it by"),
@@ -115,7 +117,7 @@ def share_table(study: ToleranceStudy) -> Table:
 
 def _change(figure: Figure, slope: float, deviation: float) -> str:
     """Write what a deviation changes, with the decimals that a hundredth of the spread has."""
-    shown = figure.shown
+    shown = figure.display
     size = deviation * shown.factor
     if not 1e-5 <= size < 1e6:
         return figure.text(slope)
@@ -131,8 +133,8 @@ def choice_table(choice: ToleranceChoice) -> Table:
         [
             (
                 LABELS[kind],
-                scatter_text(choice.usual, kind),
-                scatter_text(choice.chosen, kind),
+                scatter_text(choice.initial, kind),
+                scatter_text(choice.selected, kind),
                 f"{choice.factor(kind):.2f}",
             )
             # those at one end of what is looked at differ by rounding: they stay in their order
@@ -170,7 +172,7 @@ def tolerance_page(study: ToleranceStudy) -> str:
     return page_html(
         heading=f"{study.stage.name}: what the workshop makes of it",
         lead=(
-            f"{study.samples} stages drawn from a process, seed {study.lot.seed}; {study.model}; "
+            f"{study.samples} simulated stages, seed {study.monte_carlo.seed}; {study.model}; "
             "intervals are those of 95 %"
         ),
         version=__version__,
@@ -199,12 +201,12 @@ def _sections(study: ToleranceStudy) -> Iterator[Section]:
         )
         yield Section(key="shares", title="What spreads them", content=(bars, share_table(study)))
     if choice is not None:
-        verdict = choice.verdict[0].upper() + choice.verdict[1:] + "."
+        verdict = choice.conclusion[0].upper() + choice.conclusion[1:] + "."
         tables = (choice_table(choice), yield_table(choice.after, "Yield with these."))
         yield Section(
             key="tighten",
             title=f"Tolerances for {_percent(choice.target)}",
-            content=(verdict, *(tables if choice.found else ())),
+            content=(verdict, *(tables if choice.available else ())),
         )
     yield Section(
         key="process",

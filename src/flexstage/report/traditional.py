@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 from flexstage.quantities.quantity import number
 from flexstage.quantities.section import Bullets, Content
 from flexstage.quantities.table import Cell, Column, Table, table
-from flexstage.studies.motion_errors import Mounting
+from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (
     LOADS,
     MEASURES,
     SPAN,
     ComparedStage,
     TraditionalComparison,
-    drift_verdict,
-    verdict,
+    conclusions,
+    drift_conclusions,
 )
 
 if TYPE_CHECKING:
-    from flexstage.studies.motion_errors import AxisErrors
+    from flexstage.studies.guided_axes import AxisErrors
     from flexstage.studies.study import Study
 
 _UM = 1e6
@@ -28,7 +28,7 @@ _UM = 1e6
 def motion_error_section(study: "Study") -> Iterator[Content]:
     """Show the claim against every definition of a traditional stage, and the parts of each."""
     if (found := study.traditional) is not None:
-        yield Bullets(verdict(found))
+        yield Bullets(conclusions(found))
         yield claim_table(found)
         yield error_table(found)
         yield other_table(found)
@@ -37,7 +37,7 @@ def motion_error_section(study: "Study") -> Iterator[Content]:
 def drift_section(study: "Study") -> Iterator[Content]:
     """Show what temperature does to each stage."""
     if (found := study.traditional) is not None:
-        yield Bullets(drift_verdict(found))
+        yield Bullets(drift_conclusions(found))
         yield drift_table(found)
 
 
@@ -116,7 +116,7 @@ def claim_table(found: TraditionalComparison) -> Table:
 def error_table(found: TraditionalComparison) -> Table:
     """Show motion errors of every axis, and their parts."""
     rows = [
-        (stage.title, name, *_errors(axis, found.knows_straightness or stage is not found.own))
+        (stage.title, name, *_errors(axis, found.knows_straightness or stage is not found.stage))
         for stage in _stages(found)
         for name, axis in stage.axes.items()
     ]
@@ -181,7 +181,7 @@ def other_table(found: TraditionalComparison) -> Table:
         "motion across. Coupling: motion across over motion along as drawn, worse axis.",
         (
             Column("Stage", "long words"),
-            *(Column(name, group=axes) for name in found.own.axes),
+            *(Column(name, group=axes) for name in found.stage.axes),
             Column("frequency", group=differ),
             Column("motion across", group=differ),
             "Coupling [%]",
@@ -225,7 +225,7 @@ def drift_table(found: TraditionalComparison) -> Table:
 
 
 def _stages(found: TraditionalComparison) -> tuple[ComparedStage, ...]:
-    return (found.own, *found.others, found.asymmetric)
+    return (found.stage, *found.others, found.asymmetric)
 
 
 def _small(value: float, decimals: int = 3) -> str:

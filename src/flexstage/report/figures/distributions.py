@@ -146,7 +146,7 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
 
     What varies by rounding alone is left out, unless there is nothing else.
     """
-    spreads = [s for s in study.spreads if not s.still] or list(study.spreads)
+    spreads = [s for s in study.spreads if not s.constant] or list(study.spreads)
     columns = _columns(len(spreads))
     rows = math.ceil(len(spreads) / columns)
     wide, high = min(3.4 * columns, _WIDTH + 0.6), 1.8 * rows + 0.5
@@ -163,7 +163,7 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
 
 
 def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) -> None:
-    shown = spread.figure.shown.fitting(float(np.abs(spread.edges).max()))
+    shown = spread.figure.display.fitting(float(np.abs(spread.edges).max()))
     edges, low_high = spread.edges * shown.factor, np.array(spread.middle) * shown.factor
     share = 100.0 * spread.counts / max(spread.count, 1)
     if np.isfinite(low_high).all():
@@ -229,7 +229,7 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
     others = [sum(v for kind, v in b.items() if kind not in named) for b in by_kind]
     if max(others, default=0.0) >= least:
         bars.append(("other deviations", CYCLE[own_colours], others))
-    rest = [of.rest for of in shares]
+    rest = [of.unexplained for of in shares]
     if max(rest, default=0.0) >= least:
         bars.append(("joint or bent effects", MUTED, rest))
     for label, colour, values in bars:

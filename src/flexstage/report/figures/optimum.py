@@ -46,19 +46,19 @@ def draw_history(found: Optimum) -> "Drawn":
     none = 1e-8
     figure, (above, below) = panels(6.6, 5.0, 2, sharex=True, height_ratios=(1.4, 1.0))
     goals = found.problem.goals
-    shown = goals[0].figure.shown if goals else None
+    shown = goals[0].figure.display if goals else None
     factor = shown.factor if shown else 1.0
-    turned = found.rungs[0].evaluations if found.rungs else np.inf
-    for search in dict.fromkeys(step.search for step in found.trace):
-        steps = [step for step in found.trace if step.search == search]
+    turned = found.iterations[0].evaluations if found.iterations else np.inf
+    for search in dict.fromkeys(step.search for step in found.history):
+        steps = [step for step in found.history if step.search == search]
         at = [step.evaluations for step in steps]
         corrected = at[0] > turned
         look: dict[str, Any] = {"color": CYCLE[int(corrected)], "marker": ".", "ms": 3, "lw": 1.2}
         label = "corrected model" if corrected else "lumped model, each start a line"
         above.plot(at, [factor * s.objective for s in steps], label=label, **look)
         below.semilogy(at, [max(s.violation, none) for s in steps], **look)
-    for rung in found.rungs if goals else ():
-        value, label = factor * rung.found[0], f"by {rung.model}"
+    for rung in found.iterations if goals else ():
+        value, label = factor * rung.computed[0], f"by {rung.model}"
         above.plot(rung.evaluations, value, marker="x", color=INK, ms=6, ls="", label=label)
     above.set_ylabel(goals[0].figure.heading if goals else "distance from the start\n[bounds]")
     below.set(ylabel="missed by\n[parts of limits]", xlabel="evaluations of the lumped model")
@@ -265,21 +265,23 @@ def draw_front(found: Front) -> "Drawn":
 
 def _pair(axes: "Axes", found: Front, across: Figure, up: Figure) -> None:
     at = [found.figures.index(figure) for figure in (across, up)]
-    factors = np.array([across.shown.factor, up.shown.factor])
+    factors = np.array([across.display.factor, up.display.factor])
 
     def drawn(values: Array) -> Array:
         return (values[..., at] * factors).T
 
     axes.plot(*drawn(found.searched), "o", ms=2, color=MUTED, alpha=0.35, label="searched")
     axes.plot(*drawn(found.values), "o", ms=4, color=CYCLE[0], label="front, lumped")
-    axes.plot(*drawn(found.found), "o", ms=5, color=CYCLE[1], label=f"front, {found.model}")
+    axes.plot(
+        *drawn(found.recomputed_values), "o", ms=5, color=CYCLE[1], label=f"front, {found.model}"
+    )
     best = found.optimum
     own = [best.figures.index(figure) for figure in (across, up)]
     axes.plot(
         *(best.levels[-1].best[own] * factors), "*", ms=12, color=CYCLE[2], label="chosen, improved"
     )
     axes.set(xlabel=across.heading, ylabel=up.heading)
-    spread = drawn(np.concatenate([found.values, found.found]))
+    spread = drawn(np.concatenate([found.values, found.recomputed_values]))
     for values, limit in zip(spread, (axes.set_xlim, axes.set_ylim), strict=True):
         room = 0.25 * max(float(np.ptp(values)), 1e-3 * abs(float(values.max())))
         limit(float(values.min()) - room, float(values.max()) + room)

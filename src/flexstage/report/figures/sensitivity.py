@@ -148,7 +148,7 @@ def draw_moving_necks(stage: Stage, found: Sensitivities) -> "Figure":
         by_hinge = {
             name.removesuffix(".neck"): float(changes[i, j])
             for j, k in enumerate(necks)
-            for name in found.alike[k]
+            for name in found.equivalent[k]
         }
         _panel(axes, stage, by_hinge)
         entitle(axes, found.figures[i].label)

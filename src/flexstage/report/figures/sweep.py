@@ -43,7 +43,7 @@ def draw_sweep(sweep: Sweep) -> "Drawing":
     Of one variable curves, of two on a grid maps with lines of equal value, else a diagram for each
     figure and each variable.
     """
-    if sweep.still.all():
+    if sweep.constant.all():
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
     if len(sweep.variables) == 1:
         return _curves(sweep)
@@ -61,7 +61,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
     found = sweep.indices
     if found is None:
         raise ModelError("the sweep has no Sobol' indices: ask for them")
-    shown = [k for k in sweep.moving if np.isfinite(found.total[k]).all()]
+    shown = [k for k in sweep.varying if np.isfinite(found.total[k]).all()]
     if not shown:
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
     chosen = list(sweep.strongest(most_bars))
@@ -107,11 +107,11 @@ def _curves(sweep: Sweep) -> "Drawing":
     variable = sweep.variables[0]
     order = np.argsort(sweep.points[:, 0], kind="stable")
     x = sweep.points[order, 0] * variable.factor
-    shown = sweep.moving
+    shown = sweep.varying
     figure, grid = _small_multiples(len(shown), 2.4)
     gaps = _spans(x, ~sweep.possible[order])
     for axes, k in zip(grid, shown, strict=True):
-        shape = sweep.shown(k)
+        shape = sweep.display(k)
         y = sweep.values[order, k] * shape.factor
         for low, high in gaps:
             axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
@@ -140,14 +140,14 @@ def _maps(sweep: Sweep) -> "Drawing":
     shape = sweep.counts
     x = sweep.points[:, 0].reshape(shape) * across.factor
     y = sweep.points[:, 1].reshape(shape) * up.factor
-    shown = sweep.moving
+    shown = sweep.varying
     figure, grid = _small_multiples(len(shown), 2.9, lines=False)
     colours = _map_colours()
     gone = not sweep.possible.all()
     usual = across.usual * across.factor, up.usual * up.factor
     inside = _holds_usual(across) and _holds_usual(up)
     for axes, k in zip(grid, shown, strict=True):
-        scaled = sweep.shown(k)
+        scaled = sweep.display(k)
         values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
         if gone:
             axes.axvspan(
@@ -181,14 +181,14 @@ def _matrix(sweep: Sweep) -> "Drawing":
     # columns of a matrix of diagrams, and rows of bars, that can still be read
     most_columns = 5
 
-    shown, possible = sweep.moving, sweep.possible
+    shown, possible = sweep.varying, sweep.possible
     chosen = sweep.strongest(most_columns)
     correlations = sweep.correlations
     columns, high = len(chosen), 1.4 * len(shown) + 0.9
     figure, grid = panels(_WIDTH, high, len(shown) * columns, columns, sharex="col", sharey="row")
     rows = [grid[i : i + columns] for i in range(0, len(grid), columns)]
     for row, k in zip(rows, shown, strict=True):
-        scaled = sweep.shown(k)
+        scaled = sweep.display(k)
         y = sweep.values[possible, k] * scaled.factor
         for axes, i in zip(row, chosen, strict=True):
             variable = sweep.variables[i]

@@ -1,4 +1,4 @@
-"""Many stages at once: what moves what, sweeps, the best, and what the workshop makes of it."""
+"""Parameter studies: sensitivity, sweep, optimisation and tolerance analysis."""
 
 from typing import TYPE_CHECKING
 

@@ -17,7 +17,7 @@ from flexstage.report.tables import percent
 from flexstage.stage import Issue
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family
-from flexstage.studies.explore.figures import USUAL, Figure
+from flexstage.studies.explore.figures import DEFAULT_QUANTITIES, Figure
 from flexstage.studies.explore.sensitivity import Sensitivities, sensitivities
 from flexstage.studies.explore.variables import every_variable
 from flexstage.studies.models import analyse_model, stage_export
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 #: What is shown of every axis and of the whole, as far as a stage has it.
 SHOWN = (
-    *USUAL, "natural_frequency_with_stack_hz", "safety_factor", "resolution", "parasitic_rotation",
-    "mass", "smallest_neck",
+    *DEFAULT_QUANTITIES, "natural_frequency_with_stack_hz", "safety_factor", "resolution",
+    "parasitic_rotation", "mass", "smallest_neck",
 )  # fmt: skip
 #: The figures beside the sliders, and what the columns are called.
 BESIDE = {

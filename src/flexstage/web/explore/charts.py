@@ -11,8 +11,8 @@ from flexstage.base.arrays import Array
 from flexstage.report.figures.style import CYCLE
 from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.figures import Figure
-from flexstage.studies.explore.optimise.optimum import Trace
-from flexstage.studies.explore.tolerance import Lot
+from flexstage.studies.explore.optimise.optimum import HistoryEntry
+from flexstage.studies.explore.tolerance import MonteCarloSamples
 from flexstage.web.explore.points import ON_FRONT, SEARCHED, PointColumn, PointTable
 from flexstage.web.explore.state import Run
 from flexstage.web.figures import chart
@@ -250,7 +250,7 @@ def _numbers(values: Any) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in values]
 
 
-def draw_way(columns: Sequence[PointColumn], trace: Sequence[Trace]) -> Chart:
+def draw_way(columns: Sequence[PointColumn], trace: Sequence[HistoryEntry]) -> Chart:
     """Draw the goal of a search over the evaluations, a line for each of its starts.
 
     Points that miss a requirement are hollow.
@@ -300,7 +300,7 @@ class LotChart:
     def show(self) -> None:
         """Show what was drawn so far."""
         found = self._run.job.found
-        lot = next((each for each in found if isinstance(each, Lot)), None)
+        lot = next((each for each in found if isinstance(each, MonteCarloSamples)), None)
         batches = [each for each in found if isinstance(each, FinishedBatch)]
         if lot is None or not batches:
             return
@@ -335,7 +335,7 @@ class LotChart:
 
 def histogram(figure: Figure, values: Array, preferences: Preferences) -> Chart:
     """Return how values of a figure are distributed; those of what is no stage are left out."""
-    shown = preferences.shown(figure.shown)
+    shown = preferences.shown(figure.display)
     known = values[np.isfinite(values)] * shown.factor
     counts, edges = np.histogram(known, bins=_BINS) if known.size else (np.zeros(1), np.zeros(2))
     bars = {

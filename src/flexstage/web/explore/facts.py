@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import batched_figures, known_figures
-from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
+from flexstage.studies.explore.figures import Figure, Requirement, default_figures
 from flexstage.studies.explore.optimise.default_requirements import (
     CHECK,
-    usual_requirements,
-    usual_variables,
+    default_requirements,
+    default_variables,
 )
 from flexstage.studies.explore.variables import Variable, every_variable
 from flexstage.web.design.state import SHARE, Variant
@@ -80,10 +80,10 @@ def facts_of(variant: Variant) -> StageFacts:
     return StageFacts(
         template=template,
         variables={v.name: v for v in every_variable(template, SHARE)},
-        flexure=frozenset(v.name for v in usual_variables(template)),
+        flexure=frozenset(v.name for v in default_variables(template)),
         figures=figures,
         values={name: known[figure.key] for name, figure in figures.items()},
-        usual=tuple(f.name for f in usual_figures(known)),
+        usual=tuple(f.name for f in default_figures(known)),
         of_lots=frozenset(name for name, figure in figures.items() if figure.key in batched),
-        required=usual_requirements(stage, known, ()),
+        required=default_requirements(stage, known, ()),
     )

@@ -39,7 +39,7 @@ class Fields:
         """Return what figures are called, with their units."""
         figures = self.facts.figures
         return {
-            name: figures[name].heading_in(self.preferences.shown(figures[name].shown))
+            name: figures[name].heading_in(self.preferences.shown(figures[name].display))
             for name in names
         }
 
@@ -162,7 +162,7 @@ class Fields:
         again: Callable[[], None],
         drop: Callable[[LimitWords], None] | None,
     ) -> None:
-        shown = self.preferences.shown(self.facts.figures[row.figure].shown)
+        shown = self.preferences.shown(self.facts.figures[row.figure].display)
 
         def choose(event: Any) -> None:
             row.figure, row.value = event.value, self.facts.values[event.value]

@@ -16,7 +16,7 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.studies.explore.sampling import usual_plan
-from flexstage.studies.explore.sweep import usual_cost
+from flexstage.studies.explore.sweep import typical_seconds
 from flexstage.studies.explore.variables import variables_of
 from flexstage.studies.explore.workers import duration
 from flexstage.virtual.imperfections import Scatter
@@ -51,7 +51,7 @@ def what_it_takes(request: ExploreRequest, facts: StageFacts) -> str:
         case SweepRequest():
             over = variables_of(facts.template, request.over)
             points = len(usual_plan(over, request.model, samples=request.samples).points(over))
-            seconds = max(1.0, points * usual_cost(request.model))
+            seconds = max(1.0, points * typical_seconds(request.model))
             return f"{points} points, about {duration(seconds)}"
         case OptimiseRequest():
             most = SearchOptions(evaluations=request.evaluations)
@@ -123,7 +123,7 @@ def _sweep(form: ExploreForm, fields: Fields) -> None:
 
     show()
     fields.figures(form, facts.figures)
-    fields.model(form, f"closer, about {usual_cost('superelement'):g} s a point")
+    fields.model(form, f"closer, about {typical_seconds('superelement'):g} s a point")
 
 
 def _optimise(form: ExploreForm, request: OptimiseRequest, fields: Fields) -> None:

@@ -14,7 +14,7 @@ from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.family import Family
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.front import Front, Generation, non_dominated
-from flexstage.studies.explore.optimise.optimum import Optimum, SearchStep, Trace
+from flexstage.studies.explore.optimise.optimum import HistoryEntry, Optimum, SearchStep
 from flexstage.studies.explore.optimise.problem import Problem
 from flexstage.studies.explore.sampling import SweepPlan
 from flexstage.studies.explore.sweep import Sweep
@@ -120,9 +120,9 @@ def _varied(variable: Variable, values: Array) -> PointColumn:
 def _outcome(
     figure: Figure, values: Array, described: float, preferences: Preferences
 ) -> PointColumn:
-    shown = preferences.shown(figure.shown)
+    shown = preferences.shown(figure.display)
     known = np.abs(values[np.isfinite(values)])
-    if shown == figure.shown and known.size:
+    if shown == figure.display and known.size:
         shown = shown.fitting(float(known.max()))
     axis = "" if figure.axis == WHOLE_STAGE else figure.axis
     unit = f"[{shown.shown_unit}]" if shown.shown_unit else ""
@@ -157,7 +157,7 @@ def _table(
 
 def of_sweep(found: Sweep, preferences: Preferences) -> PointTable:
     """Return the points of a sweep, with the figures that vary."""
-    order = list(found.moving) or list(range(len(found.figures)))
+    order = list(found.varying) or list(range(len(found.figures)))
     table = _table(
         found.variables,
         [found.figures[k] for k in order],
@@ -200,7 +200,7 @@ def of_front(found: Front, preferences: Preferences) -> PointTable:
         preferences,
     )
     labels = [ON_FRONT] * len(found.points)
-    labels[found.chosen] = "chosen"
+    labels[found.selected] = "chosen"
     return replace(table, labels=(*labels, "chosen, improved"))
 
 
@@ -228,8 +228,8 @@ class SearchedFront:
         self._taken = len(found)
         if new:
             before = len(self._points)
-            self._points = np.vstack((self._points, *(each.points[each.kept] for each in new)))
-            self._values = np.vstack((self._values, *(each.values[each.kept] for each in new)))
+            self._points = np.vstack((self._points, *(each.points[each.feasible] for each in new)))
+            self._values = np.vstack((self._values, *(each.values[each.feasible] for each in new)))
             rows = np.concatenate((self._front, np.arange(before, len(self._points))))
             self._front = rows[non_dominated(self._costs(rows))]
         if not len(self._points):
@@ -266,13 +266,13 @@ def of_steps(
     return PointTable(
         variables=tuple(v.name for v in problem.family.variables),
         points=points,
-        columns=(*way_columns(problem, [s.trace for s in steps], preferences), *varied),
+        columns=(*way_columns(problem, [s.entry for s in steps], preferences), *varied),
         computed=len(steps),
     )
 
 
 def way_columns(
-    problem: Problem, trace: Sequence[Trace], preferences: Preferences
+    problem: Problem, trace: Sequence[HistoryEntry], preferences: Preferences
 ) -> tuple[PointColumn, ...]:
     """Return the way of a search: evaluations, goal, and what the requirements are missed by."""
     objective = np.array([step.objective for step in trace])

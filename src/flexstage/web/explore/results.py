@@ -198,7 +198,7 @@ class Results:
             assert isinstance(self._question, Problem)
             done = run.job.state == "done"
             steps = (each for each in run.job.found if isinstance(each, SearchStep))
-            trace = run.job.result.result.trace if done else [step.trace for step in steps]
+            trace = run.job.result.result.history if done else [step.entry for step in steps]
             way = points.way_columns(self._question, trace, self._page.preferences)
             return charts.draw_way(way, trace)
         across = table.varied[0] if run.chart == charts.CURVE else table.column(run.across)

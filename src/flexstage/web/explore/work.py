@@ -125,7 +125,7 @@ def _of_sweep(found: Sweep) -> _Shown:
 
     files, left_out = sweep_files(found)
     title = "All figures that vary, over what was varied"
-    pictures = {} if found.still.all() else {title: found.plot}
+    pictures = {} if found.constant.all() else {title: found.plot}
     notes = (*sweep.sweep_notes(found), *left_out)
     return _Shown(files, sweep.range_tables(found), notes, pictures)
 
@@ -138,23 +138,23 @@ def _of_lot(study: ToleranceStudy) -> _Shown:
     tables = [tolerance.yield_table(study.yields)] if study.yields else []
     tables.append(tolerance.spread_table(study))
     pictures: dict[str, Callable[[], Drawing]] = {"Distribution of every figure": study.plot}
-    if choice is not None and choice.found:
+    if choice is not None and choice.available:
         tables.append(tolerance.choice_table(choice))
     if study.shares:
         tables.append(tolerance.share_table(study))
         pictures["What the variance of every figure consists of"] = partial(study.plot, "shares")
-    verdict = () if choice is None else (choice.verdict,)
+    verdict = () if choice is None else (choice.conclusion,)
     notes = (*verdict, f"figures by the {study.model}", *study.notes)
     return _Shown(tolerance_files(study, every=True), tables, notes, pictures)
 
 
 def _of_sensitivities(found: Sensitivities) -> _Shown:
     from flexstage.report.explored_files import sensitivity_files
-    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+    from flexstage.report.sensitivity import sensitivity_table, skipped_notes
 
     pictures = {"Changes of the figures": found.plot}
     tables = [sensitivity_table(found)]
-    return _Shown(sensitivity_files(found), tables, left_out_notes(found), pictures)
+    return _Shown(sensitivity_files(found), tables, skipped_notes(found), pictures)
 
 
 def _of_optimum(found: Optimum) -> _Shown:

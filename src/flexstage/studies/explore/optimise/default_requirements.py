@@ -1,4 +1,4 @@
-"""What is required of every stage without being asked, and figures that were published."""
+"""Default requirements and variables of an optimisation, and published values as targets."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -12,74 +12,72 @@ from flexstage.stage.narrowest import thinnest_wall
 from flexstage.studies.explore.figures import Figure, Requirement
 from flexstage.studies.explore.variables import Variable, every_variable, is_data_sheet
 
-#: Safety against yield that machine parts under static load usually have [1].
+#: Usual safety factor against yield of machine parts under static load [1].
 SAFETY = 1.5
-#: Thinnest wall of a body [m]: shops that cut and mill aluminium name 0.5 mm by wire at best, and
-#: 0.8 to 1 mm as what they take without asking back, in guidelines for their customers.
+#: Thinnest wall of a body [m]: guidelines of workshops for aluminium give 0.5 mm as the limit of
+#: wire erosion, and 0.8 to 1 mm as the minimum wall that most of them accept.
 THINNEST_WALL = 1e-3
-#: Thinnest wall of a body that something is bolted to [m]: what takes an M2 thread (least boss in
-#: TR Fastenings' table of screws for aluminium: 3.32 mm).
-BOLTED = 3.3e-3
-#: Share of the stroke as described that an axis keeps where nothing else is said of it [1].
+#: Thinnest wall of a body with bolted parts [m]: that of an M2 thread (least boss in TR Fastenings'
+#: table of screws for aluminium: 3.32 mm).
+THREADED_WALL = 3.3e-3
+#: Default lower limit of the stroke, as a share of the described stroke [1].
 STROKE = 0.9
-#: What stands for the checks of `flexstage.stage.check` where they are not to be required.
+#: Name of the checks of `flexstage.stage.check` among the default requirements.
 CHECK = "check"
-#: Share by which every dimension is varied to either side where nothing is said [1].
+#: Default range of a dimension to either side, as a share of its value [1].
 SHARE = 0.3
-# what says as much of the stress of an axis as the safety against yield
+# quantities that limit the stress of an axis, as the safety factor against yield does
 _STRESS = ("max_stress", "safety_factor", "fatigue_safety")
-# what a stroke is called, and what says as much of it
+# strokes, and quantities that limit them as well
 _STROKES = ("output_displacement", "rotation_stroke")
 _OF_STROKE = (*_STROKES, "transmission_ratio")
-# figures that a published one follows from, where that was published too
+# published quantities from which another one follows
 _FOLLOWS = {
     "transmission_ratio": ("output_displacement",),
     "resolution": ("output_displacement", "transmission_ratio"),
 }
-# what belongs to bought parts, bolts and the material is not varied unless it is named; nor is
-# the thickness of the plate
+# parameters of bought parts, bolts and the material, and the plate thickness: not varied by default
 _BOUGHT = ("actuator", "mounting_hole", "force_patch", "material")
 _PLATE = "thickness"
 
 
-def usual_requirements(
+def default_requirements(
     stage: Stage,
     known: Mapping[tuple[str, str], float],
-    asked: Iterable[Requirement],
+    requested: Iterable[Requirement],
     without: Iterable[str] = (),
     *,
     goals: Iterable[Figure] = (),
 ) -> tuple[Requirement, ...]:
-    """Return what is required without being asked: what can be stressed and driven.
+    """Return the default requirements on stress, drive, stroke and walls.
 
-    Each axis keeps `STROKE` of its stroke, unless stroke or ratio of it is a goal or asked for: a
-    stage that hardly moves has any frequency.
-    The safety against yield is `SAFETY`. Walls of bodies are no thinner than `THINNEST_WALL`, those
-    of an output body, to which something is bolted, no thinner than `BOLTED`, or than they are
-    described where that is less. At the input the stage is no stiffer than its actuator, so
-    that half of the free stroke is left, and its full stroke takes no more than the blocking force
-    of a stack. A requirement that is asked for takes the place of one of these, of stress that of
-    the safety of its axis.
+    Each axis keeps `STROKE` of its stroke, unless its stroke or ratio is a goal or a requirement: a
+    stage of small stroke can have any frequency. The safety factor against yield is `SAFETY`. Walls
+    are no thinner than `THINNEST_WALL`, and those of an output body, with bolted parts, no thinner
+    than `THREADED_WALL`, or than in the description if that is less. The input stiffness is at most
+    that of the actuator, so that half of the free stroke remains, and the force at full stroke is
+    at most the blocking force of a stack. A requested requirement replaces a default one on the
+    same quantity; one on stress replaces the safety factor of its axis.
 
     Parameters
     ----------
     stage : Stage
-        The stage as it is described.
+        The described stage.
     known : Mapping
-        The figures that there are, of the stage as described, by quantity and axis.
-    asked : iterable of Requirement
-        What is asked for.
+        Available figures of the described stage, by quantity and axis.
+    requested : iterable of Requirement
+        Requested requirements.
     without : iterable of str
-        Names of what is not required, such as ``safety_factor``, ``safety_factor.x`` or ``stroke``.
+        Names of disabled defaults, such as ``safety_factor``, ``safety_factor.x`` or ``stroke``.
     goals : iterable of Figure
-        What is made best.
+        Figures of the goals.
 
     Raises
     ------
     ModelError
-        A name in `without` is none of them.
+        A name in `without` is not that of a default requirement.
     """
-    usual = [
+    defaults = [
         *(Requirement(figure=f, low=SAFETY) for f in _figures("safety_factor", known)),
         *(
             Requirement(figure=f, high=stiffest)
@@ -87,46 +85,46 @@ def usual_requirements(
             if (stiffest := _stiffest(stage, f.axis)) is not None
         ),
     ]
-    usual += _walls(stage, known)
-    usual += _strokes(known)
-    dropped = [full_name(name) for name in without]
-    names = {CHECK, *(name for r in usual for name in (r.figure.name, r.figure.quantity))}
-    for name in dropped:
+    defaults += _walls(stage, known)
+    defaults += _strokes(known)
+    disabled = [full_name(name) for name in without]
+    names = {CHECK, *(name for r in defaults for name in (r.figure.name, r.figure.quantity))}
+    for name in disabled:
         if name not in names:
             raise ModelError(
-                f"nothing called '{name[:60]}' is required without being asked"
-                f"{did_you_mean(name, sorted(names))}; that is "
-                f"{', '.join([CHECK, *(r.figure.name for r in usual)])}"
+                f"there is no default constraint '{name[:60]}'"
+                f"{did_you_mean(name, sorted(names))}; the default constraints are "
+                f"{', '.join([CHECK, *(r.figure.name for r in defaults)])}"
             )
-    said = {r.figure.key for r in asked}
-    moved = {a for q, a in said.union(goal.key for goal in goals) if q in _OF_STROKE}
-    stressed = {axis for quantity, axis in said if quantity in _STRESS}
+    keys = {r.figure.key for r in requested}
+    with_stroke = {a for q, a in keys.union(goal.key for goal in goals) if q in _OF_STROKE}
+    with_stress = {axis for quantity, axis in keys if quantity in _STRESS}
     return tuple(
         r
-        for r in usual
-        if r.figure.key not in said
-        and not (r.figure.quantity in _STRESS and r.figure.axis in stressed)
-        and not (r.figure.quantity in _STROKES and r.figure.axis in moved)
-        and not {r.figure.name, r.figure.quantity} & set(dropped)
+        for r in defaults
+        if r.figure.key not in keys
+        and not (r.figure.quantity in _STRESS and r.figure.axis in with_stress)
+        and not (r.figure.quantity in _STROKES and r.figure.axis in with_stroke)
+        and not {r.figure.name, r.figure.quantity} & set(disabled)
     )
 
 
 def _walls(stage: Stage, known: Iterable[tuple[str, str]]) -> list[Requirement]:
-    """Return what walls may be: no more is asked than the stage has."""
+    """Return the requirements on walls, which the described stage meets."""
     outputs = {axis.name: stage.probe(axis.probe).body for axis in stage.axes}
-    found: dict[str | None, Requirement] = {}
-    for quantity, least in (("smallest_wall", THINNEST_WALL), ("output_wall", BOLTED)):
+    walls: dict[str | None, Requirement] = {}
+    for quantity, least in (("smallest_wall", THINNEST_WALL), ("output_wall", THREADED_WALL)):
         for figure in _figures(quantity, known):
             body = outputs.get(figure.axis)
-            # whole um, downwards: the stage itself keeps it
-            own = float(f"{1e-6 * math.floor(1e6 * thinnest_wall(stage, body) + 1e-3):.9g}")
-            if own > 0.0 and body not in found:  # axes that share a body share its wall
-                found[body] = Requirement(figure=figure, low=min(least, own))
-    return list(found.values())
+            # rounded down to whole um, so that the described stage meets it
+            described = float(f"{1e-6 * math.floor(1e6 * thinnest_wall(stage, body) + 1e-3):.9g}")
+            if described > 0.0 and body not in walls:  # axes may share an output body
+                walls[body] = Requirement(figure=figure, low=min(least, described))
+    return list(walls.values())
 
 
 def _strokes(known: Mapping[tuple[str, str], float]) -> list[Requirement]:
-    """Return what strokes may be, to three digits."""
+    """Return the requirements on strokes, rounded to three digits."""
     limits = [
         (Figure(quantity=quantity, axis=axis), float(f"{STROKE * value:.3g}"))
         for (quantity, axis), value in known.items()
@@ -138,14 +136,14 @@ def _strokes(known: Mapping[tuple[str, str], float]) -> list[Requirement]:
     ]
 
 
-def walls_note(usual: Iterable[Requirement]) -> str:
-    """Return in a sentence where the limits of walls come from; empty where there are none."""
-    if not any(r.figure.quantity in ("smallest_wall", "output_wall") for r in usual):
+def wall_note(defaults: Iterable[Requirement]) -> str:
+    """Return the origin of the limits of walls as a note; empty without such limits."""
+    if not any(r.figure.quantity in ("smallest_wall", "output_wall") for r in defaults):
         return ""
     return (
-        f"walls: {1e3 * THINNEST_WALL:g} mm is what shops cut in aluminium without asking back, "
-        f"{1e3 * BOLTED:g} mm of the output body take an M2 thread; where the stage as described "
-        "has less, that is the limit"
+        f"walls: most workshops accept at least {1e3 * THINNEST_WALL:g} mm in aluminium, and an M2 "
+        f"thread in the output body needs {1e3 * THREADED_WALL:g} mm; a thinner wall of the "
+        "described stage is the limit instead"
     )
 
 
@@ -154,9 +152,9 @@ def _figures(quantity: str, known: Iterable[tuple[str, str]]) -> list[Figure]:
 
 
 def _stiffest(stage: Stage, axis: str) -> float | None:
-    """Return the stiffness that an axis may have at its input [N/m], None where nothing says so.
+    """Return the largest permissible input stiffness of an axis [N/m]; None without a limit.
 
-    An axis of several drives has no one input.
+    An axis with several drives has no single input.
     """
     name = next(a.drive for a in stage.axes if a.name == axis)
     if name is None:
@@ -169,15 +167,15 @@ def _stiffest(stage: Stage, axis: str) -> float | None:
 
 
 def published_targets(stage: Stage, known: Collection[tuple[str, str]]) -> tuple[Requirement, ...]:
-    """Return the figures of finite elements that were published of a stage, as values to match.
+    """Return published finite-element values of a stage as values to match.
 
-    Without what a drive is given, and without what follows from others that were published: the
-    ratio and the resolution beside the displacement.
+    Input displacements are omitted, and values that follow from others: ratio and resolution, if
+    the displacement is published.
 
     Raises
     ------
     ModelError
-        None were published of it.
+        No such values were published.
 
     Examples
     --------
@@ -200,39 +198,39 @@ def published_targets(stage: Stage, known: Collection[tuple[str, str]]) -> tuple
     )
     if not targets:
         raise ModelError(
-            f"no finite-element figures are published of {stage.name}: name values to match, such "
-            'as --match "natural_frequency.x = 320 Hz"'
+            f"there are no published finite-element values of {stage.name}: name values to match, "
+            'such as --match "natural_frequency.x = 320 Hz"'
         )
     return targets
 
 
-def usual_variables(template: StageTemplate) -> tuple[Variable, ...]:
-    """Return the dimensions that are varied where none is named: those of the flexure alone.
+def default_variables(template: StageTemplate) -> tuple[Variable, ...]:
+    """Return the dimensions that are varied by default: those of the flexure.
 
-    What belongs to bought parts and bolts stays, and so does the thickness of the plate.
+    Dimensions of bought parts and bolts, and the plate thickness, are fixed.
 
     Examples
     --------
-    >>> [variable.name for variable in usual_variables(StageTemplate.of("parallelogram"))][:2]
+    >>> [variable.name for variable in default_variables(StageTemplate.of("parallelogram"))][:2]
     ['leg_spacing', 'leg.notch.neck_thickness']
     """
-    return tuple(v for v in every_variable(template, SHARE) if not _stays(v.name))
+    return tuple(v for v in every_variable(template, SHARE) if not _is_fixed(v.name))
 
 
-def held_dimensions(template: StageTemplate) -> str:
-    """Return in a sentence which dimensions `usual_variables` leaves as they are; empty: none."""
+def fixed_dimensions_note(template: StageTemplate) -> str:
+    """Return the dimensions that `default_variables` omits, as a note; empty if there are none."""
     names = [
         v.name
         for v in every_variable(template, SHARE)
-        if _stays(v.name) and not is_data_sheet(v.name)
+        if _is_fixed(v.name) and not is_data_sheet(v.name)
     ]
     if not names:
         return ""
     return (
-        "held, as they belong to bought parts, bolts or the plate (--over NAME=RANGE varies one): "
+        "fixed dimensions of bought parts, bolts and the plate (--over NAME=RANGE varies one): "
         f"{', '.join(names)}"
     )
 
 
-def _stays(name: str) -> bool:
+def _is_fixed(name: str) -> bool:
     return name == _PLATE or any(word in name for word in _BOUGHT)

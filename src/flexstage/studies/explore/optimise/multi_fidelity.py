@@ -1,8 +1,8 @@
-"""The ladder: a quick model is searched, finer ones correct it and confirm what is found."""
+"""Multi-fidelity search: finer models correct and confirm a search of the lumped model."""
 
 import math
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -18,24 +18,24 @@ from flexstage.studies.explore.family import evaluate
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.local_search import (
     FEASIBLE,
+    Boundary,
     Iterate,
     LocalOptimum,
-    Wall,
     local_search,
     violation_of,
 )
 from flexstage.studies.explore.optimise.optimum import (
     TOLERANCE,
+    HistoryEntry,
+    Iteration,
     Level,
     Optimum,
-    Rung,
     SearchStep,
-    Trace,
-    held_by,
+    find_active_constraints,
     new_names,
 )
 from flexstage.studies.explore.optimise.problem import Correction, Problem, StageProgram
-from flexstage.studies.explore.optimise.rounding import drawn, drawn_point, is_drawn
+from flexstage.studies.explore.optimise.rounding import is_rounded, round_optimum, rounded_point
 from flexstage.studies.models import known_model
 
 Start = Literal["described", "middle"]
@@ -43,116 +43,121 @@ Start = Literal["described", "middle"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Effort:
-    """How the evaluations are divided; tried on both stages of the study and on a guide."""
+    """Distribution of the evaluations; tuned on both stages of the study and on a guide."""
 
-    each: int = 250
-    """Evaluations at most for each variable, where the options say nothing."""
+    per_variable: int = 250
+    """Default number of evaluations for each variable."""
     sample: int = 64
-    """Points that starts are chosen from."""
-    steps: int = 60
-    """Steps of a search at most."""
+    """Number of points from which further starts are selected."""
+    most_steps: int = 60
+    """Largest number of steps of a local search."""
     fewest_steps: int = 4
-    """Steps of a search at least."""
+    """Least number of steps of a local search."""
     reserve: float = 0.4
-    """Share of the evaluations that is kept for the ladder."""
-    turns: int = 12
-    """Turns of the ladder at most."""
-    again: float = 0.4
-    """Share of the evaluations left that a turn of the ladder may use."""
+    """Share of the evaluations for searches with the corrected model."""
+    iterations: int = 12
+    """Largest number of iterations with the finer model."""
+    iteration_share: float = 0.4
+    """Share of the remaining evaluations in one iteration."""
     reach: float = 0.4
-    """How far the second turn may go, in parts of the bounds."""
-    near: float = 1e-2
-    """Agreement of two models that lets the next turn go further."""
-    agreed: float = 1e-3
-    """Agreement of two models at which the ladder ends."""
-    alike: int = 2
-    """Turns after which the correction has seen how the models differ nearby."""
-    rest: float = 0.67
-    """What a turn leaves of the work that is left, as it is shown."""
-    mended: int = 3
-    """How often what the finest model finds missed is mended."""
-    mending: float = 0.1
-    """Share of all evaluations that is left for each time."""
-    close: float = 0.1
-    """How far that search may go at first, in parts of the bounds."""
+    """Initial search range of an iteration, as a share of the bounds."""
+    good_agreement: float = 1e-2
+    """Relative difference of the models below which the search range grows."""
+    agreement: float = 1e-3
+    """Relative difference of the models at convergence."""
+    learning: int = 2
+    """Number of iterations until the correction has gradients of the difference of the models."""
+    remaining_work: float = 0.67
+    """Share of the work that remains after an iteration, for the progress display."""
+    repairs: int = 3
+    """Largest number of corrections by the confirming model."""
+    repair_share: float = 0.1
+    """Share of all evaluations for each of these corrections."""
+    repair_reach: float = 0.1
+    """Initial search range of these corrections, as a share of the bounds."""
 
 
 _EFFORT = _Effort()
-_ROUNDED_OFF = (
-    "rounded to 0.001 mm and 0.001 deg the stage misses what is required, and so do those beside it"
+_VIOLATION_BY_ROUNDING = (
+    "rounded to 0.001 mm and 0.001 deg the stage violates a requirement, and so do the "
+    "neighbouring rounded values"
 )
 _UNROUNDED = (
-    "no stage nearby of whole 0.001 mm and 0.001 deg is possible: the dimensions are as they were "
-    "found, with all their digits"
+    "no neighbouring stage with dimensions of whole 0.001 mm and 0.001 deg is possible: the "
+    "dimensions are unrounded"
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOptions:
-    """How it is searched."""
+    """Options of a multi-fidelity search."""
 
     start: Start = "described"
-    """``described``: the stage as it is; ``middle`` of all bounds."""
+    """Start point: the stage as ``described``, or the ``middle`` of all bounds."""
     model: str = "superelement"
-    """The model that corrects the lumped one; ``lumped`` for none."""
+    """Model that corrects the lumped one; ``lumped`` for no correction."""
     confirm: str | None = None
-    """A finer model that confirms the best, of `flexstage.studies.models`; None for none."""
+    """Finer model of `flexstage.studies.models` that confirms the optimum; None for no check."""
     evaluations: int | None = None
-    """Evaluations of the lumped model at most; 250 for each variable, and for two more, where None.
+    """Largest number of evaluations of the lumped model; by default 250 times the number of
+    variables plus two.
     """
     starts: int = 3
-    """Starts beside the given one, for a goal."""
+    """Number of further starts, for a search with a goal."""
     seed: int = 0
-    """Seed of the other starts."""
+    """Seed of the further starts."""
 
     def __post_init__(self) -> None:
         if (self.evaluations is not None and self.evaluations < 1) or self.starts < 0:
             raise ModelError(
-                f"a search needs at least one evaluation, and no fewer than 0 other starts, got "
+                f"a search needs at least 1 evaluation and 0 or more further starts, got "
                 f"{self.evaluations} and {self.starts}"
             )
         if self.model not in ("lumped", "superelement"):
-            raise ModelError(f"lumped or superelement corrects a search, got '{self.model}'")
+            raise ModelError(
+                f"the model of a search must be lumped or superelement, got '{self.model}'"
+            )
         if self.confirm is not None:
             known_model(self.confirm)
         if self.confirm == "lumped":
-            raise ModelError("a finer model than lumped confirms what a search finds")
+            raise ModelError("the confirming model must be finer than lumped")
 
     def budget(self, variables: int) -> int:
-        """Return how many evaluations of the lumped model there may be."""
-        return _EFFORT.each * (variables + 2) if self.evaluations is None else self.evaluations
+        """Return the largest number of evaluations of the lumped model."""
+        default = _EFFORT.per_variable * (variables + 2)
+        return default if self.evaluations is None else self.evaluations
 
 
 def find_optimum(
     problem: Problem, options: SearchOptions | None = None, start: Array | None = None
 ) -> Optimum:
-    """Return the best stage of a family by one goal, or the nearest that meets what is required.
+    """Return the optimum of one goal, or the nearest stage that meets the requirements.
 
-    The lumped model is searched from the start and from the best of a Sobol' sample
-    (`local_search`). The finer model is asked at the optimum only; the ratio of both, to first
-    order about there, corrects the lumped figures, which are searched again, until the finer model
-    says what was expected (Bandler et al. 1994, IEEE Trans. MTT 42, 2536: space mapping;
-    Echeverria, Hemker 2005: manifold mapping).
+    The lumped model is searched from the start and from the best points of a Sobol' sample
+    (`local_search`). The finer model is evaluated at the optimum only. The ratio of both models, to
+    first order about that point, corrects the lumped figures, which are searched again, until the
+    finer model confirms the prediction (Bandler et al. 1994, IEEE Trans. MTT 42, 2536: space
+    mapping; Echeverria, Hemker 2005: manifold mapping).
 
     Parameters
     ----------
     problem : Problem
-        What is sought; with one goal or none.
+        The problem, with one goal or none.
     options : SearchOptions, optional
-        How it is searched.
+        Options of the search.
     start : array, optional
-        Where to start, in SI, shape (d,), instead of what the options say.
+        Start point in SI, shape (d,), instead of that of the options.
 
     Returns
     -------
     Optimum
-        The best stage that was found. Where not all requirements can be met it is the one that
-        misses them least, and says so.
+        The optimum. If the requirements cannot all be met, it is the point of least violation, and
+        the result says so.
 
     Raises
     ------
     ModelError
-        No stage is possible between the bounds, as far as was looked.
+        No possible stage was found within the bounds.
 
     Notes
     -----
@@ -160,489 +165,529 @@ def find_optimum(
     model, for small changes.
     """
     if len(problem.goals) > 1:
-        raise ModelError("several goals have no single best: ask for their Pareto front")
-    search = _begun(problem, options or SearchOptions(), start)
+        raise ModelError("several goals have no single optimum: compute their Pareto front")
+    search = _new_search(problem, options or SearchOptions(), start)
     lumped, confirm = search.options.model == "lumped", search.options.confirm
     ends = (0.9 if lumped else 0.5), (0.9 if confirm is None else 0.6)
     with progress.subtask(0.0, ends[0]):
-        best = _drawn(search, _first(search))
+        optimum = _rounded(search, _lumped_optimum(search))
     with progress.subtask(*ends):
-        visited = [_visit(search, best)] if lumped else _climb(search, best)
+        candidates = [_candidate(search, optimum)] if lumped else _iterate(search, optimum)
     with progress.subtask(ends[1], ends[1] + 0.1):
-        chosen = _or_start(search, _best_of(problem, visited) if visited else None)
+        best = _best_or_start(search, _best(problem, candidates) if candidates else None)
     if confirm is not None:
         with progress.subtask(ends[1] + 0.1, 0.9):
-            chosen = _confirm(search, confirm, chosen)
+            best = _confirm(search, confirm, best)
         with progress.subtask(0.9, 1.0):
-            chosen = _or_start(search, chosen)
-    return _optimum(search, chosen)
+            best = _best_or_start(search, best)
+    return _result(search, best)
 
 
 def start_notes(problem: Problem, options: SearchOptions) -> tuple[str, ...]:
-    """Say where the middle of the bounds is the stage as it is described."""
+    """Return a note if the middle of the bounds is the described stage."""
     family = problem.family
     if options.start != "middle" or not np.allclose(family.middle, family.usual, rtol=1e-9):
         return ()
     return (
-        "--start middle begins where the stage is already: bounds in per cent lie evenly about the "
-        "described values, so give ranges such as NAME=LOW..HIGH for another start",
+        "--start middle is the described stage here, as bounds in per cent are symmetric about its "
+        "values: give ranges such as NAME=LOW..HIGH for another start",
     )
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
-class _Visited:
-    """A point that the finest model was asked about."""
+class _Candidate:
+    """A point with figures of the finest model so far."""
 
     optimum: LocalOptimum
+    """Optimum of the corrected model."""
     correction: Correction | None
-    fine: Array
+    """Correction of the lumped model at that time."""
+    figures: Array
+    """Figures by the finest model."""
     violation: float
+    """Largest violation of a requirement by the finest model."""
     objective: float
+    """Objective by the finest model."""
     confirmed: bool = False
+    """True if the figures are those of the confirming model."""
 
 
 @dataclass(slots=True, kw_only=True)
 class _Phase:
-    """A part of the work, as progress tells it."""
+    """A phase of the search, for the progress display."""
 
     text: str
-    """What is done."""
+    """Name of the phase."""
     before: int
-    """Evaluations of the searched model before it."""
+    """Evaluations of the lumped model before it."""
     share: float
     """Evaluations that it may use."""
     best: float = math.inf
-    """Least objective so far that keeps the limits, by the model as it is corrected in it."""
+    """Least feasible objective of the corrected model in this phase."""
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
-class _Ladder:
-    """What is searched, and what has been found so far."""
+class _Models:
+    """Figures by the models of the result; each point is computed once."""
+
+    problem: Problem
+    evaluations: Counter[str]
+    """Number of evaluations, by model."""
+    figures: dict[tuple[str, bytes], Array] = field(default_factory=dict)
+    """Computed figures, by model and point."""
+    faults: dict[str, str] = field(default_factory=dict)
+    """Last reason for missing figures, by model."""
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    """Computing time by model [s]."""
+
+    def at(self, model: str, x: Array) -> Array:
+        """Return the figures of a point, variables from 0 to 1, by a model."""
+        key = (model, x.tobytes())
+        if key not in self.figures:
+            began = time.perf_counter()
+            point = rounded_point(self.problem, x)[None]
+            evaluation = evaluate(self.problem.family, point, self.problem.figures, model)
+            self.figures[key] = evaluation.values[0]
+            if not np.all(np.isfinite(evaluation.values)):
+                self.faults[model] = evaluation.faults[0] or "some of its figures are missing"
+            self.seconds[model] += time.perf_counter() - began
+            self.evaluations[model] += 1
+        return self.figures[key]
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Search:
+    """State of a multi-fidelity search."""
 
     problem: Problem
     options: SearchOptions
     start: Array
-    """Where it begins, variables from 0 to 1."""
+    """Start point, variables from 0 to 1."""
     program: StageProgram
-    """The searched model, as it is corrected by now."""
+    """The lumped model with its current correction."""
+    models: _Models
+    """Figures of single points by all models."""
     budget: int
-    """Evaluations of the searched model in all."""
+    """Largest number of evaluations of the lumped model."""
     notes: list[str]
     phase: _Phase = field(default_factory=lambda: _Phase(text="", before=0, share=1.0))
     searches: int = 0
-    trace: list[Trace] = field(default_factory=list)
-    rungs: list[Rung] = field(default_factory=list)
-    walls: tuple[Wall, ...] = ()
-    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    known: dict[tuple[str, bytes], Array] = field(default_factory=dict)
-    """Figures of points by the models that were asked."""
-    why: dict[str, str] = field(default_factory=dict)
-    """Why a model had no figures of a point."""
-    exact: dict[bytes, LocalOptimum] = field(default_factory=dict)
-    """Optima before they were rounded, by the point that a drawing has."""
+    """Number of local searches."""
+    history: list[HistoryEntry] = field(default_factory=list)
+    """Accepted steps of all local searches."""
+    iterations: list[Iteration] = field(default_factory=list)
+    """Comparisons of the corrected model with finer ones."""
+    boundaries: tuple[Boundary, ...] = ()
+    """Boundaries of the possible stages that were located."""
+    unrounded: dict[bytes, LocalOptimum] = field(default_factory=dict)
+    """Optima before rounding, by the rounded point."""
 
     @property
     def used(self) -> int:
-        """Evaluations of the searched model so far."""
+        """Number of evaluations of the lumped model so far."""
         return self.program.counts["lumped"]
 
     @property
-    def left(self) -> float:
-        """Evaluations of the searched model that are left."""
+    def remaining(self) -> float:
+        """Remaining number of evaluations of the lumped model."""
         return float(self.budget - self.used)
 
     def begin(self, text: str, evaluations: float) -> None:
-        """Begin a phase in which so many evaluations may be used."""
+        """Begin a phase with a number of evaluations."""
         self.phase = _Phase(text=text, before=self.used, share=max(evaluations, 1.0))
 
+    def compare(self, model: str, optimum: LocalOptimum, predicted: Array, computed: Array) -> None:
+        """Record the figures of an optimum as predicted and as computed by a finer model."""
+        self.iterations.append(
+            Iteration(
+                model=model,
+                point=self.problem.point(optimum.point),
+                predicted=predicted,
+                computed=computed,
+                evaluations=self.used,
+            )
+        )
 
-def _begun(problem: Problem, options: SearchOptions, start: Array | None) -> _Ladder:
+
+def _new_search(problem: Problem, options: SearchOptions, start: Array | None) -> _Search:
     family, notes = problem.family, [*problem.notes]
     if start is None:
         notes += start_notes(problem, options)
         start = family.usual if options.start == "described" else family.middle
-    at = problem.position(start)
-    outside = (at < -1e-9) | (at > 1.0 + 1e-9)
+    x = problem.position(start)
+    outside = (x < -1e-9) | (x > 1.0 + 1e-9)
     if outside.any():
         names = [family.names[k] for k in np.flatnonzero(outside)]
         raise ModelError(
             f"the stage as described lies outside the bounds of {', '.join(names[:3])}: "
             "widen them, or start from their middle with --start middle"
         )
-    at = np.clip(at, 0.0, 1.0)
-    return _Ladder(
+    x = np.clip(x, 0.0, 1.0)
+    program = StageProgram(problem=problem, nearest_to=x)
+    return _Search(
         problem=problem,
         options=options,
-        start=at,
-        program=StageProgram(problem=problem, nearest_to=at),
-        budget=options.budget(len(at)),
+        start=x,
+        program=program,
+        models=_Models(problem=problem, evaluations=program.counts),
+        budget=options.budget(len(x)),
         notes=notes,
     )
 
 
-# ---------------------------------------------------------------------- searching the quick model
+# ------------------------------------------------------------------------ search of the lumped
+# model
 
 
-def _first(search: _Ladder) -> LocalOptimum:
-    """Search from the start, and from others where that may find better."""
+def _lumped_optimum(search: _Search) -> LocalOptimum:
+    """Return the best optimum of the lumped model from the start and from further points."""
     options, program = search.options, search.program
-    wanted = 1 + (options.starts if search.problem.goals else 0)
+    searches = 1 + (options.starts if search.problem.goals else 0)
     reserve = 0.0 if options.model == "lumped" else _EFFORT.reserve * search.budget
-    found: list[LocalOptimum] = []
+    optima: list[LocalOptimum] = []
     search.begin("", search.budget - reserve)
-    for start in _starts(search):
-        share = (search.left - reserve) / max(wanted - len(found), 1)
-        search.phase.text = f"lumped search {len(found) + 1} of {wanted}"
-        one = None if program.fault(start) else _searched(search, start, share)
-        if one is not None:
-            found.append(one)
-        if len(found) >= wanted and any(f.feasible for f in found):
+    for start in _start_points(search):
+        share = (search.remaining - reserve) / max(searches - len(optima), 1)
+        search.phase.text = f"lumped search {len(optima) + 1} of {searches}"
+        optimum = None if program.fault(start) else _local_optimum(search, start, share)
+        if optimum is not None:
+            optima.append(optimum)
+        if len(optima) >= searches and any(o.feasible for o in optima):
             break
-        if len(found) >= 2 * wanted or (found and search.left <= reserve):
+        if len(optima) >= 2 * searches or (optima and search.remaining <= reserve):
             break
-    if not found:
+    if not optima:
         raise ModelError(
-            "no search could begin: around every possible start some stages are impossible; "
-            "widen the bounds or start elsewhere"
+            "no search could begin, as some stages near every possible start are impossible: widen "
+            "the bounds, or start elsewhere"
         )
-    return min(found, key=lambda f: (max(f.violation, 10.0 * FEASIBLE), f.values[0]))
+    return min(optima, key=lambda o: (max(o.violation, 10.0 * FEASIBLE), o.values[0]))
 
 
-def _starts(search: _Ladder) -> Iterator[Array]:
-    """Yield the given start, then others: the best of a sample, without a goal the nearest."""
+def _start_points(search: _Search) -> Iterator[Array]:
+    """Yield the start, then points of a sample: the best first, without a goal the nearest."""
     from scipy.stats import qmc
 
     start, program, goals = search.start, search.program, search.problem.goals
-    first = program.figures(start[None])
-    possible = bool(np.all(np.isfinite(first)))
-    if possible:
-        _measure_goal(search, first)
+    start_figures = program.figures(start[None])
+    start_possible = bool(np.all(np.isfinite(start_figures)))
+    if start_possible:
+        _set_goal_reference(search, start_figures)
         yield start
     count = min(_EFFORT.sample, max(search.budget // 20, 1))
     sampler = qmc.Sobol(len(start), rng=search.options.seed)
     sample = sampler.random(2 ** int(np.log2(count)))
     figures = program.figures(sample)
-    ok = np.all(np.isfinite(figures), axis=1)
-    if not possible and not ok.any():
+    possible = np.all(np.isfinite(figures), axis=1)
+    if not start_possible and not possible.any():
         fault = program.fault(start) or "its figures cannot be computed"
         raise ModelError(
-            f"none of {1 + len(sample)} stages between the bounds is possible; of the start: "
+            f"none of {1 + len(sample)} stages within the bounds is possible; the start is not, as "
             f"{fault}"
         )
-    if not possible:
-        _measure_goal(search, figures[ok])
+    if not start_possible:
+        _set_goal_reference(search, figures[possible])
     values = search.program.scaled(sample, figures)
     if goals:
-        off = violation_of(values[:, 1:], program.low, program.high).sum(axis=1)
-        rank = np.where(off > 0.5, 10.0 + off, values[:, 0] + off)
+        violation = violation_of(values[:, 1:], program.low, program.high).sum(axis=1)
+        rank = np.where(violation > 0.5, 10.0 + violation, values[:, 0] + violation)
     else:
         rank = np.linalg.norm(sample - start, axis=1)
-    yield from (sample[i] for i in np.argsort(rank, kind="stable") if ok[i])
+    yield from (sample[i] for i in np.argsort(rank, kind="stable") if possible[i])
 
 
-def _measure_goal(search: _Ladder, figures: Array) -> None:
-    """Measure the goal by what it is at first."""
+def _set_goal_reference(search: _Search, figures: Array) -> None:
+    """Scale the goal by its first value."""
     if search.problem.goals and figures[0, 0] != 0.0:
         search.program = replace(search.program, goal_reference=abs(float(figures[0, 0])))
 
 
-def _searched(
-    search: _Ladder, start: Array, evaluations: float, reach: float = 1.0
+def _local_optimum(
+    search: _Search, start: Array, evaluations: float, reach: float = 1.0
 ) -> LocalOptimum | None:
-    """Search from a start with so many evaluations, as far as `reach`."""
+    """Search from a start, with a number of evaluations and a search range."""
     number, program, problem = search.searches, search.program, search.problem
     search.searches += 1
 
     def on_iterate(iterate: Iterate) -> None:
-        _tell(search, iterate)
+        _report(search, iterate)
         value = iterate.values[0]
         objective = program.goal_figure(value) if problem.goals else np.sqrt(2.0 * value)
-        step = Trace(
+        entry = HistoryEntry(
             search=number,
             evaluations=search.used,
             objective=float(objective),
             violation=iterate.violation,
         )
-        search.trace.append(step)
-        progress.hand_over(SearchStep(trace=step, point=problem.point(iterate.point)))
+        search.history.append(entry)
+        progress.hand_over(SearchStep(entry=entry, point=problem.point(iterate.point)))
 
     began, d = time.perf_counter(), len(start)
-    found = local_search(
+    optimum = local_search(
         program,
         start,
-        steps=max(min(_EFFORT.steps, int(evaluations / (2 * d + 3))), _EFFORT.fewest_steps),
+        steps=max(min(_EFFORT.most_steps, int(evaluations / (2 * d + 3))), _EFFORT.fewest_steps),
         curvature=None if problem.goals else np.eye(d),
-        walls=search.walls,
+        boundaries=search.boundaries,
         reach=reach,
-        told=on_iterate,
+        on_iterate=on_iterate,
     )
-    search.seconds["lumped"] += time.perf_counter() - began
-    if found is not None:
-        search.walls = found.walls
-    return found
+    search.models.seconds["lumped"] += time.perf_counter() - began
+    if optimum is not None:
+        search.boundaries = optimum.boundaries
+    return optimum
 
 
-def _tell(search: _Ladder, iterate: Iterate) -> None:
-    """Say how far the work has come, and the figure that it has come to."""
+def _report(search: _Search, iterate: Iterate) -> None:
+    """Report the progress of the phase and its best objective."""
     phase, goals = search.phase, search.problem.goals
     if iterate.violation <= TOLERANCE:
         phase.best = min(phase.best, float(iterate.values[0]))
     text = phase.text
     if not np.isfinite(phase.best):
-        text += f", requirements missed by {100.0 * iterate.violation:.2g} %"
+        text += f", requirements violated by {100.0 * iterate.violation:.2g} %"
     elif goals:
         figure, best = goals[0].figure, float(search.program.goal_figure(phase.best))
         text += f", best {figure.name} {figure.text(best)}"
     progress.update(text, (search.used - phase.before) / phase.share)
 
 
-def _drawn(search: _Ladder, found: LocalOptimum) -> LocalOptimum:
-    """Return an optimum as a drawing has it, and keep it as it was found."""
-    exact, drawing = drawn(search.program, found)
-    search.exact[drawing.point.tobytes()] = exact
-    return drawing
+def _rounded(search: _Search, optimum: LocalOptimum) -> LocalOptimum:
+    """Return an optimum with rounded dimensions, and remember the unrounded one."""
+    unrounded, rounded = round_optimum(search.program, optimum)
+    search.unrounded[rounded.point.tobytes()] = unrounded
+    return rounded
 
 
-# ------------------------------------------------------------------------------ asking finer models
+# -------------------------------------------------------------------------- correction by finer
+# models
 
 
-def _asked(search: _Ladder, model: str, x: Array) -> Array:
-    """Return the figures of a point by a model, which is asked once."""
-    key = (model, x.tobytes())
-    if key not in search.known:
-        began, problem = time.perf_counter(), search.problem
-        point = drawn_point(problem, x)[None]
-        found = evaluate(problem.family, point, problem.figures, model)
-        search.known[key] = found.values[0]
-        if not np.all(np.isfinite(found.values)):
-            search.why[model] = found.faults[0] or "it has not all figures"
-        search.seconds[model] += time.perf_counter() - began
-        search.program.counts[model] += 1
-    return search.known[key]
-
-
-def _visit(search: _Ladder, best: LocalOptimum, fine: Array | None = None) -> _Visited:
-    """Say how good a point is by the finest model that was asked."""
-    program, x = search.program, best.point[None]
-    figures = program.figures(x)[0] if fine is None else fine
+def _candidate(
+    search: _Search, optimum: LocalOptimum, fine_figures: Array | None = None
+) -> _Candidate:
+    """Return an optimum with objective and violation by the finest model so far."""
+    program, x = search.program, optimum.point[None]
+    figures = program.figures(x)[0] if fine_figures is None else fine_figures
     values = program.scaled(x, figures[None])[0]
-    # constraints as found, slopes by the corrected model
-    off = violation_of(values[1:], program.low, program.high)
-    return _Visited(
-        optimum=best,
+    violation = violation_of(values[1:], program.low, program.high)
+    return _Candidate(
+        optimum=optimum,
         correction=program.correction,
-        fine=figures,
-        violation=float(np.max(off, initial=0.0)),
+        figures=figures,
+        violation=float(np.max(violation, initial=0.0)),
         objective=float(values[0]),
     )
 
 
-def _best_of(problem: Problem, visited: Sequence[_Visited]) -> _Visited:
-    """Return the point that misses least, of those that miss nothing the best by the goal."""
+def _best(problem: Problem, candidates: Sequence[_Candidate]) -> _Candidate:
+    """Return the candidate of least violation; of the feasible ones that of least objective."""
     least = TOLERANCE / 2.0 if problem.goals else 0.0
-    return min(visited, key=lambda one: (max(one.violation, least), one.objective))
+    return min(candidates, key=lambda c: (max(c.violation, least), c.objective))
 
 
-def _record(search: _Ladder, model: str, best: LocalOptimum, expected: Array, fine: Array) -> None:
-    search.rungs.append(
-        Rung(
-            model=model,
-            point=search.problem.point(best.point),
-            expected=expected,
-            found=fine,
-            evaluations=search.used,
-        )
-    )
+def _agree(predicted: Array, computed: Array, tolerance: float) -> bool:
+    limits = tolerance * np.maximum(np.abs(computed), 1e-12)
+    return bool(np.all(np.abs(computed - predicted) <= limits))
 
 
-def _agree(expected: Array, fine: Array, within: float) -> bool:
-    return bool(np.all(np.abs(fine - expected) <= within * np.maximum(np.abs(fine), 1e-12)))
+def _iterate(search: _Search, optimum: LocalOptimum) -> list[_Candidate]:
+    """Correct the lumped model and search it again, until it agrees with the finer model.
 
-
-def _climb(search: _Ladder, best: LocalOptimum) -> list[_Visited]:
-    """Correct and search again until the models agree.
-
-    What the finer one has no figures of is no stage, and is gone back from.
+    A point without figures by the finer model is rejected.
     """
     model, reach = search.options.model, _EFFORT.reach
-    visited: list[_Visited] = []
-    seen = [best.point]
-    correction = Correction.none(len(best.point), len(search.problem.figures))
-    for turn in range(_EFFORT.turns):
-        # most end within some turns: each takes a third of what is left
-        with progress.subtask(1.0 - _EFFORT.rest**turn, 1.0 - _EFFORT.rest ** (turn + 1)):
-            name = f"ladder, turn {turn + 1}"
-            search.begin(f"{name}, corrected by {model}", _EFFORT.again * search.left)
+    candidates: list[_Candidate] = []
+    points = [optimum.point]
+    correction = Correction.none(len(optimum.point), len(search.problem.figures))
+    for number in range(_EFFORT.iterations):
+        # most searches converge in a few iterations: each has a third of the remaining progress
+        ends = (1.0 - _EFFORT.remaining_work**n for n in (number, number + 1))
+        with progress.subtask(*ends):
+            name = f"iteration {number + 1}"
+            search.begin(
+                f"{name}: search of the lumped model corrected by {model}",
+                _EFFORT.iteration_share * search.remaining,
+            )
             with progress.subtask(0.0, 0.5):
-                progress.update(f"{name}, {model}")
-                fine = _asked(search, model, best.point)
-            # by the searched model, corrected and not
-            x, known = best.point[None], search.program.correction
-            coarse = search.program.coarse(x)
-            expected = (coarse if known is None else known.at_points(x, coarse))[0]
-            _record(search, model, best, expected, fine)
-            possible = bool(np.all(np.isfinite(fine)))
-            kept = agreed = False
+                progress.update(f"{name}: {model} model")
+                computed = search.models.at(model, optimum.point)
+            x, current = optimum.point[None], search.program.correction
+            lumped = search.program.uncorrected(x)
+            predicted = (lumped if current is None else current.at_points(x, lumped))[0]
+            search.compare(model, optimum, predicted, computed)
+            possible = bool(np.all(np.isfinite(computed)))
+            feasible = converged = False
             if possible:
-                correction = correction.updated(best.point, coarse[0], fine)
-                agreed = _agree(expected, fine, _EFFORT.agreed)
+                correction = correction.updated(optimum.point, lumped[0], computed)
+                converged = _agree(predicted, computed, _EFFORT.agreement)
                 search.program = search.program.corrected(correction)
-                visited.append(_visit(search, best, fine))
-                kept = visited[-1].violation <= TOLERANCE
-            if (agreed and kept and turn > 0) or search.left <= 0.0:
+                candidates.append(_candidate(search, optimum, computed))
+                feasible = candidates[-1].violation <= TOLERANCE
+            if (converged and feasible and number > 0) or search.remaining <= 0.0:
                 break
-            # a prediction that was far off is not to be followed far
-            near = possible and _agree(expected, fine, _EFFORT.near)
-            # nor one by which a requirement was missed, once the models are alike
-            wider = near and (kept or turn < _EFFORT.alike)
-            reach = min(1.0, 2.0 * reach) if wider else (0.3 if near else 0.5) * reach
+            # the search range shrinks after a poor prediction, and after a violated requirement if
+            # the correction should have predicted it
+            good = possible and _agree(predicted, computed, _EFFORT.good_agreement)
+            wider = good and (feasible or number < _EFFORT.learning)
+            reach = min(1.0, 2.0 * reach) if wider else (0.3 if good else 0.5) * reach
             with progress.subtask(0.5, 1.0):
-                again = _again(search, best if possible else None, visited, kept, seen, reach)
-            if again is None:
+                following = _next_optimum(
+                    search, optimum if possible else None, candidates, feasible, points, reach
+                )
+            if following is None:
                 break
-            best = again
-            seen.append(best.point)
-    return visited
+            optimum = following
+            points.append(optimum.point)
+    return candidates
 
 
-def _again(
-    search: _Ladder,
-    best: LocalOptimum | None,
-    visited: list[_Visited],
-    kept: bool,
-    seen: list[Array],
+def _next_optimum(
+    search: _Search,
+    optimum: LocalOptimum | None,
+    candidates: list[_Candidate],
+    feasible: bool,
+    points: list[Array],
     reach: float,
 ) -> LocalOptimum | None:
-    """Search on from the last stage; from the best before it, or the start, where that fails.
+    """Search from the last optimum; if that fails, from the best candidate and the start.
 
-    None where it leads to stages that were asked about, all of them.
+    None if all of these searches end at known points.
     """
-    ways = [] if best is None else [(best.point, reach)]
-    if not kept:
-        # where nothing near the last keeps the limits, others lie elsewhere
-        before = [_best_of(search.problem, visited).optimum.point] if visited else []
-        ways += [(x, 0.5 * reach) for x in before if best is None or x is not best.point]
-        ways.append((search.start, reach if best is None else 1.0))
-    for x, far in ways:
-        found = _searched(search, x, _EFFORT.again * search.left, far)
-        found = None if found is None else _drawn(search, found)
-        if found is not None and all(np.max(np.abs(found.point - x)) >= 1e-6 for x in seen):
-            return found
+    starts = [] if optimum is None else [(optimum.point, reach)]
+    if not feasible:
+        # no feasible point near the last one: search elsewhere
+        best = [_best(search.problem, candidates).optimum.point] if candidates else []
+        starts += [(x, 0.5 * reach) for x in best if optimum is None or x is not optimum.point]
+        starts.append((search.start, reach if optimum is None else 1.0))
+    for start, start_reach in starts:
+        evaluations = _EFFORT.iteration_share * search.remaining
+        following = _local_optimum(search, start, evaluations, start_reach)
+        following = None if following is None else _rounded(search, following)
+        if following is not None and all(
+            np.max(np.abs(following.point - x)) >= 1e-6 for x in points
+        ):
+            return following
     return None
 
 
-def _or_start(search: _Ladder, chosen: _Visited | None) -> _Visited:
-    """Return a point that was asked about, or the start where that is better.
+def _best_or_start(search: _Search, best: _Candidate | None) -> _Candidate:
+    """Return the best candidate, or the start if that is better.
 
-    Without a goal the start is better only where the other misses what is required by more.
+    Without a goal the start is better only if the candidate has a larger violation.
 
     Raises
     ------
     ModelError
-        There is neither.
+        Neither has figures.
     """
     options = search.options
-    confirmed = chosen is not None and chosen.confirmed and options.confirm is not None
+    confirmed = best is not None and best.confirmed and options.confirm is not None
     model = (options.confirm or "") if confirmed else options.model
-    start = None if search.program.fault(search.start) else _began(search, model)
-    if chosen is None and start is None:
+    start = None if search.program.fault(search.start) else _start_candidate(search, model)
+    if best is None and start is None:
         raise ModelError(
-            f"the {model} model has no figures of the stages that the lumped one finds best, "
-            f"nor of the start: {search.why.get(model, 'the start is impossible')}"
+            f"the {model} model has no figures of the optima of the lumped model, nor of the "
+            f"start: {search.models.faults.get(model, 'the start is impossible')}"
         )
-    if chosen is None or start is None:
-        return chosen or start  # type: ignore[return-value]
-    off, was = (one.violation if one.violation > TOLERANCE else 0.0 for one in (chosen, start))
-    sought = bool(search.problem.goals) and was == off
-    return start if was < off or (sought and start.objective < chosen.objective) else chosen
+    if best is None or start is None:
+        return best or start  # type: ignore[return-value]
+    violation, at_start = (c.violation if c.violation > TOLERANCE else 0.0 for c in (best, start))
+    by_goal = bool(search.problem.goals) and at_start == violation
+    better = at_start < violation or (by_goal and start.objective < best.objective)
+    return start if better else best
 
 
-def _began(search: _Ladder, model: str) -> _Visited | None:
-    """Return the start as a point that a model was asked about; None without figures."""
+def _start_candidate(search: _Search, model: str) -> _Candidate | None:
+    """Return the start as a candidate by a model; None without figures."""
     program, x = search.program, search.start
-    fine = _asked(search, model, x)
-    if not np.all(np.isfinite(fine)):
+    figures = search.models.at(model, x)
+    if not np.all(np.isfinite(figures)):
         return None
-    at = _exact_at(search, x, fine, program.correction)
-    values = program.scaled(x[None], fine[None])[0]
-    off = violation_of(values[1:], program.low, program.high)
-    here = LocalOptimum(
+    correction = _correction_at(search, x, figures, program.correction)
+    values = program.scaled(x[None], figures[None])[0]
+    violation = violation_of(values[1:], program.low, program.high)
+    start = LocalOptimum(
         point=x,
         values=values,
-        violation=float(off.sum()),
+        violation=float(violation.sum()),
         slopes=np.zeros((len(values), len(x))),
-        walls=search.walls,
+        boundaries=search.boundaries,
         converged=False,
     )
     confirmed = model == search.options.confirm
-    return replace(_visit(search, here, fine), correction=at, confirmed=confirmed)
+    return replace(_candidate(search, start, figures), correction=correction, confirmed=confirmed)
 
 
-def _exact_at(search: _Ladder, x: Array, fine: Array, known: Correction | None) -> Correction:
-    """Return the correction that is exact at a point, and changes as a known one does."""
-    coarse = search.program.coarse(x[None])[0]
-    anew = Correction.none(len(x), len(fine)).updated(x, coarse, fine)
-    return anew if known is None else replace(anew, slope=known.slope)
+def _correction_at(
+    search: _Search, x: Array, computed: Array, previous: Correction | None
+) -> Correction:
+    """Return the correction that is exact at a point, with the gradients of a previous one."""
+    lumped = search.program.uncorrected(x[None])[0]
+    exact = Correction.none(len(x), len(computed)).updated(x, lumped, computed)
+    return exact if previous is None else replace(exact, slope=previous.slope)
 
 
-def _confirm(search: _Ladder, model: str, chosen: _Visited) -> _Visited:
-    """Ask the finest model; where it finds a requirement missed, feed that back."""
-    expected, last = chosen.fine, _EFFORT.mended
-    found: list[_Visited] = []
-    for turn in range(1 + last):
-        with progress.subtask(turn / (1 + last), (turn + 0.8) / (1 + last)):
-            progress.update(f"confirm by {model}")
-            fine = _asked(search, model, chosen.optimum.point)
-        _record(search, model, chosen.optimum, expected, fine)
-        x, possible = chosen.optimum.point, bool(np.all(np.isfinite(fine)))
-        # the finer model changes as the corrected one does
-        exact = _exact_at(search, x, fine, chosen.correction)
+def _confirm(search: _Search, model: str, best: _Candidate) -> _Candidate:
+    """Evaluate the confirming model; correct and search again if it violates a requirement."""
+    predicted, last = best.figures, _EFFORT.repairs
+    candidates: list[_Candidate] = []
+    for number in range(1 + last):
+        with progress.subtask(number / (1 + last), (number + 0.8) / (1 + last)):
+            progress.update(f"confirmation by {model}")
+            computed = search.models.at(model, best.optimum.point)
+        search.compare(model, best.optimum, predicted, computed)
+        x, possible = best.optimum.point, bool(np.all(np.isfinite(computed)))
+        # the gradients of the confirming model are taken as those of the corrected one
+        exact = _correction_at(search, x, computed, best.correction)
         if possible:
             search.program = search.program.corrected(exact)
-        chosen = replace(_visit(search, chosen.optimum, fine), confirmed=True)
-        found.append(chosen)
-        if chosen.violation <= TOLERANCE or not possible or turn == last:
+        best = replace(_candidate(search, best.optimum, computed), confirmed=True)
+        candidates.append(best)
+        if best.violation <= TOLERANCE or not possible or number == last:
             break
-        # a little is to be mended, where nothing but some points is known of the finest model
-        allowed = max(search.left, _EFFORT.mending * search.budget)
-        search.begin(f"corrected by {model}", allowed)
-        with progress.subtask((turn + 0.8) / (1 + last), (turn + 1.0) / (1 + last)):
-            again = _searched(search, x, allowed, _EFFORT.close / 2**turn)
-        if again is None:
+        # only few points of the confirming model are known: search nearby
+        evaluations = max(search.remaining, _EFFORT.repair_share * search.budget)
+        search.begin(f"search of the lumped model corrected by {model}", evaluations)
+        with progress.subtask((number + 0.8) / (1 + last), (number + 1.0) / (1 + last)):
+            repaired = _local_optimum(search, x, evaluations, _EFFORT.repair_reach / 2**number)
+        if repaired is None:
             break
-        chosen = replace(chosen, optimum=_drawn(search, again))
-        expected = search.program.figures(chosen.optimum.point[None])[0]
-    return _best_of(search.problem, found)
+        best = replace(best, optimum=_rounded(search, repaired))
+        predicted = search.program.figures(best.optimum.point[None])[0]
+    return _best(search.problem, candidates)
 
 
-# -------------------------------------------------------------------------------------- the result
+# ------------------------------------------------------------------------------------------ the
+# result
 
 
-def _optimum(search: _Ladder, chosen: _Visited) -> Optimum:
-    problem, options, notes = search.problem, search.options, search.notes
-    if chosen.correction is not None:
-        search.program = search.program.corrected(chosen.correction)
-    x = chosen.optimum.point
-    # what holds it is told of the optimum itself: rounded, it stands beside its limits
-    exact = search.exact.get(x.tobytes(), chosen.optimum)
-    values, slopes = search.program.slopes(exact.point)
-    held, free, left = held_by(search.program, replace(exact, values=values, slopes=slopes))
+def _result(search: _Search, best: _Candidate) -> Optimum:
+    problem, options, models, notes = search.problem, search.options, search.models, search.notes
+    if best.correction is not None:
+        search.program = search.program.corrected(best.correction)
+    x = best.optimum.point
+    # constraints are active at the unrounded optimum: rounding moves it off them
+    unrounded = search.unrounded.get(x.tobytes(), best.optimum)
+    values, slopes = search.program.slopes(unrounded.point)
+    at_optimum = replace(unrounded, values=values, slopes=slopes)
+    constraints, free_directions, residual = find_active_constraints(search.program, at_optimum)
     if x is search.start:
-        notes.append("no better stage was found than the one that it began with")
-    elif chosen.optimum.violation > TOLERANCE >= exact.violation:
-        notes.append(_ROUNDED_OFF)
-    start, point = drawn_point(problem, search.start), drawn_point(problem, x)
-    if x is not search.start and not is_drawn(problem, point):
+        notes.append("no better stage than the start was found")
+    elif best.optimum.violation > TOLERANCE >= unrounded.violation:
+        notes.append(_VIOLATION_BY_ROUNDING)
+    start, point = rounded_point(problem, search.start), rounded_point(problem, x)
+    if x is not search.start and not is_rounded(problem, point):
         notes.append(_UNROUNDED)
     name, title = new_names(problem)
     stage = replace(problem.family.stage(point), name=name, title=title)
     notes += [issue.message for issue in check(stage) if issue.severity == "error"]
-    models = [m for m in ("lumped", options.model, options.confirm) if m is not None]
+    names = [m for m in ("lumped", options.model, options.confirm) if m is not None]
     levels = [
-        Level(model=m, start=_asked(search, m, search.start), best=_asked(search, m, x))
-        for m in dict.fromkeys(models)
+        Level(model=m, start=models.at(m, search.start), best=models.at(m, x))
+        for m in dict.fromkeys(names)
     ]
-    notes += _with_stacks(problem, np.array([start, point]))
+    notes += _stack_notes(problem, np.array([start, point]))
     return Optimum(
         problem=problem,
         stage=stage,
@@ -650,33 +695,33 @@ def _optimum(search: _Ladder, chosen: _Visited) -> Optimum:
         start=start,
         point=point,
         levels=tuple(levels),
-        held=held,
-        free=free,
-        unexplained=left,
-        rungs=tuple(search.rungs),
-        trace=tuple(search.trace),
+        active_constraints=constraints,
+        free_directions=free_directions,
+        stationarity_residual=residual,
+        iterations=tuple(search.iterations),
+        history=tuple(search.history),
         evaluations=dict(search.program.counts),
-        seconds=dict(search.seconds),
+        seconds=dict(models.seconds),
         seed=options.seed,
         notes=tuple(notes),
         provenance=provenance(stage),
     )
 
 
-def _with_stacks(problem: Problem, points: Array) -> Iterator[str]:
-    """Say the frequency with its stack of each axis whose frequency without it is sought."""
+def _stack_notes(problem: Problem, points: Array) -> Iterator[str]:
+    """Yield the natural frequency with stack of each axis whose frequency without it is used."""
     figures = [
         Figure(quantity="natural_frequency_with_stack_hz", axis=f.axis)
         for f in problem.figures
         if f.quantity == "natural_frequency_hz"
     ]
-    found = evaluate(problem.family, points, figures, "lumped").values
-    for figure, values in zip(figures, found.T, strict=True):
-        # none of an axis without stacks, nor of a start whose frequency was published
-        ends = zip(values.tolist(), ("the start", "the best stage"), strict=True)
-        known = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
-        if known:
+    values = evaluate(problem.family, points, figures, "lumped").values
+    for figure, row in zip(figures, values.T, strict=True):
+        # NaN for an axis without stacks, and for a start with a published frequency
+        ends = zip(row.tolist(), ("the start", "the optimum"), strict=True)
+        texts = [f"{figure.text(v)} at {end}" for v, end in ends if np.isfinite(v)]
+        if texts:
             yield (
                 f"natural_frequency.{figure.axis} is without stack; with stack it is "
-                f"{' and '.join(known)}, by the lumped model ({figure.name})"
+                f"{' and '.join(texts)}, by the lumped model ({figure.name})"
             )
