@@ -68,7 +68,7 @@ def piezo() -> Problem:
         family=Family(
             template=template, variables=variables_of(template, [f"{name}=30 %" for name in OVER])
         ),
-        goals=(Goal(figure=frequency, way="maximise"),),
+        goals=(Goal(figure=frequency, direction="maximise"),),
         requirements=tuple(requirement_of(text, known) for text in kept),
         checked=False,
     )
@@ -106,7 +106,7 @@ class Counted:
 def flexstage(problem: Problem, evaluations: int, seed: int) -> Found:
     """Search by slopes."""
     options = SearchOptions(model="lumped", evaluations=evaluations, seed=seed)
-    steps = find_optimum(problem, options).trace
+    steps = find_optimum(problem, options).history
     return [(s.evaluations, s.objective) for s in steps if s.violation <= _KEPT]
 
 

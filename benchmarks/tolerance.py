@@ -17,7 +17,7 @@ from flexstage.stage import Stage
 from flexstage.stage.designs import design
 from flexstage.studies.explore.deviations import KINDS, draw
 from flexstage.studies.explore.family import known_figures
-from flexstage.studies.explore.figures import Figure, usual_figures
+from flexstage.studies.explore.figures import Figure, default_figures
 from flexstage.studies.explore.tolerance import tolerance as draw_lot
 from flexstage.studies.explore.workers import open_workers
 from flexstage.system import analyse_axis, modes
@@ -56,7 +56,7 @@ def _single(stage: Stage) -> None:
 def tolerance() -> Iterator[Row]:
     """Time 100 000 samples of the piezo stage on one, two and four processes, and the loop."""
     stage = design("vgtu-piezo")
-    figures = usual_figures(known_figures(stage))
+    figures = default_figures(known_figures(stage))
     routes = [
         (
             f"batches, {count} process{'' if count == 1 else 'es, with their start'}",

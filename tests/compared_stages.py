@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from flexstage.studies.motion_errors import AxisErrors
+from flexstage.studies.guided_axes import CROSSED_ROLLERS, AxisErrors
 from flexstage.studies.traditional import LOADS, ComparedStage, TraditionalComparison
-from flexstage.studies.traditional_stages import CROSSED_ROLLERS
 from flexstage.virtual.imperfections import Scatter
 
 SAMPLES = 41
@@ -46,7 +45,7 @@ def comparison(**choice: bool) -> TraditionalComparison:
     """A stage of 0.20 um against traditional ones of 0.30, 0.22 and 0.05 um, claimed 17 % less."""
     return TraditionalComparison(
         claim=0.17,
-        own=stage("own", 0.13e-6, 0.20e-6, 1.5e-6, **choice),
+        stage=stage("own", 0.13e-6, 0.20e-6, 1.5e-6, **choice),
         others=(
             stage("worse", 0.30e-6, 0.11e-6, 2.5e-6),
             stage("like it", 0.22e-6, 0.21e-6, 1.0e-6),

@@ -5,7 +5,7 @@ import pytest
 from flexstage.base.errors import ModelError
 from flexstage.quantities.characteristic import Characteristic, Characteristics
 from flexstage.quantities.quantity import QUANTITIES, Quantity
-from flexstage.quantities.units.columns import si_unit
+from flexstage.quantities.units.text import si_unit
 
 
 def row(axis: str, origin: str, value: float) -> Characteristic:
@@ -59,7 +59,7 @@ def test_columns_are_as_long_as_the_table() -> None:
     [
         ({"quantity": "frequency"}, "unknown quantity 'frequency'"),
         ({"origin": "guessed"}, "unknown origin 'guessed'"),
-        ({"unit": "rad/s"}, "held in 'Hz'"),
+        ({"unit": "rad/s"}, "is 'Hz', got"),
     ],
 )
 def test_rows_that_mix_up_their_words_are_refused(changes: dict, part: str) -> None:

@@ -14,7 +14,7 @@ from flexstage.base.errors import ModelError
 from flexstage.export.tables import table_files
 from flexstage.lumped import lumped_system
 from flexstage.quantities.characteristic import ORIGINS, Characteristic
-from flexstage.quantities.quantity import QUANTITIES, beside, display
+from flexstage.quantities.quantity import QUANTITIES, display, value_and_uncertainty
 from flexstage.quantities.table import Cell, table
 from flexstage.stage.designs import design
 from flexstage.studies import compare
@@ -124,10 +124,10 @@ def test_columns_and_rows_are_those_of_the_report() -> None:
 
 
 def test_value_and_uncertainty_share_their_decimals() -> None:
-    assert beside(338.9104, 0.243) == ("338.91", "0.24")
-    assert beside(63.1234, 0.0996) == ("63.12", "0.10")
-    assert beside(-729.23, 2814.0) == ("-729", "2814")
-    assert beside(1.25, math.inf) == ("1.250", "inf")
+    assert value_and_uncertainty(338.9104, 0.243) == ("338.91", "0.24")
+    assert value_and_uncertainty(63.1234, 0.0996) == ("63.12", "0.10")
+    assert value_and_uncertainty(-729.23, 2814.0) == ("-729", "2814")
+    assert value_and_uncertainty(1.25, math.inf) == ("1.250", "inf")
 
 
 def test_every_quantity_has_a_label_and_a_unit_that_people_use() -> None:

@@ -557,7 +557,7 @@ def test_bounds_of_a_density_cover_it() -> None:
         spread.append(found.density[2:-2])
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
     assert np.std(spread) / 1e-3 == pytest.approx(found.averages**-0.5, rel=0.04)
-    with pytest.raises(ModelError, match="confidence lies between"):
+    with pytest.raises(ModelError, match="confidence must lie between"):
         found.bounds(1.0)
 
 

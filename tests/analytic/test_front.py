@@ -37,8 +37,8 @@ def problem() -> Problem:
     return Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
         goals=(
-            Goal(figure=figure_of("natural_frequency.x", known), way="maximise"),
-            Goal(figure=figure_of("stress.x", known), way="minimise"),
+            Goal(figure=figure_of("natural_frequency.x", known), direction="maximise"),
+            Goal(figure=figure_of("stress.x", known), direction="minimise"),
         ),
         requirements=(requirement_of("height <= 68 mm", known),),
     )
@@ -77,16 +77,16 @@ def test_what_was_gained_counts_from_the_stage_as_described(front: Front) -> Non
 
 def test_chosen_design_loses_nothing_and_says_the_rate_of_exchange(front: Front) -> None:
     optimum = front.optimum
-    before, after = front.values[front.chosen], optimum.levels[-1].best
+    before, after = front.values[front.selected], optimum.levels[-1].best
     assert after[0] >= before[0] * (1.0 - TOLERANCE)
     stress = optimum.figures.index(problem().goals[1].figure)
     assert after[stress] <= before[1] * (1.0 + TOLERANCE)
-    (exchanged,) = optimum.exchange
+    (exchanged,) = optimum.trade_offs
     assert exchanged is not None
     assert (exchanged.kind, exchanged.name) == ("goal", "max_stress.x")
     rate = exchanged.rate
     # by the slope of the front there, whose points lie in the order of falling frequency
-    near = front.values[max(front.chosen - 8, 0) : front.chosen + 9]
+    near = front.values[max(front.selected - 8, 0) : front.selected + 9]
     slope = np.polyfit(near[:, 1], near[:, 0], 1)[0]
     assert rate == pytest.approx(slope, rel=0.1)
 
@@ -102,9 +102,9 @@ def test_what_goals_exchange_is_nothing_that_is_required(front: Front) -> None:
     assert rates.caption == "trade-off between goals at the selected point"
     (row,) = rates.rows
     stress = 1e6 * float(row[3].text.removeprefix("+"))
-    assert float(row[4].text) == pytest.approx(optimum.exchange[0].rate * stress, rel=0.05)  # type: ignore[union-attr]
+    assert float(row[4].text) == pytest.approx(optimum.trade_offs[0].rate * stress, rel=0.05)  # type: ignore[union-attr]
     assert not [note for note in optimum_notes(optimum) if "max_stress" in note]
-    (told,) = optimum.to_dict()["rates_of_exchange"]
+    (told,) = optimum.to_dict()["trade_offs"]
     assert told["goal"] == "minimise max_stress.x"
     assert told["of"] == "natural_frequency.x"
 
@@ -129,5 +129,5 @@ def test_refusals() -> None:
         find_front(one, OPTIONS)
     known = known_figures(one.family.template.stage())
     never = replace(problem(), requirements=(requirement_of("height <= 10 mm", known),))
-    with pytest.raises(ModelError, match=r"none of \d+ stages keeps all requirements"):
+    with pytest.raises(ModelError, match=r"none of \d+ stages meets all requirements"):
         find_front(never, replace(OPTIONS, evaluations=100))

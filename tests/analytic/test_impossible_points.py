@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexstage.studies.explore.sweep import best_cut, reasons
+from flexstage.studies.explore.sweep import best_cut, common_faults
 
 POINTS = np.random.default_rng(5).uniform((2.0, -7.0), (3.0, -1.0), (400, 2))
 
@@ -16,11 +16,11 @@ def test_reasons_are_counted_without_their_numbers():
         "neck 0.2 mm is thin",
         "neck -1e-3 mm is thin",
     ]
-    assert [(r.count, r.text) for r in reasons(said)] == [
+    assert [(r.count, r.text) for r in common_faults(said)] == [
         (3, "neck 0.11 mm is thin"),
         (1, "bolt 3 hits leg"),
     ]
-    assert reasons(["", ""]) == ()
+    assert common_faults(["", ""]) == ()
 
 
 @pytest.mark.parametrize(("variable", "limit"), [(0, 2.31), (1, -2.4)])

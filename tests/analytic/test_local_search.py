@@ -5,10 +5,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from flexstage.studies.explore.optimise.local_search import MARGIN, Iterate, find_wall, local_search
+from flexstage.studies.explore.optimise.local_search import (
+    MARGIN,
+    Iterate,
+    bounded_step,
+    find_boundary,
+    local_search,
+    smallest_quadratic,
+)
 from flexstage.studies.explore.optimise.optimum import balance
 from flexstage.studies.explore.optimise.problem import Correction
-from flexstage.studies.explore.optimise.quadratic import bounded_step, smallest_quadratic
 
 Function = Callable[[np.ndarray], float]
 INF = np.inf
@@ -193,7 +199,7 @@ def test_plane_walls_are_found_and_kept() -> None:
     # the corner of both walls, at x[2] = 0: x = 0.6 + 0.2 y, 3 x + 4 y = 3.5
     y = 1.7 / 4.6
     assert found.point == pytest.approx([0.6 + 0.2 * y, y, 0.0], abs=5 * MARGIN)
-    normals = sorted(tuple(np.round(wall.normal, 2)) for wall in found.walls)
+    normals = sorted(tuple(np.round(wall.normal, 2)) for wall in found.boundaries)
     assert normals == [(0.6, 0.8, 0.1), (0.98, -0.2, 0.0)]
 
 
@@ -212,7 +218,7 @@ def test_a_start_in_the_corner_of_two_walls_goes_on() -> None:
     assert found.converged
     # it slides along both until their other variables end
     assert found.point == pytest.approx([1.7 / 3.0, 1.0, 1.9 / 4.0, 1.0], abs=5 * MARGIN)
-    assert len(found.walls) == 2
+    assert len(found.boundaries) == 2
 
 
 def test_wall_is_no_limit_that_gives_way() -> None:
@@ -226,9 +232,9 @@ def test_wall_is_no_limit_that_gives_way() -> None:
     )
     path: list[Iterate] = []
     start = np.array([0.8, 0.8])
-    found = local_search(program, start, curvature=np.eye(2), told=path.append)
+    found = local_search(program, start, curvature=np.eye(2), on_iterate=path.append)
     assert found is not None
-    assert len(found.walls) == 1
+    assert len(found.boundaries) == 1
     assert len(path) < 15
     # along the wall the equation is missed least at x[1] = 0
     assert found.point == pytest.approx([0.4, 0.0], abs=5 * MARGIN)
@@ -337,4 +343,4 @@ def test_correction_is_exact_at_its_points_and_learns_a_slope() -> None:
 
 def test_wall_across_no_single_variable_is_none() -> None:
     inside, step = np.array([0.2, 0.2]), np.array([0.5, 0.5])
-    assert find_wall(lambda x: np.ones(len(x), dtype=bool), inside, 1e-8 * step) is None
+    assert find_boundary(lambda x: np.ones(len(x), dtype=bool), inside, 1e-8 * step) is None

@@ -13,7 +13,7 @@ from flexstage.lumped import lumped_system
 from flexstage.stage.designs import design
 from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.stage.designs.pieces import Leg
-from flexstage.studies.motion_errors import GuidedAxis, Mounting, axis_errors, plane_rates
+from flexstage.studies.guided_axes import GuidedAxis, Mounting, axis_errors, plane_rates
 from flexstage.system import static_displacements
 from flexstage.virtual.imperfections import Scatter, displaced_system
 from flexstage.virtual.scattered_motion import draw_deviations, motion_rates
@@ -127,5 +127,5 @@ def test_rates_of_a_model_are_those_of_its_probes() -> None:
 def test_a_probe_that_sees_no_motion_against_the_ground_is_refused() -> None:
     probe = replace(STAGE.probe("x"), relative_to="left-leg")
     stage = replace(STAGE, probes=(probe,))
-    with pytest.raises(ModelError, match="must read a displacement against the ground"):
+    with pytest.raises(ModelError, match="must measure a displacement against the ground"):
         plane_rates(lumped_system(stage), stage, "x")

@@ -23,16 +23,16 @@ from flexstage.studies.explore import (
     variables_of,
 )
 from flexstage.studies.explore.family import Evaluated
-from flexstage.studies.explore.optimise import ladder
-from flexstage.studies.explore.optimise.local_search import LocalOptimum, local_search
-from flexstage.studies.explore.optimise.optimum import held_by
-from flexstage.studies.explore.optimise.problem import StageProgram
-from flexstage.studies.explore.optimise.usual import (
-    held_dimensions,
+from flexstage.studies.explore.optimise import multi_fidelity
+from flexstage.studies.explore.optimise.default_requirements import (
+    default_requirements,
+    default_variables,
+    fixed_dimensions_note,
     published_targets,
-    usual_requirements,
-    usual_variables,
 )
+from flexstage.studies.explore.optimise.local_search import LocalOptimum, local_search
+from flexstage.studies.explore.optimise.optimum import find_active_constraints
+from flexstage.studies.explore.optimise.problem import StageProgram
 from flexstage.studies.explore.prepare import problem_of
 from flexstage.studies.explore.requests import OptimiseRequest
 
@@ -58,13 +58,13 @@ def problem(
     template = StageTemplate.of("parallelogram", settings)
     known = known_figures(template.stage())
     requirements = tuple(requirement_of(text, known) for text in kept)
-    goals = () if goal is None else (Goal(figure=figure_of(goal, known), way=way),)  # type: ignore[arg-type]
+    goals = () if goal is None else (Goal(figure=figure_of(goal, known), direction=way),)  # type: ignore[arg-type]
     return Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
         goals=goals,
         requirements=requirements,
         # walls are far from their limits in all of these; to measure them takes half of the time
-        usual=usual_requirements(
+        defaults=default_requirements(
             template.stage(), known, requirements, () if walls else ("smallest_wall", "output_wall")
         ),
     )
@@ -76,7 +76,7 @@ def sound() -> Optimum:
 
 
 def rate(found: Optimum, name: str) -> float:
-    return next(held.rate for held in found.held if held.name == name)
+    return next(held.rate for held in found.active_constraints if held.name == name)
 
 
 def best(found: Optimum) -> float:
@@ -116,7 +116,7 @@ def test_nearest_of_many_that_match() -> None:
     wanted = problem("natural_frequency.x = 240 Hz", goal=None)
     found = find_optimum(wanted, LUMPED)
     assert found.met
-    assert found.free == 3
+    assert found.free_directions == 3
     from flexstage.studies.explore import jacobian
 
     at = (found.point + found.start) / 2.0
@@ -130,7 +130,7 @@ def test_multipliers_are_what_moved_limits_give() -> None:
     """Of a requirement and of a bound, against searches with the limit moved by a per cent."""
     first = find_optimum(problem("stress.x <= 120 MPa", "height <= 70 mm"), LUMPED)
     assert first.met
-    assert first.unexplained < 1e-3
+    assert first.stationarity_residual < 1e-3
     stressed = find_optimum(problem("stress.x <= 121.2 MPa", "height <= 70 mm"), LUMPED)
     assert (best(stressed) - best(first)) / 1.2e6 == pytest.approx(
         rate(first, "max_stress.x"), rel=0.02
@@ -141,9 +141,10 @@ def test_multipliers_are_what_moved_limits_give() -> None:
         rate(first, "leg.notch.neck_thickness"), rel=0.03
     )
     # the limit of the height is not reached, and holds nothing
-    assert "height" not in {held.name for held in first.held}
+    assert "height" not in {held.name for held in first.active_constraints}
     assert (
-        "relaxing it by 2.000 MPa would give +8.3 Hz of natural_frequency.x" in first.held[0].text
+        "relaxing it by 2.000 MPa changes natural_frequency.x by +8.3 Hz"
+        in first.active_constraints[0].text
     )
 
 
@@ -158,7 +159,7 @@ def test_limit_that_nothing_moves_holds_nothing() -> None:
         slopes=np.array([[-0.8, 0.3, 0.0, 0.0], [0.9, -0.2, 0.0, 0.0], [1e-6, 2e-6, 0.0, 0.0]]),
         converged=True,
     )
-    held, free, left = held_by(program, found)
+    held, free, left = find_active_constraints(program, found)
     assert [limit.name for limit in held] == ["max_stress.x"]
     assert free == 3
     assert left > 0.01
@@ -171,8 +172,8 @@ def test_ladder_ends_where_the_finer_model_keeps_the_limits() -> None:
     fine = evaluate(wanted.family, found.point[None], wanted.figures, "superelement").values[0]
     assert found.levels[-1].best == pytest.approx(fine)
     # the lumped model alone would have missed it: it is some per cent off
-    assert found.rungs[0].found != pytest.approx(found.rungs[0].expected, rel=2e-3)
-    assert found.rungs[-1].found == pytest.approx(found.rungs[-1].expected, rel=2e-3)
+    assert found.iterations[0].computed != pytest.approx(found.iterations[0].predicted, rel=2e-3)
+    assert found.iterations[-1].computed == pytest.approx(found.iterations[-1].predicted, rel=2e-3)
     assert found.evaluations["superelement"] <= 6
 
 
@@ -208,7 +209,7 @@ def finer(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray, np.ndar
             return replace(found, values=values, faults=faults)
         return found
 
-    monkeypatch.setattr(ladder, "evaluate", asked)
+    monkeypatch.setattr(multi_fidelity, "evaluate", asked)
 
 
 def test_stages_without_figures_by_the_finer_model_are_gone_back_from(
@@ -227,7 +228,7 @@ def test_stages_without_figures_by_the_finer_model_are_gone_back_from(
     found = find_optimum(problem("stress.x <= 500 MPa", ranges=ranges), SearchOptions(starts=0))
     assert found.met
     assert 0.5e-3 < found.point[0] <= 0.72e-3
-    assert not np.all(np.isfinite(found.rungs[0].found))
+    assert not np.all(np.isfinite(found.iterations[0].computed))
 
 
 def test_start_is_kept_where_the_finer_model_refuses_all_others(
@@ -247,7 +248,7 @@ def test_start_is_kept_where_the_finer_model_refuses_all_others(
     found = find_optimum(wanted, SearchOptions(starts=0, evaluations=300))
     assert found.met
     np.testing.assert_allclose(found.point, [0.5e-3, 26e-3], rtol=1e-12)
-    assert "no better stage was found than the one that it began with" in found.notes
+    assert "no better stage than the start was found" in found.notes
 
 
 def test_no_figures_at_all_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,10 +275,10 @@ def test_what_the_finest_model_finds_missed_is_mended_nearby(
     finer(monkeypatch, more)
     options = SearchOptions(model="lumped", confirm="solid", evaluations=250, starts=0)
     found = find_optimum(wanted, options)
-    first, second = found.rungs
-    assert first.found[stress] / 113e6 == pytest.approx(1.01, abs=2e-3)
+    first, second = found.iterations
+    assert first.computed[stress] / 113e6 == pytest.approx(1.01, abs=2e-3)
     assert found.met
-    assert second.found[stress] <= 113e6 * 1.002
+    assert second.computed[stress] <= 113e6 * 1.002
     width = wanted.width
     assert np.max(np.abs(second.point - first.point) / width) <= 0.1 + 1e-3
 
@@ -285,7 +286,7 @@ def test_what_the_finest_model_finds_missed_is_mended_nearby(
 def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
     stage = StageTemplate.of("vgtu-piezo").stage()
     known = known_figures(stage)
-    usual = usual_requirements(stage, known, ())
+    usual = default_requirements(stage, known, ())
     assert [r.text for r in usual] == [
         "safety_factor.x >= 1.5",
         "safety_factor.y >= 1.5",
@@ -301,21 +302,21 @@ def test_usual_requirements_give_way_to_those_that_are_asked() -> None:
     ]
     assert known["output_displacement", "x"] == pytest.approx(60.8e-6 / 0.9, rel=1e-3)
     asked = (requirement_of("stress.x <= 200 MPa", known),)
-    left = usual_requirements(stage, known, asked, ["input_stiffness", "output_wall", "stroke"])
+    left = default_requirements(stage, known, asked, ["input_stiffness", "output_wall", "stroke"])
     assert [r.text for r in left] == ["safety_factor.y >= 1.5", "smallest_wall >= 1 mm"]
     # a stroke or ratio that is sought or asked for says itself what it is to be
     for words, goals in (("ratio.x = 1.7", ()), ("mass <= 1 kg", ("stroke.x",))):
         chosen = [figure_of(name, known) for name in goals]
-        told = usual_requirements(stage, known, (requirement_of(words, known),), goals=chosen)
+        told = default_requirements(stage, known, (requirement_of(words, known),), goals=chosen)
         strokes = [r.figure.name for r in told if r.figure.quantity == "output_displacement"]
         assert strokes == ["output_displacement.y"]
     # no more is asked than the stage has, in whole um
     thin = StageTemplate.of("parallelogram", {"platform_height": "2.3456789 mm"}).stage()
-    usual = usual_requirements(thin, known_figures(thin), asked)
+    usual = default_requirements(thin, known_figures(thin), asked)
     walls = [r.text for r in usual if "wall" in r.text]
     assert walls == ["smallest_wall >= 1 mm", "output_wall.x >= 2.345 mm"]
     with pytest.raises(ModelError, match="did you mean 'safety_factor"):
-        usual_requirements(stage, known, (), ["safety_facto"])
+        default_requirements(stage, known, (), ["safety_facto"])
 
 
 @pytest.mark.parametrize(
@@ -328,13 +329,13 @@ def test_the_frequency_with_its_stack_is_told_of_a_stage_that_has_one(
     known = known_figures(template.stage())
     wanted = Problem(
         family=Family(template=template, variables=variables_of(template, [over])),
-        goals=(Goal(figure=figure_of(f"natural_frequency.{axis}", known), way="maximise"),),
+        goals=(Goal(figure=figure_of(f"natural_frequency.{axis}", known), direction="maximise"),),
     )
     found = find_optimum(wanted, SearchOptions(model="lumped", evaluations=30, starts=0))
     (note,) = (n for n in found.notes if "with stack" in n)
     told = ("natural_frequency_with_stack_hz", axis)
     text = figure_of("natural_frequency_with_stack", {told}).text
-    assert f"{text(known_figures(found.stage)[told])} at the best stage" in note
+    assert f"{text(known_figures(found.stage)[told])} at the optimum" in note
     # of the start where nothing was published of it
     assert ("at the start" in note) == (told in known)
     if told in known:
@@ -354,7 +355,7 @@ def test_a_description_that_lies_on_walls_is_no_end_of_a_search() -> None:
     assert found.values[0] < -1.2  # from 326 Hz, in parts of it and then by the logarithm
     assert not program.fault(found.point)
     values = dict(zip(wanted.figures, program.figures(found.point[None])[0], strict=True))
-    for requirement in wanted.usual:
+    for requirement in wanted.defaults:
         assert requirement.excess(np.array(values[requirement.figure])) < 0.05
 
 
@@ -369,18 +370,16 @@ def test_published_targets_leave_out_what_follows() -> None:
         ("natural_frequency.x", 516.75),
         ("natural_frequency.y", 728.42),
     ]
-    with pytest.raises(
-        ModelError, match="no finite-element figures are published of parallelogram"
-    ):
+    with pytest.raises(ModelError, match="no published finite-element values of parallelogram"):
         published_targets(StageTemplate.of("parallelogram").stage(), {("mass", "stage")})
 
 
 def test_bought_parts_are_not_varied_unasked() -> None:
-    names = {variable.name for variable in usual_variables(StageTemplate.of("parallelogram"))}
+    names = {variable.name for variable in default_variables(StageTemplate.of("parallelogram"))}
     assert "leg.notch.neck_thickness" in names
     assert not [n for n in names if "actuator" in n or "mounting" in n or "patch" in n]
     assert "thickness" not in names
-    held = held_dimensions(StageTemplate.of("vgtu-piezo"))
+    held = fixed_dimensions_note(StageTemplate.of("vgtu-piezo"))
     assert "x.actuator_pocket_length" in held
     assert "x.actuator.stiffness" not in held
 
@@ -395,11 +394,11 @@ def test_a_pattern_leaves_the_data_sheet_of_an_actuator() -> None:
 
 
 def test_refusals() -> None:
-    with pytest.raises(ModelError, match="nothing is sought"):
+    with pytest.raises(ModelError, match="the problem has no objective"):
         replace(problem(), goals=())
     with pytest.raises(ModelError, match="lies outside the bounds of leg_spacing"):
         find_optimum(problem(ranges=("leg_spacing=50..60 mm",)), LUMPED)
-    with pytest.raises(ModelError, match=r"none of \d+ stages between the bounds is possible"):
+    with pytest.raises(ModelError, match=r"none of \d+ stages within the bounds is possible"):
         find_optimum(
             problem(ranges=("platform_overhang=-9..-8 mm",)), replace(LUMPED, start="middle")
         )

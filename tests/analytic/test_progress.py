@@ -43,7 +43,7 @@ def test_work_that_changes_its_phase_all_the_time_is_named_every_ten_seconds() -
 
 
 def test_work_that_says_nothing_is_reported_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"_LONG": 0.01, "_EVERY": 0.05, "_LOOK": 0.005}.items():
+    for name, value in {"_LONG": 0.01, "_EVERY": 0.05, "_POLL": 0.005}.items():
         monkeypatch.setattr(progress, name, value)
     lines: list[str] = []
     with in_lines(lines.append, "study", 0.02), progress.subtask(0.5, 1.0):

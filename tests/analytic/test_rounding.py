@@ -27,7 +27,7 @@ from flexstage.studies.explore import (
 )
 from flexstage.studies.explore.optimise.local_search import LocalOptimum
 from flexstage.studies.explore.optimise.problem import StageProgram
-from flexstage.studies.explore.optimise.rounding import drawn, drawn_point, on_drawing
+from flexstage.studies.explore.optimise.rounding import round_optimum, rounded_point, rounded_values
 from flexstage.studies.explore.variables import Variable
 
 LUMPED = SearchOptions(model="lumped", evaluations=600, starts=1)
@@ -40,7 +40,7 @@ def problem(
     known = known_figures(template.stage())
     return Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
-        goals=(Goal(figure=figure_of("natural_frequency.x", known), way="maximise"),),
+        goals=(Goal(figure=figure_of("natural_frequency.x", known), direction="maximise"),),
         requirements=tuple(requirement_of(text, known) for text in kept),
     )
 
@@ -51,18 +51,18 @@ def variable(low: float, high: float, dimension: str, name: str = "x") -> Variab
 
 def test_values_that_a_drawing_has() -> None:
     length = variable(0.3e-3, 0.9004e-3, "length")
-    assert on_drawing(length, 0.71234567e-3) == [0.000712]
-    assert on_drawing(length, 0.71234567e-3, beside=1) == [0.000712, 0.000713, 0.000711]
+    assert rounded_values(length, 0.71234567e-3) == [0.000712]
+    assert rounded_values(length, 0.71234567e-3, neighbours=1) == [0.000712, 0.000713, 0.000711]
     # not beyond a bound that is none of them, and the bound itself where none is left
-    assert on_drawing(length, 0.90039e-3) == [0.0009]
-    assert on_drawing(variable(0.1001e-3, 0.1002e-3, "length"), 0.10019e-3) == [0.1002e-3]
+    assert rounded_values(length, 0.90039e-3) == [0.0009]
+    assert rounded_values(variable(0.1001e-3, 0.1002e-3, "length"), 0.10019e-3) == [0.1002e-3]
     angle = variable(0.0, 1.5, "angle")
-    assert on_drawing(angle, np.radians(31.41592)) == [parse("31.416 deg", "angle")]
+    assert rounded_values(angle, np.radians(31.41592)) == [parse("31.416 deg", "angle")]
     # six digits of whatever else, and of a length that a data sheet has
-    assert on_drawing(variable(1.0, 1e9, "stiffness"), 48684215.3) == [48684200.0]
-    assert on_drawing(variable(1e-6, 1e-4, "length", "x.actuator.free_stroke"), 3.81234567e-5) == [
-        3.81235e-05
-    ]
+    assert rounded_values(variable(1.0, 1e9, "stiffness"), 48684215.3) == [48684200.0]
+    assert rounded_values(
+        variable(1e-6, 1e-4, "length", "x.actuator.free_stroke"), 3.81234567e-5
+    ) == [3.81235e-05]
 
 
 @pytest.fixture(scope="module")
@@ -91,11 +91,11 @@ def test_what_is_written_reported_and_analysed_is_the_same_rounded_stage(best: O
 
 def test_rounding_keeps_what_is_required_and_costs_little(best: Optimum) -> None:
     """Both limits hold the optimum: rounded at random, one in two would be beyond them."""
-    held = {held.name for held in best.held}
+    held = {held.name for held in best.active_constraints}
     assert {"max_stress.x", "leg.notch.neck_thickness"} & held
     assert np.max(best.excess) < 2e-4
     # the best that the search itself had seen, by its own model
-    seen = max(step.objective for step in best.trace if step.violation < 1e-6)
+    seen = max(step.objective for step in best.history if step.violation < 1e-6)
     assert best.levels[-1].best[0] == pytest.approx(seen, rel=2e-3)
 
 
@@ -109,9 +109,9 @@ def test_rounds_the_other_way_where_the_nearest_misses() -> None:
     program = StageProgram(problem=wanted, nearest_to=x, goal_reference=200.0)
     values, slopes = program.slopes(x)
     found = LocalOptimum(point=x, values=values, violation=0.0, slopes=slopes, converged=True)
-    kept, drawing = drawn(program, found)
+    kept, drawing = round_optimum(program, found)
     assert kept.point == pytest.approx(x, abs=1e-15)
-    assert drawn_point(wanted, drawing.point)[0] == 0.6e-3
+    assert rounded_point(wanted, drawing.point)[0] == 0.6e-3
     assert drawing.violation == 0.0
 
 
@@ -131,7 +131,7 @@ def test_a_move_that_gains_nothing_measurable_goes_back() -> None:
         x = wanted.position(np.array([neck]))
         values, slopes = program.slopes(x)
         here = LocalOptimum(point=x, values=values, violation=0.0, slopes=slopes, converged=True)
-        return drawn_point(wanted, drawn(program, here)[1].point)
+        return rounded_point(wanted, round_optimum(program, here)[1].point)
 
     assert of(0.50001e-3)[0] == 0.5e-3
     # what does gain stays, as the best of the two um to either side, as nothing limits it here
@@ -147,7 +147,7 @@ def test_middle_of_bounds_in_per_cent_is_the_start() -> None:
     ranges = ("leg.notch.neck_thickness=20 %", "leg.bar_length=10 %")
     options = replace(LUMPED, start="middle", evaluations=60, starts=0)
     found = find_optimum(problem("stress.x <= 113 MPa", ranges=ranges), options)
-    assert [n for n in found.notes if n.startswith("--start middle begins where the stage is")]
+    assert [n for n in found.notes if n.startswith("--start middle is the described stage")]
     ranges = ("leg.notch.neck_thickness=0.4..0.7 mm", "leg.bar_length=10 %")
     found = find_optimum(problem("stress.x <= 113 MPa", ranges=ranges), options)
     assert not [n for n in found.notes if n.startswith("--start middle")]
@@ -198,4 +198,8 @@ def test_progress_says_the_rung_the_best_so_far_and_the_share_of_the_evaluations
     searched = [what for what, _ in told if what.startswith("lumped search 2 of 2, best natural_")]
     best = [float(what.split()[-2]) for what in searched]
     assert best == sorted(best)
-    assert [what for what, _ in told if what.startswith("ladder, turn 1, corrected by superelem")]
+    assert [
+        what
+        for what, _ in told
+        if what.startswith("iteration 1: search of the lumped model corrected by superelem")
+    ]

@@ -86,5 +86,5 @@ def test_base_samples_differ_in_one_variable_from_the_first() -> None:
 def test_senseless_numbers_are_refused(samples: int) -> None:
     with pytest.raises(ModelError, match="number of samples must be 1 to 10000000, got"):
         sobol_points(LOW, HIGH, samples, 0)
-    with pytest.raises(ModelError, match="2 values of a variable or more, got 1"):
+    with pytest.raises(ModelError, match="needs 2 or more values of a variable, got 1"):
         grid_points(LOW, HIGH, (1, 4, 4))

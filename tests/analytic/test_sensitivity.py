@@ -24,11 +24,9 @@ def sensitive(
     template: StageTemplate, of: list[str], by: tuple[str, ...] = ()
 ) -> tuple[Sensitivities, dict[str, dict[str, float]]]:
     """Sensitivities, and per cent per per cent by figure and parameter."""
-    variables, left_out = variables_by(template, by)
+    variables, skipped = variables_by(template, by)
     figures = figures_of(of, known_figures(template.stage()))
-    found = sensitivities(
-        Family(template=template, variables=variables), figures, left_out=left_out
-    )
+    found = sensitivities(Family(template=template, variables=variables), figures, skipped=skipped)
     names = [v.name for v in found.variables]
     return found, {
         f.name: dict(zip(names, map(float, row), strict=True))
@@ -103,7 +101,7 @@ def test_the_ratio_of_a_lever_goes_with_its_arms(tmp_path: Path) -> None:
     assert ratio["b"] == pytest.approx(1.0, rel=2e-3)
     assert ratio["a"] == pytest.approx(-1.0, rel=2e-3)
     assert ratio["pitch"] == 0.0
-    assert found.left_out == {"reach": "it follows from others"}
+    assert found.skipped == {"reach": "it follows from others"}
 
 
 #: Designs with lengths that no parameter names: in the guides of two axes, in the list of levers.
@@ -187,11 +185,11 @@ def test_necks_of_hinges_add_up_to_the_parameter_that_they_share() -> None:
     # the parameter widens the ends of the levers as well
     np.testing.assert_allclose(slopes.sum(axis=1), found.slopes[:, 0], rtol=3e-3)
     rows = sensitivities(necks, figures)
-    assert len(rows.alike) < 5
-    assert sum(map(len, rows.alike)) == 8
+    assert len(rows.equivalent) < 5
+    assert sum(map(len, rows.equivalent)) == 8
     # A row has the mean of what its hinges do. It is a difference quotient: a step of 1e-5 of the
     # range moves a frequency by some 1e-7 of it, rounding by up to 1e-13.
-    for alike, row in zip(rows.alike, rows.slopes.T, strict=True):
+    for alike, row in zip(rows.equivalent, rows.slopes.T, strict=True):
         own = slopes[:, [necks.names.index(name) for name in alike]]
         np.testing.assert_allclose(np.abs(row), np.abs(own).mean(axis=1), rtol=5e-6)
 
@@ -200,7 +198,7 @@ def test_mirror_images_share_a_row_and_what_is_moved_reads_zero() -> None:
     template = StageTemplate.of("parallelogram")
     figures = figures_of(["frequency", "stroke"], known_figures(template.stage()))
     found = sensitivities(hinge_variables(template), figures)
-    necks = [alike for alike in found.alike if alike[0].endswith(".neck")]
+    necks = [alike for alike in found.equivalent if alike[0].endswith(".neck")]
     assert sum(len(alike) for alike in necks) == 4
     assert len(necks) <= 2
     assert all(v.usual == 0.0 for v in found.variables if v.name.endswith((".along", ".across")))
@@ -216,13 +214,13 @@ def test_lengths_that_are_zero_have_slopes_and_no_part() -> None:
 
 
 def test_what_cannot_change_is_named_with_the_reason() -> None:
-    _, left_out = variables_by(StageTemplate.of("lever-chain"))
-    assert left_out["levers"] == "it is a list"
-    assert left_out["actuator.kind"] == "it is a choice"
-    assert left_out["guide.bar_length"] == "it has no value"
+    _, skipped = variables_by(StageTemplate.of("lever-chain"))
+    assert skipped["levers"] == "it is a list"
+    assert skipped["actuator.kind"] == "it is a choice"
+    assert skipped["guide.bar_length"] == "it has no value"
     template = StageTemplate.of("parallelogram")
     with pytest.raises(
-        ModelError, match=r"no parameter 'leg\.nick'; there is thickness, .*did you mean"
+        ModelError, match=r"no parameter 'leg\.nick'; the names are thickness, .*did you mean"
     ):
         variables_by(template, ["leg.nick"])
     with pytest.raises(ModelError, match="no hinge"):
@@ -246,7 +244,7 @@ def test_a_parameter_whose_every_step_is_no_stage_says_why() -> None:
         Touching(template=template, variables=variables),
         figures_of(["frequency"], known_figures(template.stage())),
     )
-    assert found.left_out == {"leg_spacing": "the hole touches the edge"}
+    assert found.skipped == {"leg_spacing": "the hole touches the edge"}
     assert [v.name for v in found.variables] == ["platform_height"]
 
 

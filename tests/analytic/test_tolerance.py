@@ -42,13 +42,19 @@ from flexstage.quantities.characteristic import Characteristics
 from flexstage.stage.designs import design
 from flexstage.stage.designs.parallelogram import ParallelogramParameters, parallelogram
 from flexstage.stage.designs.pieces import Leg
-from flexstage.studies.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
+from flexstage.studies.explore import tolerance_choice
+from flexstage.studies.explore.deviations import KINDS, active_kinds, draw, flat, parts
 from flexstage.studies.explore.family import known_figures
 from flexstage.studies.explore.figures import Figure, Requirement, requirements_of
-from flexstage.studies.explore.made_stages import TOLERANCE, lot_figures, notch_table, process_of
+from flexstage.studies.explore.manufactured_samples import (
+    TOLERANCE,
+    notch_table,
+    process_of,
+    sample_figures,
+)
 from flexstage.studies.explore.spread import shares_of, spread_of, yield_of
-from flexstage.studies.explore.tolerance import lot_of, tolerance
-from flexstage.studies.explore.tolerance_choice import _Search, choose_tolerances, scaled
+from flexstage.studies.explore.tolerance import monte_carlo_of, tolerance
+from flexstage.studies.explore.tolerance_choice import choose_tolerances, scaled
 from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
 from flexstage.system import analyse
@@ -182,12 +188,12 @@ def test_a_lot_is_each_stage_by_itself(stage, samples):
         for q, a in single[0]
         if q not in ("workspace_area", "width", "height", "natural_frequency_with_stack_hz")
     ]
-    found, gone = lot_figures(process_of(stage, LARGE), numbers, samples, figures)
+    found, gone = sample_figures(process_of(stage, LARGE), numbers, samples, figures)
     assert not gone.any()
     for f, figure in enumerate(figures):
         alone = np.array([one[figure.key] for one in single])
-        if np.abs(alone).max() < figure.shown.zero:  # nothing but rounding
-            assert np.abs(found[:, f]).max() < figure.shown.zero
+        if np.abs(alone).max() < figure.display.zero:  # nothing but rounding
+            assert np.abs(found[:, f]).max() < figure.display.zero
             continue
         worst = max(worst, float(np.abs(found[:, f] - alone).max() / np.abs(alone).max()))
     assert worst < 1e-8
@@ -196,7 +202,7 @@ def test_a_lot_is_each_stage_by_itself(stage, samples):
 def test_without_deviations_it_is_the_drawing():
     stage = design("vgtu-piezo")
     figures = [FREQUENCY, STRESS, Figure(quantity="mass", axis="stage")]
-    found, _ = lot_figures(process_of(stage, EXACT), {}, 1, figures)
+    found, _ = sample_figures(process_of(stage, EXACT), {}, 1, figures)
     alone = single_figures(stage, EXACT, {})
     assert found[0] == pytest.approx([alone[f.key] for f in figures], rel=1e-10)
 
@@ -232,7 +238,7 @@ def test_frequency_of_leaves_scatters_as_beams(scatter, expected):
     # roots and steps give way by 2 % of a leaf of 100 necks, its mass is 1 % of what moves, and
     # 20 000 samples leave 0.5 %
     assert spread.standard_deviation / spread.nominal == pytest.approx(expected, rel=0.03, abs=1e-9)
-    assert spread.apart == 0
+    assert spread.outliers == 0
 
 
 def test_yield_is_that_of_the_normal_distribution():
@@ -299,9 +305,9 @@ def test_values_of_another_mode_are_told():
     stage = design("double-parallelogram")
     study = tolerance(stage, figures=[FREQUENCY], samples=400, model="lumped")
     values = study.values[:, 0].copy()
-    assert spread_of(FREQUENCY, 1.0, values).apart == 0
+    assert spread_of(FREQUENCY, 1.0, values).outliers == 0
     values[::100] *= 1.7
-    assert spread_of(FREQUENCY, 1.0, values).apart == 4
+    assert spread_of(FREQUENCY, 1.0, values).outliers == 4
 
 
 def test_shares_are_those_of_a_known_function():
@@ -315,12 +321,12 @@ def test_shares_are_those_of_a_known_function():
     assert share == pytest.approx(
         {"neck_common": 4.0 / 6.5, "neck_own": 1.0 / 6.5, "modulus": 1.0 / 6.5}, abs=0.01
     )
-    assert found.rest == pytest.approx(0.5 / 6.5, abs=0.005)
-    assert sum(share.values()) + found.rest == pytest.approx(1.0, abs=1e-12)
+    assert found.unexplained == pytest.approx(0.5 / 6.5, abs=0.005)
+    assert sum(share.values()) + found.unexplained == pytest.approx(1.0, abs=1e-12)
     assert found.contributions[0].slope == pytest.approx(2.0, abs=0.02)
     own = next(c for c in found.contributions if c.kind == "neck_own")
     assert {name for name, _ in own.largest} == {h.name for h in stage.hinges}
-    with pytest.raises(ModelError, match="take 14 or more"):
+    with pytest.raises(ModelError, match="use 14 or more"):
         shares_of([FREQUENCY], named, z[:13], y[:13, None])
 
 
@@ -342,9 +348,9 @@ def test_shares_are_those_of_one_deviation_at_a_time():
     stage, scatter = design("bridge"), Scatter()
     figure = Figure(quantity="natural_frequency_hz", axis="y")
     study = tolerance(stage, scatter, figures=[figure], samples=4000, model="lumped")
-    kinds = drawn_kinds(stage, scatter)
+    kinds = active_kinds(stage, scatter)
     assert kinds == EVERY
-    assert "stroke" not in drawn_kinds(design("parallelogram"), scatter)
+    assert "stroke" not in active_kinds(design("parallelogram"), scatter)
     sizes = {kind: draw(stage, kinds, 0, 1, seed=0)[kind].shape[1:] for kind in kinds}
     columns = sum(a * b for a, b in sizes.values())
     ends = []
@@ -354,7 +360,7 @@ def test_shares_are_those_of_one_deviation_at_a_time():
             one = np.zeros((columns, a, b))
             one.reshape(columns, -1)[first : first + a * b] = sign * np.eye(a * b)
             numbers[kind], first = one, first + a * b
-        ends.append(lot_figures(study.lot.process, numbers, columns, [figure])[0][:, 0])
+        ends.append(sample_figures(study.monte_carlo.process, numbers, columns, [figure])[0][:, 0])
     slopes = ends[1] - ends[0]
     variance = dict.fromkeys(kinds, 0.0)
     for (kind, _), slope in zip(parts(stage, kinds), slopes, strict=True):
@@ -383,8 +389,10 @@ def test_a_neck_that_is_gone_is_no_stage():
     lost = int(np.isnan(study.values[:, 0]).sum())
     assert lost / 4000 == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 4000))
     assert study.yields[-1].met == 4000 - lost
-    assert f"{lost} of 4000 samples are no stage" in study.notes[0]
-    with pytest.raises(ModelError, match=r"is too much for a circular notch .* finer process"):
+    assert f"{lost} of 4000 samples are impossible" in study.notes[0]
+    with pytest.raises(
+        ModelError, match=r"are too large for a circular notch .* reduce the scatter"
+    ):
         process_of(stage, replace(EXACT, neck_common=2e-3))
 
 
@@ -392,7 +400,9 @@ def test_the_cheapest_tolerances_are_those_of_lagrange():
     # one figure, two kinds: the cost w/s is least where s is as (w/V)^(1/3)
     stage = LEAVES
     usual = replace(EXACT, neck_common=4e-6, modulus=0.02)
-    nominal = tolerance(stage, usual, figures=[FREQUENCY], samples=2, model="lumped").lot.nominal()
+    nominal = tolerance(
+        stage, usual, figures=[FREQUENCY], samples=2, model="lumped"
+    ).monte_carlo.nominal()
     floor = Requirement(figure=FREQUENCY, low=0.97 * float(nominal[0]))
     study = tolerance(stage, usual, figures=(), requirements=[floor], samples=4000, model="lumped")
     found = choose_tolerances(study, 0.99, weights={"modulus": 2.0})
@@ -404,7 +414,7 @@ def test_the_cheapest_tolerances_are_those_of_lagrange():
     assert found.reached
     assert found.after[-1].low >= 0.99
     # and no wider than it need be: 2.33 deviations of 3 %, 0.3 % of the lot more for the interval
-    deviation = math.hypot(1.5 * found.chosen.neck_common / 0.31e-3, 0.5 * found.chosen.modulus)
+    deviation = math.hypot(1.5 * found.selected.neck_common / 0.31e-3, 0.5 * found.selected.modulus)
     assert deviation == pytest.approx(0.03 / 2.45, rel=0.05)
     assert study.yields[-1].share < 0.97
 
@@ -419,11 +429,11 @@ def test_the_largest_of_several_necks_has_a_cheap_answer_too():
     found = choose_tolerances(study, 0.99)
     assert found.reached
     assert found.cost < 1.2
-    assert "did not settle" not in found.verdict
+    assert "did not converge" not in found.conclusion
     # other random numbers confirm it
     again = tolerance(
         stage,
-        found.chosen,
+        found.selected,
         figures=(),
         requirements=requirements,
         samples=4000,
@@ -436,16 +446,18 @@ def test_the_largest_of_several_necks_has_a_cheap_answer_too():
 def test_what_the_model_misses_is_found_in_proportion(monkeypatch):
     stage = LEAVES
     usual = replace(EXACT, neck_common=4e-6, modulus=0.02)
-    nominal = tolerance(stage, usual, figures=[FREQUENCY], samples=2, model="lumped").lot.nominal()
+    nominal = tolerance(
+        stage, usual, figures=[FREQUENCY], samples=2, model="lumped"
+    ).monte_carlo.nominal()
     floor = Requirement(figure=FREQUENCY, low=0.97 * float(nominal[0]))
     study = tolerance(stage, usual, figures=(), requirements=[floor], samples=2000, model="lumped")
     best = choose_tolerances(study, 0.99).cost
     # a model that always says that nothing need change
-    monkeypatch.setattr(_Search, "_cheapest", lambda self, at, aim: at.factors)
+    monkeypatch.setattr(tolerance_choice, "_cheapest", lambda search, trial: trial.factors)
     found = choose_tolerances(study, 0.99)
     assert found.reached
     assert best < found.cost < 1.2 * best
-    assert "did not settle" in found.verdict
+    assert "did not converge" in found.conclusion
 
 
 def test_what_no_tolerance_reaches_is_said():
@@ -454,26 +466,26 @@ def test_what_no_tolerance_reaches_is_said():
     study = tolerance(stage, figures=(), requirements=[above], samples=500, model="lumped")
     found = choose_tolerances(study, 0.9)
     assert not found.reached
-    assert not found.found
-    assert "the stage as drawn does not meet natural_frequency.x >= 200 Hz" in found.verdict
-    with pytest.raises(ModelError, match=r"500 samples cannot show a yield of 99\.9 %"):
+    assert not found.available
+    assert "the nominal stage does not meet natural_frequency.x >= 200 Hz" in found.conclusion
+    with pytest.raises(ModelError, match=r"500 samples cannot confirm a yield of 99\.9 %"):
         choose_tolerances(study, 0.999)
-    with pytest.raises(ModelError, match="given for lean, which does not scatter"):
+    with pytest.raises(ModelError, match="the cost of lean has no effect, as it has no scatter"):
         choose_tolerances(study, 0.9, weights={"lean": 2.0})
 
 
 def test_what_is_too_narrow_for_every_tolerance_names_the_requirement():
     stage = design("parallelogram")
-    nominal = tolerance(stage, figures=[FREQUENCY], samples=2, model="lumped").lot.nominal()
+    nominal = tolerance(stage, figures=[FREQUENCY], samples=2, model="lumped").monte_carlo.nominal()
     width = 1e-4 * float(nominal[0])
     narrow = Requirement(figure=FREQUENCY, low=nominal[0] - width, high=nominal[0] + width)
     wide = Requirement(figure=STRESS, high=1e9)
     study = tolerance(stage, figures=(), requirements=[narrow, wide], samples=200, model="lumped")
     found = choose_tolerances(study, 0.95)
     assert not found.reached
-    assert found.found
+    assert found.available
     assert found.factor("neck_common") == pytest.approx(0.02)
-    assert "natural_frequency.x" in found.verdict
+    assert "natural_frequency.x" in found.conclusion
     assert scaled(Scatter(), {"radius": 2.0}).radius == 2.0 * Scatter().radius
 
 
@@ -520,7 +532,7 @@ def test_another_model_says_what_necks_do(monkeypatch):
     assert np.ptp(mended.values[:, 0] / plain.values[:, 0]) > 5e-3
     # not of a peak of stress
     assert mended.values[:, 1] == pytest.approx(1.03 * plain.values[:, 1], rel=1e-9)
-    assert "change where all necks are off alike" in mended.model
+    assert "with its effect of a common neck offset" in mended.model
 
 
 @pytest.mark.parametrize("samples", sizes(slow=5, evidence=20))
@@ -531,7 +543,7 @@ def test_a_corrected_lot_is_near_superelements_of_each_stage(samples):
         Figure(quantity=q, axis=axis) for q in ("natural_frequency_hz", "transmission_ratio")
     ]
     lots = [
-        lot_of(stage, only, figures, seed=1, model="superelement", follow_necks=follow)[0]
+        monte_carlo_of(stage, only, figures, seed=1, model="superelement", follow_necks=follow)[0]
         for follow in (False, True)
     ]
     numbers, alone = lots[0].numbers(0, samples), []

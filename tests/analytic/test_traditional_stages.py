@@ -14,12 +14,12 @@ from flexstage.stage.checks import check
 from flexstage.stage.designs import design
 from flexstage.stage.designs.two_guides import SideBySideXYParameters, side_by_side_xy
 from flexstage.stage.drive import StackActuator, VoiceCoil
-from flexstage.studies.traditional import compare_traditional, drift_verdict, verdict
-from flexstage.studies.traditional_stages import (
+from flexstage.studies.guided_axes import (
     direct_actuator,
     guides_on_one_side,
     single_axis_guides,
 )
+from flexstage.studies.traditional import compare_traditional, conclusions, drift_conclusions
 from tests.compared_stages import comparison
 
 TRAVEL = {"x": 64.5e-6, "y": 62.7e-6}
@@ -56,28 +56,29 @@ def test_yaw_is_compared_with_what_has_one() -> None:
 
 
 def test_sentences_say_what_the_figures_say() -> None:
-    text = " ".join(verdict(comparison()))
+    text = " ".join(conclusions(comparison()))
     for words in (
-        "goes 0.200 µm across over its stroke (0.21 µm were measured)",
-        "rigid bodies go 0.140 µm, elastic ones 0.060 µm more",
-        "17 % less than a traditional stage, holds against worse (33 % below it), lame (78 % below",
-        "does not hold against like it (9 % below it) and better (4.0 times as much)",
-        "By straightness it holds against",
-        "legs are at most 8.2 mm from neck to neck",
-        "those of the stage have 12 and 14 mm",
-        "a traditional stage that goes 0.25 µm across",
+        "over its stroke is 0.200 µm (published measurement: 0.21 µm)",
+        "Rigid bodies contribute 0.140 µm and elastic ones 0.060 µm",
+        "17 % less transverse motion than a traditional stage holds against worse (33 % less), "
+        "lame (78 % less",
+        "does not hold against like it (9 % less) and better (4.0 times as much)",
+        "For straightness the claim holds against",
+        "legs of at most 8.2 mm between the necks",
+        "legs of the stage have 12 and 14 mm",
+        "imply a transverse motion of 0.25 µm",
     ):
         assert words in text
     # without a path of finite elements nothing is known of its straightness
-    assert "By straightness" not in " ".join(verdict(comparison(finite_elements=False)))
+    assert "For straightness" not in " ".join(conclusions(comparison(finite_elements=False)))
 
 
 def test_the_worse_axis_is_worse_by_its_median() -> None:
     found = comparison()
-    x, y = found.own.axes["x"], found.own.axes["y"]
+    x, y = found.stage.axes["x"], found.stage.axes["y"]
     rare = replace(x, across=np.where(np.arange(x.across.size) < 36, x.across, 9e-7))
-    text = " ".join(verdict(replace(found, own=replace(found.own, axes={"x": rare, "y": y}))))
-    assert "rigid bodies go 0.140 µm" in text
+    changed = replace(found, stage=replace(found.stage, axes={"x": rare, "y": y}))
+    assert "Rigid bodies contribute 0.140 µm" in " ".join(conclusions(changed))
 
 
 def test_the_longest_leg_has_the_arc_that_the_claim_asks_for() -> None:
@@ -87,13 +88,14 @@ def test_the_longest_leg_has_the_arc_that_the_claim_asks_for() -> None:
 
 
 def test_drift_is_set_against_the_stage_without_symmetry_and_the_others() -> None:
-    one, other = drift_verdict(comparison())
-    assert "drifts 1500 nm instead of 2000 nm by a uniform kelvin" in one
-    assert "symmetry takes 25 % off what a uniform change does" in one
+    one, other = drift_conclusions(comparison())
+    assert "is 1500 nm instead of 2000 nm for a uniform kelvin" in one
+    assert "Symmetry reduces the drift by a uniform change by 25 %" in one
     worse = replace(comparison(), asymmetric=comparison().others[1])
-    assert "symmetry adds 50 % to what a uniform change does" in drift_verdict(worse)[0]
-    assert (
-        other == "By a uniform kelvin it drifts less than worse and better and more than like it."
+    assert "Symmetry increases the drift by a uniform change by 50 %" in drift_conclusions(worse)[0]
+    assert other == (
+        "Its drift for a uniform kelvin is smaller than that of worse and better and larger than "
+        "that of like it."
     )
 
 
@@ -117,7 +119,7 @@ def test_an_actuator_that_is_longer_has_the_same_strain_and_section() -> None:
     assert isinstance(longer, StackActuator)
     assert longer.free_stroke / length == pytest.approx(38e-6 / 36e-3)
     assert longer.stiffness * length == pytest.approx(43e6 * 36e-3)
-    with pytest.raises(ModelError, match="kind 'force' has no stroke"):
+    with pytest.raises(ModelError, match="kind 'force' has no adjustable stroke"):
         direct_actuator(VoiceCoil(largest_force=1.0), 1e-3, 1e-6)
 
 
@@ -150,5 +152,5 @@ def test_a_stage_with_guides_on_one_side_has_lost_four_legs() -> None:
 
 
 def test_a_stage_of_which_nothing_is_claimed_is_refused() -> None:
-    with pytest.raises(ModelError, match="nothing is claimed of the motion errors of 'parallelo"):
+    with pytest.raises(ModelError, match="no claim on the motion errors of 'parallelo"):
         compare_traditional(design("parallelogram"))

@@ -14,8 +14,8 @@ from flexstage.fem import plane_model
 from flexstage.fem.stroke import follow_stroke
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.designs import design
+from flexstage.studies.guided_axes import traditional_axes
 from flexstage.studies.traditional import TraditionalComparison, compare_traditional
-from flexstage.studies.traditional_stages import traditional_axes
 from flexstage.system import analyse
 
 #: Motion across that was measured over the stroke [m], from the study.
@@ -40,9 +40,9 @@ def compared(request: pytest.FixtureRequest) -> TraditionalComparison:
 @pytest.mark.slow
 def test_bending_of_bodies_explains_the_motion_errors_that_were_measured(compared) -> None:
     # 10, 2, -24 and -14 %: what is left would be drives that push askew, and the guide of the bench
-    for axis, errors in compared.own.axes.items():
+    for axis, errors in compared.stage.axes.items():
         assert errors.figures("across")[0] == pytest.approx(
-            MEASURED[compared.own.title][axis], rel=0.27
+            MEASURED[compared.stage.title][axis], rel=0.27
         )
         # of which rigid bodies, and scatter of a few micrometres, explain next to nothing
         assert errors.geometry < 1e-12
@@ -57,7 +57,7 @@ def test_the_claims_hold_for_some_definitions_and_not_for_others(compared) -> No
         "stacked double parallelograms": False,
         "parallelograms side by side": True,
         "the same stage, guides on one side": True,
-        "crossed rollers (by their maker)": compared.own.title == "vgtu-piezo",
+        "crossed rollers (by their maker)": compared.stage.title == "vgtu-piezo",
     }
     straight = {row.against: row.holds for row in compared.reductions("straightness")}
     assert [name for name, held in straight.items() if not held] == [
@@ -85,13 +85,13 @@ def test_symmetry_takes_a_third_off_the_drift(compared) -> None:
         return (x**2 + y**2) ** 0.5
 
     # and no more: the claim of the study that it makes a stage robust holds as far as this
-    assert total(compared.own) / total(compared.asymmetric) == pytest.approx(0.66, abs=0.03)
+    assert total(compared.stage) / total(compared.asymmetric) == pytest.approx(0.66, abs=0.03)
 
 
 @pytest.mark.slow
 def test_a_stack_weighs_what_its_two_plates_do_and_is_as_high(compared) -> None:
-    stage = design(compared.own.title)
-    travel = {name: axis.travel for name, axis in compared.own.axes.items()}
+    stage = design(compared.stage.title)
+    travel = {name: axis.travel for name, axis in compared.stage.axes.items()}
     (_, stacked), *_ = traditional_axes(stage, travel)
     lower, upper = stacked["x"].stage, stacked["y"].stage
     plates = [
@@ -107,9 +107,9 @@ def test_a_stack_weighs_what_its_two_plates_do_and_is_as_high(compared) -> None:
 
 @pytest.mark.slow
 def test_paths_of_traditional_guides_are_those_of_finite_elements(compared) -> None:
-    travel = {name: axis.travel for name, axis in compared.own.axes.items()}
+    travel = {name: axis.travel for name, axis in compared.stage.axes.items()}
     for (title, axes), found in zip(
-        traditional_axes(design(compared.own.title), travel), compared.others, strict=True
+        traditional_axes(design(compared.stage.title), travel), compared.others, strict=True
     ):
         if "side by side" in title:
             continue

@@ -64,7 +64,7 @@ def test_ishigami_and_g_are_met():
     found = sobol_indices(g(saltelli_points(np.zeros(4), np.ones(4), n, 6)).reshape(n, 6, 1), 1)
     assert found.first[0] == pytest.approx(G_FIRST, abs=4e-3)
     assert found.total[0] == pytest.approx(G_TOTAL, abs=4e-3)
-    assert (found.samples, found.left_out) == (n, 0)
+    assert (found.samples, found.excluded) == (n, 0)
 
 
 def test_scipy_estimates_the_same_of_the_same_points():
@@ -131,15 +131,15 @@ def test_base_samples_with_an_impossible_stage_are_left_out_up_to_a_share():
     gaps[[3, 70], [4, 0]] = np.nan
     found = sobol_indices(gaps, 5)
     whole = sobol_indices(np.delete(values, [3, 70], axis=0), 5)
-    assert found.left_out == 2
+    assert found.excluded == 2
     assert found.samples == 126
     assert (found.first == whole.first).all()
     assert (found.total_low == whole.total_low).all()
     gaps[10:20, 1] = np.nan
-    with pytest.raises(ModelError, match="12 of 128 base samples hold an impossible stage"):
+    with pytest.raises(ModelError, match="12 of 128 base samples have an impossible stage"):
         sobol_indices(gaps, 5)
 
 
 def test_few_samples_are_refused():
-    with pytest.raises(ModelError, match="16 base samples or more, got 8"):
+    with pytest.raises(ModelError, match="16 or more base samples, got 8"):
         sobol_indices(ishigami(saltelli_points(*ENDS, 8, 2)).reshape(8, 5, 1), 5)

@@ -24,7 +24,10 @@ from flexstage.studies.explore import (
     requirement_of,
     variables_of,
 )
-from flexstage.studies.explore.optimise.usual import published_targets, usual_requirements
+from flexstage.studies.explore.optimise.default_requirements import (
+    default_requirements,
+    published_targets,
+)
 
 PIEZO = (
     *("x.lever_arm_input=6..16 mm", "x.lever_arm_output=10..26 mm", "x.leg_neck=0.3..1.2 mm"),
@@ -56,7 +59,7 @@ def matched(stage: str, ranges: Sequence[str]) -> tuple[Optimum, float]:
     problem = Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
         requirements=targets,
-        usual=usual_requirements(described, known, targets),
+        defaults=default_requirements(described, known, targets),
     )
     began = time.perf_counter()
     found = find_optimum(problem, SearchOptions(start="middle"))
@@ -93,9 +96,9 @@ def better_piezo(names: Sequence[str], confirm: str) -> Optimum:
     ranges = [f"{name}=30 %" for name in names]
     problem = Problem(
         family=Family(template=template, variables=variables_of(template, ranges)),
-        goals=(Goal(figure=figure_of("natural_frequency.x", known), way="maximise"),),
+        goals=(Goal(figure=figure_of("natural_frequency.x", known), direction="maximise"),),
         requirements=requirements,
-        usual=usual_requirements(template.stage(), known, requirements),
+        defaults=default_requirements(template.stage(), known, requirements),
     )
     return find_optimum(problem, SearchOptions(confirm=confirm))
 

@@ -393,5 +393,5 @@ def test_hysteresis_is_found_whatever_axis_and_probe_are_called(
     monkeypatch.setattr(importlib.import_module("flexstage.studies.compensation"), "identify", read)
     said = {}
     for stage in (design("bridge"), renamed(design("bridge"))):
-        said |= run_study(stage, parts="identification").experiments_left_out
+        said |= run_study(stage, parts="identification").skipped_experiments
     assert said["axis_of_y"] == said["y"] == "120 V, 187.5 um"

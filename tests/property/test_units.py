@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from flexstage.base.errors import UnitError
 from flexstage.quantities.units import DIMENSIONS, parse, readable, readable_unit, to_text
-from flexstage.quantities.units.columns import si_unit
-from flexstage.quantities.units.text import shortened
+from flexstage.quantities.units.text import shortened, si_unit
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e15, max_value=1e15)
 

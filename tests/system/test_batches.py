@@ -14,7 +14,7 @@ from flexstage.base.progress import listen
 from flexstage.stage.designs import design
 from flexstage.studies.explore import Job, batch_size, open_workers
 from flexstage.studies.explore import workers as workers_module
-from flexstage.studies.explore.batches import KeptBatches
+from flexstage.studies.explore.batches import StoredBatches
 from tests import spread_work
 
 JOB = functools.partial(
@@ -121,14 +121,14 @@ def test_the_folder_of_another_version_is_refused(tmp_path):
 @pytest.mark.parametrize("head", ["", "{", "[]", '{"name": "trial"}'])
 def test_a_head_that_says_nothing_is_refused(tmp_path, head):
     (tmp_path / "job.json").write_text(head)
-    with pytest.raises(RecordError, match="does not say which job"):
+    with pytest.raises(RecordError, match="does not identify the job"):
         alone(JOB(), tmp_path)
 
 
 def test_batches_without_a_head_are_refused(tmp_path):
     alone(JOB(), tmp_path)
     (tmp_path / "job.json").unlink()
-    with pytest.raises(RecordError, match=r"holds batches, and no job\.json"):
+    with pytest.raises(RecordError, match=r"has batches, but no job\.json"):
         alone(JOB(), tmp_path)
 
 
@@ -137,13 +137,13 @@ def test_a_stage_is_recognised_by_another_process(tmp_path):
     program = (
         "from pathlib import Path\n"
         "from tests.system.test_batches import stage_job\n"
-        "from flexstage.studies.explore.batches import KeptBatches\n"
-        f"KeptBatches(Path({str(tmp_path)!r}), stage_job())\n"
+        "from flexstage.studies.explore.batches import StoredBatches\n"
+        f"StoredBatches(Path({str(tmp_path)!r}), stage_job())\n"
     )
     subprocess.run(
         [sys.executable, "-c", program], check=True, env={**os.environ, "PYTHONHASHSEED": "271"}
     )
-    KeptBatches(tmp_path, stage_job())
+    StoredBatches(tmp_path, stage_job())
 
 
 def stage_job():
@@ -189,7 +189,7 @@ def test_a_cluster_alone_needs_the_extra(monkeypatch):
         open_workers(scheduler="tls://127.0.0.1:1"),
     ):
         pass
-    monkeypatch.setattr(workers_module, "_TRIED", 0.0)
+    monkeypatch.setattr(workers_module, "_FIRST_ESTIMATE", 0.0)
     monkeypatch.setattr(workers_module, "_WORTH_SHARING", 0.0)
     with open_workers(2) as workers:
         assert same(workers.run(JOB()), spread_work.solutions({"seed": 11}, 0, 47))

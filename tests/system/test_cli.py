@@ -123,7 +123,7 @@ def test_help_is_a_word_too_and_hinges_say_how_a_profile_is_named(
     ("change", "said"),
     [
         (("thinnest", "1 nm"), "notch of hinge 'left-lower' are too extreme to compute"),
-        (("mass", "1e30 kg"), "body 'platform' has 1e+30 kg and 'left-leg' 0.00275 kg, too far"),
+        (("mass", "1e30 kg"), "body 'platform' has 1e+30 kg and 'left-leg' 0.00275 kg, too"),
         (("length_unit", "nm"), "hinge 'left-lower' is not attached to body 'base'"),
     ],
 )
@@ -217,7 +217,7 @@ def test_every_model_of_a_stage_side_by_side(
     out = capsys.readouterr().out
     results = json.loads((elsewhere / "d" / "results.json").read_text("utf-8"))
     assert list(results["models"]) == ["lumped", "superelement", "plane", "superelement-3d"]
-    assert results["left_out"] == {}
+    assert results["skipped_models"] == {}
     found = {
         row["origin"]: row["value"]
         for row in results["characteristics"]
@@ -360,7 +360,7 @@ def test_a_stage_without_axes_says_what_is_missing(
     assert "3 of these modes, at 0 Hz" in out
     assert run("study", "plate.yaml") == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "defines no axis" in out
+    assert "the stage has no axes" in out
     # finite elements need something that holds the stage, and say so
     assert "plane model skipped: no body of stage 'plate' is fixed" in out
     assert "superelement-3d model skipped: body 'plate' has no hinge" in out

@@ -38,7 +38,7 @@ def test_best_stage_is_analysed_as_it_was_promised(run, tmp_path):
     status, out, _ = run("optimise", "parallelogram", *goal, *OVER, *LUMPED, "--folder", "out")
     assert status == 0
     assert "all requirements are met" in out
-    assert "note: held by max_stress.x <= 110.0 MPa; relaxing it by" in out
+    assert "note: active constraint max_stress.x <= 110.0 MPa; relaxing it by" in out
     assert "default constraints (disable with --without NAME): check" in out
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
@@ -105,14 +105,14 @@ def test_front_of_three_goals_has_a_page(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((), "say what is sought: --maximise or --minimise a figure, or --match values"),
+        ((), "the objective is missing: use --maximise or --minimise for a figure, or --match"),
         (("--maximise", "frequenzy.x"), "there is no figure 'frequenzy.x'"),
-        (("--match", "stroke.x >= 2 um"), "--match is a figure and the value to reach"),
+        (("--match", "stroke.x >= 2 um"), "--match needs a figure and its value"),
         (
             ("--maximise", "frequency.x", "--match", "stroke.x = 200 um"),
-            "--match seeks stated figures, and has no goal",
+            "--match cannot be combined with a goal",
         ),
-        (("--match", "published"), "no finite-element figures are published of parallelogram"),
+        (("--match", "published"), "no published finite-element values of parallelogram"),
         (
             ("--maximise", "frequency.x", "--start", "centre"),
             "'--start': must be described or middle",
@@ -122,8 +122,11 @@ def test_front_of_three_goals_has_a_page(run, tmp_path):
             "'--confirm': must be plane, superelement-3d or solid",
         ),
         (("--maximise", "frequency.x", "--over", "leg_neck=1..2 mm"), "no parameter 'leg_neck'"),
-        (("--maximise", "frequency.x", "--without", "yield"), "nothing called 'yield' is required"),
-        (("--maximise", "frequency.x", "--keep", "stress 5"), "is no requirement"),
+        (
+            ("--maximise", "frequency.x", "--without", "yield"),
+            "there is no default constraint 'yield'",
+        ),
+        (("--maximise", "frequency.x", "--keep", "stress 5"), "is not a requirement"),
     ],
 )
 def test_bad_input_is_one_sentence(run, words, said):
@@ -138,5 +141,5 @@ def test_what_belongs_to_bought_parts_is_held_and_said(run):
     words = ("--match", "natural_frequency.x = 262 Hz", "--without", "safety_factor")
     _, out, _ = run("optimise", "parallelogram", *words, *LUMPED, *FEW)
     out = " ".join(out.split())
-    assert "note: held, as they belong to bought parts, bolts or the plate" in out
+    assert "note: fixed dimensions of bought parts, bolts and the plate" in out
     assert "thickness, mounting_hole_diameter, force_patch_half_width, actuator_length" in out

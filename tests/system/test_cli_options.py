@@ -107,7 +107,7 @@ def test_all_leaves_out_what_is_impossible(capsys: pytest.CaptureFixture[str]) -
     words = ("analyse", "parallelogram", "--model", "all", "--stroke", "--json")
     found = printed(capsys, *words)
     assert list(found["models"]) == ["plane"]
-    assert set(found["left_out"]) == {"lumped", "superelement", "superelement-3d", "solid"}
+    assert set(found["skipped_models"]) == {"lumped", "superelement", "superelement-3d", "solid"}
     plane = found["models"]["plane"]
     assert plane["bar_buckling_load"].keys() == {"left-leg", "right-leg"}
     rows = {row["quantity"] for row in plane["characteristics"]}

@@ -17,7 +17,7 @@ from flexstage.report.page import draw_picture, typeset
 from flexstage.report.sensitivity import sensitivity_table
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family, known_figures
-from flexstage.studies.explore.figures import figures_of, usual_figures
+from flexstage.studies.explore.figures import default_figures, figures_of
 from flexstage.studies.explore.sensitivity import hinge_variables, sensitivities, variables_by
 
 
@@ -96,7 +96,7 @@ def test_hinges_alike_share_a_row(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(
         said(capsys, "parallelogram", "--hinges", "--by", "left*", "--of", "frequency", "--json")
     )
-    named = [name for p in found["parameters"] for name in p["alike"]]
+    named = [name for p in found["parameters"] for name in p["equivalent"]]
     assert sorted(named) == sorted(
         f"left-{end}.{part}" for end in ("lower", "upper") for part in ("neck", "along", "across")
     )
@@ -150,7 +150,7 @@ def test_superelements_say_much_the_same(capsys: pytest.CaptureFixture[str]) -> 
         (("parallelogram", "--by", "leg_spasing"), "did you mean 'leg_spacing'"),
         (("parallelogram", "--by", "material"), "no parameter that changes continuously"),
         (("parallelogram", "--hinges", "--by", "middle"), "no hinge 'middle'"),
-        (("parallelogram", "--hinges", "--model", "plane"), "--hinges goes with --model lumped"),
+        (("parallelogram", "--hinges", "--model", "plane"), "--hinges needs --model lumped"),
         (("parallelogram", "--per", "2 s"), "length"),
         (("parallelogram", "--model", "wood"), "'--model': must be lumped"),
         (("nothing-like-it",), "no built-in design and no file"),
@@ -163,7 +163,7 @@ def test_refusals(words: tuple[str, ...], message: str, capsys: pytest.CaptureFi
 def test_the_picture_shows_the_numbers_of_the_table() -> None:
     template = StageTemplate.of("three-rrr")
     variables, _ = variables_by(template)
-    figures = usual_figures(known_figures(template.stage()))
+    figures = default_figures(known_figures(template.stage()))
     found = sensitivities(Family(template=template, variables=variables), figures)
     rows = sensitivity_table(found).rows[1:]
     shown = {typeset(cell.text) for row in rows for cell in row[2:]}

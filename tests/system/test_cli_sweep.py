@@ -131,7 +131,7 @@ def test_a_stage_without_axes_is_told_what_it_lacks(run, tmp_path):
     for words in (("sweep", "bare.yaml", "--over", "plate=10 %"), ("sensitivity", "bare.yaml")):
         status, out, err = run(*words, "--quiet")
         assert (status, out) == (2, "")
-        assert "the stage describes no axes" in err
+        assert "the stage has no axes" in err
         assert "or name one of its other figures, smallest_neck, smallest_slot" in err
         assert err.count("\n") == 1
     # which need no axis
@@ -184,15 +184,18 @@ def test_what_cannot_be_drawn_is_said_and_the_rest_is_written(run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["parallelogram"], 'name what is varied, such as --over "leg.notch.neck_thickness=0.'),
-        (["parallelogram", "--over", "leg_spacing"], "is no range of a parameter"),
+        (
+            ["parallelogram"],
+            'name a parameter and its range, such as --over "leg.notch.neck_thickness=0.',
+        ),
+        (["parallelogram", "--over", "leg_spacing"], "is not a range of a parameter"),
         (["parallelogram", "--over", "spacing=1..2 mm"], "has no parameter 'spacing'"),
         (["parallelogram", *NECK, "--of", "beauty.x"], "there is no figure 'beauty.x'"),
         (["parallelogram", *NECK, "--plan", "gridd"], "did you mean 'grid'?"),
         (["parallelogram", *NECK, "--model", "liquid"], "'--model': must be lumped"),
-        (["parallelogram", *NECK, "--indices", "--plan", "grid"], "leave the plan out"),
-        (["parallelogram", *NECK, "--indices", "--samples", "9"], "16 base samples or more, got 9"),
-        (["parallelogram", "--over", "leg_spacing=5..8 mm"], "is a possible stage"),
+        (["parallelogram", *NECK, "--indices", "--plan", "grid"], "omit the plan"),
+        (["parallelogram", *NECK, "--indices", "--samples", "9"], "16 or more base samples, got 9"),
+        (["parallelogram", "--over", "leg_spacing=5..8 mm"], "stages are impossible"),
         (["nowhere.yaml", *NECK], "no built-in design and no file is called 'nowhere.yaml'"),
         (["part.dxf", *NECK], "is a drawing, whose dimensions are fixed"),
         (["parallelogram", *NECK, "--samples", "0"], "'--samples'"),

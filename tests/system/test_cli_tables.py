@@ -18,7 +18,7 @@ from flexstage.cli import app, main, tables
 from flexstage.cli.output import console, display_table, print_text
 from flexstage.quantities.characteristic import Characteristic, shown_units
 from flexstage.quantities.comparison import compare
-from flexstage.quantities.quantity import beside, display
+from flexstage.quantities.quantity import display, value_and_uncertainty
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.report.page import table_html
 from flexstage.report.run import runs_table
@@ -312,8 +312,8 @@ def test_an_uncertainty_has_the_digits_of_its_value() -> None:
         ("97.50", "< 0.01"), ("353.2", "0.4"), ("97.50", "< 0.01"), ("≈ 0", ""),
         ("338.9104", "0.0024"),
     ]  # fmt: skip
-    assert beside(63.65, 6e-9) == ("63.65000", "< 0.00001")
-    assert beside(2284.1234, 0.0034) == ("2284.123", "0.003")
+    assert value_and_uncertainty(63.65, 6e-9) == ("63.65000", "< 0.00001")
+    assert value_and_uncertainty(2284.1234, 0.0034) == ("2284.123", "0.003")
 
 
 def test_one_quantity_has_one_unit_on_every_axis() -> None:

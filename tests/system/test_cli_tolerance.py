@@ -25,7 +25,7 @@ from flexstage.stage import stage_to_text
 from flexstage.stage.designs import design
 from flexstage.studies.explore import open_workers
 from flexstage.studies.explore.family import known_figures
-from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
+from flexstage.studies.explore.figures import Figure, Requirement, default_figures
 from flexstage.studies.explore.prepare import scatter_of
 from flexstage.studies.explore.tolerance import tolerance
 from flexstage.virtual.imperfections import Scatter
@@ -49,7 +49,7 @@ def test_it_tells_spread_yield_and_what_to_tighten(capsys, tmp_path):
     )  # fmt: skip
     assert code == 0
     assert "parallelogram: 600 simulated parts." in out
-    assert "all necks alike (wire offset)" in out
+    assert "all necks (wire offset)" in out
     assert "natural_frequency.x >= 190 Hz" in out
     assert "stages are good" in out
     found = json.loads((tmp_path / "lot" / "tolerance.json").read_text())
@@ -118,7 +118,7 @@ def test_a_stage_that_misses_what_is_required_has_no_table_of_tolerances(capsys,
         "--folder", str(tmp_path / "lot"),
     )  # fmt: skip
     assert code == 0
-    assert "the stage as drawn does not meet natural_frequency.x" in out
+    assert "the nominal stage does not meet natural_frequency.x" in out
     page = (tmp_path / "lot" / "tolerance.html").read_text()
     assert "change the stage" in page
     assert "Least expensive scatter" not in out + page
@@ -144,7 +144,7 @@ def test_what_is_rounding_has_neither_shares_nor_a_picture():
     study = tolerance(
         design("three-rrr"), figures=[coupling, FREQUENCY], samples=150, model="lumped"
     )
-    assert [spread.still for spread in study.spreads] == [True, False]
+    assert [spread.constant for spread in study.spreads] == [True, False]
     told = {shares.figure for shares in study.shares}
     assert coupling not in told
     assert FREQUENCY in told
@@ -163,7 +163,7 @@ def test_what_is_rounding_has_neither_shares_nor_a_picture():
     (alone,) = tolerance(
         design("three-rrr"), figures=[coupling], samples=150, model="lumped"
     ).spreads
-    assert alone.still
+    assert alone.constant
     assert draw_spreads(replace(study, spreads=(alone,))).axes
 
 
@@ -191,18 +191,18 @@ def test_a_scatter_is_read_in_order():
     ("words", "said"),
     [
         (("--scatter", "nck_own=2 um"), "did you mean 'neck_own'"),
-        (("--scatter", "neck_own"), "is a name and a value"),
+        (("--scatter", "neck_own"), "needs a name and a value"),
         (("--scatter", "neck_own=2"), "no unit"),
         (("--scatter", "modulus=much"), "expected a share"),
         (("--scatter", "neck_own=-1 um"), "scatter of neck_own must be 0 or more"),
-        (("--scatter", "neck_own=3 mm"), "give a finer process"),
+        (("--scatter", "neck_own=3 mm"), "reduce the scatter"),
         (("--target-yield", "99 %"), "needs at least one --require"),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "much"), "expected a share"),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "100 %"), "between 0 and 100 %"),
         (("--require", "stress.x <= 200 MPa", "--target-yield", "99"), 'write "99 %"'),
-        (("--require", "stress.x <= 200 MPa", "--target-yield", "99.9 %"), "take 3688 or more"),
+        (("--require", "stress.x <= 200 MPa", "--target-yield", "99.9 %"), "use 3688 or more"),
         (("--require", "stress.z <= 200 MPa"), "stress.x"),
-        (("--require", "stress.x"), "is no requirement"),
+        (("--require", "stress.x"), "is not a requirement"),
         (("--of", "colour.x"), "there is no figure 'colour.x'"),
         (("--of", "drive_force.x"), "there is no figure 'drive_force.x' here"),
         (("--every-sample",), "give a --folder"),
@@ -225,7 +225,7 @@ def test_a_stage_without_axes_has_no_figures(capsys, tmp_path):
     for words in ((), ("--of", "smallest_slot"), ("--require", "stress.x <= 90 MPa")):
         code, out, err = run(capsys, str(file), *QUICK[1:], *words)
         assert (code, out) == (2, "")
-        assert "the stage describes no axes" in err
+        assert "the stage has no axes" in err
         assert "add 'axes' to the stage file" in err
         assert err.count("\n") == 1
 
@@ -234,7 +234,7 @@ def test_a_stage_of_more_drives_than_axes_is_told_what_a_lot_leaves_out(capsys, 
     stage = design("three-rrr")
     file = tmp_path / "redundant.yaml"
     file.write_text(stage_to_text(replace(stage, axes=stage.axes[:2])))
-    told = "more drives than axes move this stage"
+    told = "this stage has more drives than axes"
     code, out, _ = run(capsys, str(file), *QUICK[1:], "--json")
     found = json.loads(out)
     assert code == 0
@@ -272,7 +272,7 @@ def test_one_two_and_four_workers_give_the_same_bits(monkeypatch):
     monkeypatch.setattr("flexstage.studies.explore.workers._TRIED", 0.0)
     monkeypatch.setattr("flexstage.studies.explore.workers._WORTH_SHARING", 0.0)
     stage = design("vgtu-piezo")
-    figures = usual_figures(known_figures(stage))
+    figures = default_figures(known_figures(stage))
     lots = []
     for count in (1, 2, 4):
         with open_workers(count) as workers:

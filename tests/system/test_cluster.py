@@ -181,7 +181,8 @@ def test_a_lost_scheduler_is_a_sentence_and_the_run_goes_on_later(cluster, tmp_p
         if done > 0.3:
             cluster.scheduler.kill()
 
-    lost = rf"the scheduler at {cluster.address} was lost; \d+ of 36 batches are kept in {keep}"
+    connection = f"the connection to the scheduler at {cluster.address}"
+    lost = rf"{connection} was lost; \d+ of 36 batches are stored in {keep}"
     with (
         pytest.raises(WorkerError, match=lost),
         open_workers(scheduler=cluster.address) as workers,
@@ -240,11 +241,11 @@ def test_a_worker_of_another_version_that_joins_later_is_refused(cluster):
         ("tcp://127.0.0.1", "missing port number"),
         ("http://127.0.0.1:80", "unknown address scheme 'http'"),
         ("tls://127.0.0.1:8786", "needs certificates"),
-        ("tcp://127.0.0.1:1", "Timed out|nothing of Dask came"),
+        ("tcp://127.0.0.1:1", "Timed out|no answer of Dask"),
     ],
 )
 def test_an_address_without_a_scheduler_is_a_sentence(address, said, monkeypatch):
-    monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
+    monkeypatch.setattr(cluster_module, "_TIMEOUT", 0.5)
     with (
         dask.config.set({"distributed.comm.require-encryption": False}),
         pytest.raises(WorkerError, match=f"no Dask scheduler answers at {address}: .*({said})"),
@@ -257,7 +258,7 @@ def test_an_address_without_a_scheduler_is_a_sentence(address, said, monkeypatch
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "ws://127.0.0.1:8786"])
 def test_an_address_that_is_not_encrypted_is_refused(address, demanded):
     with (
-        pytest.raises(WorkerError, match=f"^{address} is not encrypted, .* give its tls://"),
+        pytest.raises(WorkerError, match=f"^{address} is not encrypted: .* give its tls://"),
         dask.config.set({"distributed.comm.require-encryption": demanded}),
         open_workers(scheduler=address) as workers,
     ):
@@ -277,13 +278,13 @@ def test_who_has_no_certificate_is_not_let_in(unharmed):
 
 def test_what_is_no_scheduler_is_a_sentence(unharmed, monkeypatch):
     """A server of another kind, which says nothing, and a worker."""
-    monkeypatch.setattr(cluster_module, "_ANSWER", 0.5)
+    monkeypatch.setattr(cluster_module, "_TIMEOUT", 0.5)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tls://127.0.0.1:{silent.getsockname()[1]}"
         with (
-            pytest.raises(WorkerError, match="nothing of Dask came"),
+            pytest.raises(WorkerError, match="no answer of Dask"),
             open_workers(scheduler=address) as workers,
         ):
             workers.run(job())

@@ -36,7 +36,7 @@ def test_every_figure_is_that_of_the_single_analysis(source: str, ranges: tuple[
     for point, values in zip(points, found.values, strict=True):
         single = known_figures(family.stage(point))
         for figure, value in zip(figures, values, strict=True):
-            rounding = max(figure.shown.zero, 1e-12 * abs(single[figure.key]))
+            rounding = max(figure.display.zero, 1e-12 * abs(single[figure.key]))
             assert value == pytest.approx(single[figure.key], rel=1e-8, abs=rounding), figure.name
 
 

@@ -334,7 +334,7 @@ def test_pictures_are_of_the_model_with_a_mesh_that_leaves_the_least_out(
         assert picture.caption.startswith(modes)
         *_, pictures = study_section(study, "fem-stress").content
         assert isinstance(pictures, Pictures)
-        (picture,) = pictures.shown
+        (picture,) = pictures.pictures
         assert picture.caption.endswith(stress)
 
 

@@ -103,7 +103,9 @@ def thinned(found, keep=()):
 @pytest.fixture(scope="module")
 def page(result):
     # both axes of one kind, whose pictures must not get one id
-    return measurement_text(replace(result, found=thinned(result.found, keep=("motion",))))
+    return measurement_text(
+        replace(result, characterisation=thinned(result.characterisation, keep=("motion",)))
+    )
 
 
 def loads_nothing(text):
@@ -190,14 +192,14 @@ def test_results_are_plain_data(result):
 
 
 def test_words_of_files_cannot_break_the_page(result):
-    found = result.found
+    found = result.characterisation
     tricky = replace(found, notes=('<b>bold & "quoted"</b>',))
     first = found.results[0]
     named = replace(first, test=replace(first.test, name="<i>'m'"), notes=("a <script> b",))
     # with the pictures of one test
     quiet = [replace(r, details={}) for r in found.results[2:]]
     tricky = replace(tricky, results=(named, replace(found.results[1], details={}), *quiet))
-    text = measurement_text(replace(result, found=tricky))
+    text = measurement_text(replace(result, characterisation=tricky))
     loads_nothing(text)
     assert "<b>bold" not in text
     assert "a <script>" not in text
@@ -212,11 +214,11 @@ def test_a_model_that_cannot_be_made_is_left_out(monkeypatch, result):
         raise ModelError("no such notch")
 
     monkeypatch.setattr(models, "MODELS", {**models.MODELS, "plane": fail})
-    found = compare_measurement(result.found, result.stage, ("lumped", "plane"))
-    assert found.left_out == {"plane": "no such notch"}
-    assert "the plane model was left out: no such notch" in found.notes
-    with pytest.raises(ModelError, match="not known"):
-        compare_measurement(result.found, result.stage, ("lumped", "plain"))
+    found = compare_measurement(result.characterisation, result.stage, ("lumped", "plane"))
+    assert found.skipped_models == {"plane": "no such notch"}
+    assert "the plane model was skipped: no such notch" in found.notes
+    with pytest.raises(ModelError, match="is unknown"):
+        compare_measurement(result.characterisation, result.stage, ("lumped", "plain"))
 
 
 @pytest.fixture(scope="module")
@@ -261,7 +263,7 @@ def test_a_study_shows_what_was_measured_and_what_is_virtual(study, study_page):
 
 
 def test_a_simulated_measurement_is_compared_with_nothing(result):
-    found = replace(result.found, origin="virtual")
+    found = replace(result.characterisation, origin="virtual")
     quiet = replace(found, results=tuple(replace(r, details={}) for r in found.results))
     text = measurement_text(compare_measurement(quiet, result.stage, ("lumped",)))
     rows = Tables(text).sections["figures"]
@@ -306,7 +308,7 @@ def test_results_of_a_study(study):
     centring = results["centring"]
     assert centring["kind"] == "virtual experiment"
     assert centring["reached"] is True
-    assert 0.0 <= centring["left"] < 1e-7
+    assert 0.0 <= centring["residual"] < 1e-7
     first, last = centring["steps"][0], centring["steps"][-1]
     assert first["length"] > 4e-5
     assert last["length"] < 2e-7
@@ -425,7 +427,9 @@ def test_a_range_is_compared_with_the_size_of_what_a_model_gives(result):
         unit="rad",
     )  # fmt: skip
     for given in (model, changed(model, value=2.0 * value)):
-        beside = compare_with_references(result.found, result.stage, Characteristics((given,)))
+        beside = compare_with_references(
+            result.characterisation, result.stage, Characteristics((given,))
+        )
         found = next(r for r in beside.rows if r.figure == row.figure).differences["solid"]
         assert found.percent == pytest.approx(-50.0)
 

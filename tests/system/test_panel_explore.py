@@ -164,11 +164,11 @@ def test_a_front_is_that_of_the_command(tmp_path: Path, facts: StageSummary) -> 
     # the front that filled while it ran is the one that was found
     assert live.labels.count(samples_table.ON_FRONT) == len(found.points)
     assert live.labels[live.ordered("", descending=False)[0]] == samples_table.ON_FRONT
-    assert shown.values(found.chosen) == dict(
-        zip(found.problem.family.names, found.points[found.chosen], strict=True)
+    assert shown.values(found.selected) == dict(
+        zip(found.problem.family.names, found.points[found.selected], strict=True)
     )
     for kind in charts.kinds(shown):
-        data, layout = charts.draw(shown, kind, shown.columns[1], shown.columns[0], found.chosen)
+        data, layout = charts.draw(shown, kind, shown.columns[1], shown.columns[0], found.selected)
         assert data[-1]["name"] in ("selected", "nominal")
         assert layout["xaxis"]["title"]["text"]
 

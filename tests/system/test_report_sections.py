@@ -42,7 +42,7 @@ def test_every_kind_of_content_is_shown_in_its_order() -> None:
             "first",
             rows,
             picture(),
-            Pictures(shown=(picture("left"), picture("right")), columns=2),
+            Pictures(pictures=(picture("left"), picture("right")), columns=2),
             Bullets(("one", "two")),
             Definitions({"name": "value"}),
             inner,

@@ -111,7 +111,7 @@ def test_the_screen_shows_it_beside_frequencies(capsys: pytest.CaptureFixture[st
     assert re.search(r" x +\d+\.\d ± \d+\.\d ", frequency)
 
 
-@pytest.mark.parametrize(("model", "instead"), [("plane", "take --accuracy"), ("lumped", "leave")])
+@pytest.mark.parametrize(("model", "instead"), [("plane", "use --accuracy"), ("lumped", "omit")])
 def test_other_models_have_none(model: str, instead: str) -> None:
     with pytest.raises(ModelError, match=f"got {model}: {instead}"):
         run_model(hinged_bars(), model, ModelOptions(estimate=True))

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexstage.report.explored_files import sweep_csv, sweep_parquet
 
 from flexstage.base.errors import ModelError
 from flexstage.lumped import lumped_system
@@ -28,7 +29,6 @@ from flexstage.studies.explore import (
     variables_of,
 )
 from flexstage.studies.explore import workers as workers_module
-from flexstage.studies.explore.results import sweep_csv, sweep_parquet
 from flexstage.system import analyse
 
 FREQUENCY = Figure(quantity="natural_frequency_hz", axis="x")
@@ -86,8 +86,8 @@ def test_each_point_is_the_single_analysis(over_neck):
 
 
 def test_what_is_found_in_short(over_neck):
-    assert over_neck.still.tolist() == [False, False, False, True]
-    assert over_neck.moving == (0, 1, 2)
+    assert over_neck.constant.tolist() == [False, False, False, True]
+    assert over_neck.varying == (0, 1, 2)
     assert over_neck.least[1:3] == (0, 0)
     assert over_neck.greatest[1:3] == (4, 4)
     # a thicker neck is stiffer all the way, and lets less through
@@ -136,7 +136,7 @@ def test_a_stiffer_material_scales_as_it_must(tmp_path):
     assert found.values[:, 0] == pytest.approx(found.values[0, 0], rel=1e-9)
     assert found.values[:, 1] == pytest.approx(np.sqrt(share) * found.values[0, 1], rel=1e-9)
     assert found.values[:, 2] == pytest.approx(share * found.values[0, 2], rel=1e-9)
-    assert found.still.tolist() == [True, False, False]
+    assert found.constant.tolist() == [True, False, False]
 
 
 def test_what_is_no_stage_stays_with_its_reason(over_legs):
@@ -145,10 +145,10 @@ def test_what_is_no_stage_stays_with_its_reason(over_legs):
     assert (over_legs.possible == (spacing >= 11e-3)).all()
     assert np.isnan(over_legs.values[~over_legs.possible]).all()
     assert np.isfinite(over_legs.values[over_legs.possible]).all()
-    (reason,) = over_legs.reasons
+    (reason,) = over_legs.common_faults
     assert reason.count == 4
     assert reason.text.startswith("leg_spacing must be at least 11 mm")
-    assert over_legs.advice == "leg_spacing from 11 mm on leaves out 100 % of the impossible ones"
+    assert over_legs.advice == "leg_spacing >= 11 mm excludes 100 % of the impossible stages"
     assert sweep_notes(over_legs)[:2] == (
         "4 of 36 points are infeasible",
         f"4 of them: {reason.text}",
@@ -158,9 +158,7 @@ def test_what_is_no_stage_stays_with_its_reason(over_legs):
 
 
 def test_where_nothing_is_possible_it_is_said():
-    with pytest.raises(
-        ModelError, match=r"none of the 3 points is a possible stage; 3 of them: leg"
-    ):
+    with pytest.raises(ModelError, match=r"all 3 stages are impossible; 3 of them: leg"):
         sweep(
             family("parallelogram", "leg_spacing=5..8 mm"),
             [FREQUENCY],
@@ -172,7 +170,7 @@ def test_indices_of_a_guide(with_indices):
     found = with_indices.indices
     assert len(with_indices.points) == 32 * 5
     assert with_indices.notes == (
-        "32 base samples instead of 30: a Sobol' sequence goes in powers of 2",
+        "32 base samples instead of 30: the length of a Sobol' sequence is a power of 2",
     )
     # a straight guide has the ratio 1 whatever its legs: nothing has a share in what does not vary
     assert np.isnan(found.total[0]).all()
@@ -224,8 +222,8 @@ def test_no_indices_where_much_is_impossible():
     )
     assert found.indices is None
     assert found.notes[0].startswith("no Sobol' indices: ")
-    assert "bounds between which nearly every stage is possible" in found.notes[0]
-    assert any(note.startswith("leg_spacing from") for note in sweep_notes(found))
+    assert "bounds within which nearly every stage is possible" in found.notes[0]
+    assert any(note.startswith("leg_spacing >=") for note in sweep_notes(found))
     assert found.to_dict()["indices"] is None
 
 
@@ -255,7 +253,7 @@ def test_what_is_left_open_is_chosen(count, options, wanted):
 
 @pytest.mark.slow
 def test_two_workers_give_the_bits_of_one(over_legs, monkeypatch):
-    monkeypatch.setattr(workers_module, "_TRIED", 0.0)
+    monkeypatch.setattr(workers_module, "_FIRST_ESTIMATE", 0.0)
     monkeypatch.setattr(workers_module, "_WORTH_SHARING", 0.0)
     legs = family(
         "parallelogram", "leg_spacing=6..46 mm", "leg.notch.neck_thickness=0.31..0.52 mm/4"

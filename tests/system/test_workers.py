@@ -21,7 +21,7 @@ from tests import spread_work
 @pytest.fixture(autouse=True)
 def shared_at_once(monkeypatch):
     """Jobs of some milliseconds are shared, as long ones are."""
-    monkeypatch.setattr(workers_module, "_TRIED", 0.0)
+    monkeypatch.setattr(workers_module, "_FIRST_ESTIMATE", 0.0)
     monkeypatch.setattr(workers_module, "_WORTH_SHARING", 0.0)
 
 
@@ -88,7 +88,9 @@ def test_a_batch_that_kills_its_worker_is_redone_and_named_where_it_always_does(
     payload = {"lasts": 0.05, "sample": 33}
     job = Job(name="trial", work=spread_work.deadly, payload=payload, count=60, batch=5)
     with open_workers(2) as workers:
-        with pytest.raises(WorkerError, match=r"batch 6 of trial \(samples 30 to 34\).* are kept"):
+        with pytest.raises(
+            WorkerError, match=r"batch 6 of trial \(samples 30 to 34\).* are stored"
+        ):
             workers.run(job, tmp_path / "kept")
         assert 0 < len(list((tmp_path / "kept").glob("batch-*.npz"))) < 12
         assert not (tmp_path / "kept" / "batch-000006.npz").exists()
@@ -162,7 +164,7 @@ PROGRAM = """
 from pathlib import Path
 from flexstage.studies.explore import Job, open_workers, workers
 from tests import spread_work
-workers._TRIED = workers._WORTH_SHARING = 0.0
+workers._FIRST_ESTIMATE = workers._WORTH_SHARING = 0.0
 if {guard}:
     job = Job(name="trial", work=spread_work.solutions, payload={{"seed": 2, "lasts": 0.5}},
               count=360, batch=6)

@@ -1,1 +1,1 @@
-"""What every room needs and which needs none: version, errors, progress, provenance, arrays."""
+"""Foundations that import no other room: version, errors, progress, provenance, arrays."""

@@ -1,4 +1,4 @@
-"""What arrays are called in annotations, once for every room."""
+"""Types of arrays in annotations."""
 
 import numpy as np
 from numpy.typing import NDArray

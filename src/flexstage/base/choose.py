@@ -1,38 +1,39 @@
-"""Names in a sentence: several, and one that is none of those there are, with what was meant.
+"""Names in messages: lists of names, and unknown names with a suggestion.
 
-Names of any case are compared. `cutoff` is how alike two must be, 0 to 1, as `difflib` counts it.
+Upper and lower case are compared as well. `cutoff` is the least similarity of two names, from 0 to
+1, as `difflib` defines it.
 """
 
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
-_LONGEST = 100  # what is compared of a name
-_SHOWN = 60  # what is shown of it
+_COMPARED = 100  # characters of a name
+_PRINTED = 60  # characters of a name
 _PLURAL = {"axis": "axes"}
 
 
 def nearest(name: str, among: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """Return the name that a wrong one is most like, if any is like enough.
+    """Return the name most similar to an unknown one, if any is similar enough.
 
     Examples
     --------
     >>> nearest("MM", ["m", "mm", "um"]), nearest("volt", ["m", "mm", "um"])
     ('mm', None)
     """
-    given = name[:_LONGEST]
-    found = max(
-        ((_likeness(given.casefold(), n.casefold()), _likeness(given, n), n) for n in among),
+    text = name[:_COMPARED]
+    best = max(
+        ((_similarity(text.casefold(), n.casefold()), _similarity(text, n), n) for n in among),
         default=(0.0, 0.0, ""),
     )
-    return found[2] if found[0] >= cutoff else None
+    return best[2] if best[0] >= cutoff else None
 
 
-def _likeness(given: str, other: str) -> float:
-    return SequenceMatcher(None, other, given).ratio()
+def _similarity(name: str, other: str) -> float:
+    return SequenceMatcher(None, other, name).ratio()
 
 
 def did_you_mean(name: str, among: Iterable[str], cutoff: float = 0.6) -> str:
-    """Return the end of a sentence that names what was probably meant; nothing if that is open.
+    """Return the end of a message that suggests a name; empty if none is similar.
 
     Examples
     --------
@@ -44,7 +45,7 @@ def did_you_mean(name: str, among: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def listed(words: Iterable[str]) -> str:
-    """Write words with commas between, and "and" before the last.
+    """Join words by commas, the last one by "and".
 
     Examples
     --------
@@ -56,7 +57,7 @@ def listed(words: Iterable[str]) -> str:
 
 
 def unknown(what: str, name: str, among: Iterable[str], cutoff: float = 0.6) -> str:
-    """Return the sentence that refuses a name: what it is of, those there are, which was meant.
+    """Return the message for an unknown name: the known names and a suggestion.
 
     Examples
     --------
@@ -65,11 +66,11 @@ def unknown(what: str, name: str, among: Iterable[str], cutoff: float = 0.6) -> 
     """
     names = list(among)
     hint = did_you_mean(name, names, cutoff)
-    return f"unknown {what} '{name[:_SHOWN]}': expected one of {', '.join(names)}{hint}"
+    return f"unknown {what} '{name[:_PRINTED]}': expected one of {', '.join(names)}{hint}"
 
 
 def has_no(owner: str, what: str, name: str, among: Iterable[str]) -> str:
-    """Return the sentence that refuses a name of what an owner has, and says what there is.
+    """Return the message for an unknown name of a part of something: the parts and a suggestion.
 
     Examples
     --------
@@ -78,6 +79,6 @@ def has_no(owner: str, what: str, name: str, among: Iterable[str]) -> str:
     """
     names = list(among)
     return (
-        f"{owner} has no {what} '{name[:_SHOWN]}': its {_PLURAL.get(what, what + 's')} are "
+        f"{owner} has no {what} '{name[:_PRINTED]}': its {_PLURAL.get(what, what + 's')} are "
         f"{', '.join(names) or 'none'}{did_you_mean(name, names)}"
     )

@@ -1,14 +1,14 @@
 """Errors that flexstage raises on purpose.
 
-Each class is also the built-in that a caller would expect, so ``except ValueError`` works for a
-user who does not know this module. The message is one sentence: what is wrong, what was got, what
-is allowed, how to mend it.
+Each class is also the built-in exception that a caller would expect, so ``except ValueError`` works
+for a user who does not know this module. A message says what is wrong, which value it was, what is
+allowed and how to correct it.
 """
 
-#: What is said where finite elements are asked for and their library is not there.
+#: Message where the library of finite elements is missing.
 NO_FINITE_ELEMENTS = (
     "finite elements need the package ngsolve, which is not installed (there is no wheel of it "
-    "for Linux or Windows on ARM): take the model of rigid bodies (lumped), or another computer"
+    "for Linux or Windows on ARM): use the model of rigid bodies (lumped), or another computer"
 )
 
 
@@ -17,7 +17,7 @@ class FlexstageError(Exception):
 
 
 class UnitError(FlexstageError, ValueError):
-    """A text that should be a quantity is not one, or has the wrong unit."""
+    """A text is not a quantity, or has the wrong unit."""
 
 
 class StageError(FlexstageError, ValueError):
@@ -33,7 +33,7 @@ class RecordError(FlexstageError, ValueError):
 
 
 class ModelError(FlexstageError, ValueError):
-    """A model is asked for something that it cannot give."""
+    """A model cannot compute a requested result."""
 
 
 class ConvergenceError(FlexstageError, RuntimeError):
@@ -41,22 +41,22 @@ class ConvergenceError(FlexstageError, RuntimeError):
 
 
 class LimitError(FlexstageError, RuntimeError):
-    """A motion is asked for that leaves the limits of a stage; nothing has been moved."""
+    """A commanded motion exceeds the limits of a stage; no axis has moved."""
 
 
 class NotConnectedError(FlexstageError, ConnectionError):
-    """There is no link to an instrument, or it was lost."""
+    """There is no connection to an instrument, or it was lost."""
 
 
 class ControllerError(FlexstageError, RuntimeError):
-    """An instrument refused a command, or answered what it should not.
+    """An instrument rejected a command, or returned an invalid answer.
 
     Parameters
     ----------
     message : str
-        The sentence.
+        The message.
     code : int, optional
-        The number of the error that the controller gave.
+        Error number returned by the controller.
     """
 
     def __init__(self, message: str, code: int | None = None) -> None:

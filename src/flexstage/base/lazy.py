@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 
 def import_on_use(package: str) -> None:
-    """Import what a package's ``if TYPE_CHECKING:`` block names when it is first used.
+    """Import the names in a package's ``if TYPE_CHECKING:`` block on first use.
 
     That block is the only list: type checkers read it as imports, and so does this function.
-    A package's ``__init__`` calls it with ``__name__``; its source must be installed. A star stands
-    for all that the block of that module names.
+    A package's ``__init__`` calls it with ``__name__``; its source must be installed. A star means
+    all names in the block of that module.
     """
     module, homes = sys.modules[package], names_for_types(package)
     for starred in [home for home, name in homes.values() if name == "*"]:
@@ -27,7 +27,7 @@ def import_on_use(package: str) -> None:
 
 
 def names_for_types(module: str) -> dict[str, tuple[str, str]]:
-    """Return what a module imports for type checkers: each name, its module and its name there."""
+    """Return the imports of a module for type checkers: module and name there, by name."""
     spec = find_spec(module)
     source = None if spec is None else spec.loader.get_source(module)  # type: ignore[union-attr]
     if source is None:
@@ -42,28 +42,28 @@ def names_for_types(module: str) -> dict[str, tuple[str, str]]:
     }
 
 
-def data_frame(data: Any, **more: Any) -> "pandas.DataFrame":
-    """Return columns by name, or rows, as a data frame; what is `more` goes to pandas."""
+def data_frame(data: Any, **options: Any) -> "pandas.DataFrame":
+    """Return columns by name, or rows, as a data frame; pandas receives the options."""
     try:
         import pandas
     except ImportError as error:
         raise ImportError(
             "a data frame needs pandas, which is not installed: run 'pip install pandas'"
         ) from error
-    return pandas.DataFrame(data, **more)
+    return pandas.DataFrame(data, **options)
 
 
 def require_extra(extra: str, module: str, what: str, error: type[Exception]) -> None:
-    """Raise an `error` that says what to install where the module of an extra is missing.
+    """Raise an `error` that names the extra to install where its module is missing.
 
-    `what` says what needs it, "acquisition cards".
+    `what` is the function that needs it, such as "a Parquet file".
     """
     try:
         import_module(module)
-    except ImportError as missing:
+    except ImportError as import_error:
         raise error(
             f'{what} needs a package that is not installed: pip install "flexstage[{extra}]"'
-        ) from missing
+        ) from import_error
 
 
 class _Package(ModuleType):
@@ -85,11 +85,11 @@ class _Package(ModuleType):
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        # the import system sets each submodule; one that is called like a public name would hide it
-        own = isinstance(value, ModuleType) and value.__name__ == f"{self.__name__}.{name}"
-        if not (own and name in self._homes):
+        # the import system sets each submodule; one with the name of a public object would hide it
+        submodule = isinstance(value, ModuleType) and value.__name__ == f"{self.__name__}.{name}"
+        if not (submodule and name in self._homes):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        own = {name for name, (home, _) in self._homes.items() if home == self.__name__}
-        return sorted({*self._homes, *self.__dict__.get("__all__", ())} - own)
+        subpackages = {name for name, (home, _) in self._homes.items() if home == self.__name__}
+        return sorted({*self._homes, *self.__dict__.get("__all__", ())} - subpackages)

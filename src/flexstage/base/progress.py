@@ -1,4 +1,4 @@
-"""How far long work has come and what it found so far, for whoever wants to be told."""
+"""Progress and partial results of long work, for a listener."""
 
 import threading
 import time
@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple
 
-_LONG = 2.0  # a phase that lasts so long is named [s]
-_EVERY = 10.0  # time between lines within a phase [s]
-_LOOK = 0.5  # time between looks at the clock [s]
+_LONG = 2.0  # duration from which a phase is reported [s]
+_EVERY = 10.0  # time between two lines within a phase [s]
+_POLL = 0.5  # time between two readings of the clock [s]
 
 
 class _Span(NamedTuple):
@@ -26,9 +26,9 @@ _span: ContextVar[_Span | None] = ContextVar("progress", default=None)
 def listen(
     listener: Callable[[str, float], None], taker: Callable[[Any], None] | None = None
 ) -> Iterator[None]:
-    """Tell a function what the work in this block does, and which share of it is done, 0 to 1.
+    """Call a function with the current phase of the work in this block and its progress, 0 to 1.
 
-    `taker` is called with whatever the work hands over on its way.
+    `taker` is called with each partial result.
     """
     token = _span.set(_Span(listener, 0.0, 1.0, taker))
     try:
@@ -39,7 +39,7 @@ def listen(
 
 @contextmanager
 def subtask(low: float, high: float) -> Iterator[None]:
-    """Let the work in this block be the part from `low` to `high`, 0 to 1, of the work around."""
+    """Map the progress of this block to the range `low` to `high`, 0 to 1, of the outer work."""
     span = _span.get()
     if span is None:
         yield
@@ -53,9 +53,9 @@ def subtask(low: float, high: float) -> Iterator[None]:
 
 
 def update(what: str, done: float = 0.0) -> None:
-    """Say what is being done, and how much of the innermost `subtask`, 0 to 1.
+    """Report the current phase and the progress of the innermost `subtask`, 0 to 1.
 
-    Without a listener it costs nothing.
+    Without a listener it has no effect.
 
     Examples
     --------
@@ -68,10 +68,10 @@ def update(what: str, done: float = 0.0) -> None:
         span.listener(what, span.low + min(max(done, 0.0), 1.0) * (span.high - span.low))
 
 
-def hand_over(found: Any) -> None:
-    """Hand over what was found so far, such as a finished batch, before the work has ended.
+def hand_over(partial: Any) -> None:
+    """Pass a partial result, such as a finished batch, to the listener.
 
-    Nobody need take it: it stands in the result again.
+    A listener may ignore it: the final result contains it as well.
 
     Examples
     --------
@@ -81,13 +81,13 @@ def hand_over(found: Any) -> None:
     """
     span = _span.get()
     if span is not None and span.taker is not None:
-        span.taker(found)
+        span.taker(partial)
 
 
 class ProgressLines:
-    """What long work says of itself in lines: where a long phase began, and every ten seconds.
+    """Lines on the progress of long work: at the start of a long phase, then every ten seconds.
 
-    Work that is shorter than `silent` [s] says nothing; `began` [s] is by the clock of `line`.
+    Work that is shorter than `silent` [s] has no lines; `began` [s] is by the clock of `line`.
 
     Examples
     --------
@@ -99,38 +99,39 @@ class ProgressLines:
 
     def __init__(self, name: str, began: float, silent: float = 5.0) -> None:
         self._name, self._began, self._silent = name, began, silent
-        self._now = self._shown = ""
+        self._phase = self._last_phase = ""
         self._done = 0.0
-        self._seen = self._last = began
+        self._phase_start = self._last_line = began
 
     def update(self, what: str, done: float) -> None:
-        """Take what is being done, and which share of the whole is done, as a listener does."""
-        self._now, self._done = what, done
+        """Record the current phase and the progress, as a listener does."""
+        self._phase, self._done = what, done
 
     def line(self, now: float) -> str | None:
-        """Return the line that is due at a time [s], if any; to be asked every second or so."""
-        what = self._now
-        if what != self._shown:  # a phase that the last call did not see has just begun
-            self._shown, self._seen = what, now
-        due = self._last < self._seen <= now - _LONG or now - self._last >= _EVERY
-        if now - self._began < self._silent or not due:
+        """Return the line that is due at a time [s], if any; call it about every second."""
+        phase, elapsed = self._phase, now - self._began
+        if phase != self._last_phase:  # it has begun since the last call
+            self._last_phase, self._phase_start = phase, now
+        long_phase = self._last_line < self._phase_start <= now - _LONG
+        due = long_phase or now - self._last_line >= _EVERY
+        if elapsed < self._silent or not due:
             return None
-        self._last = now
-        doing = f"{what}, " if what else ""
-        return f"{self._name}: {doing}{100.0 * self._done:.0f} %, {now - self._began:.0f} s so far"
+        self._last_line = now
+        words = f"{phase}, " if phase else ""
+        return f"{self._name}: {words}{100.0 * self._done:.0f} %, {elapsed:.0f} s so far"
 
 
 @contextmanager
 def in_lines(write: Callable[[str], None], name: str, silent: float = 5.0) -> Iterator[None]:
-    """Write lines while the work in this block goes on, also where it says nothing for long.
+    """Write lines on the progress of the work in this block, also between its reports.
 
-    Another thread calls `write`. Work that is shorter than `silent` [s] says nothing.
+    Another thread calls `write`. Work that is shorter than `silent` [s] writes none.
     """
     lines = ProgressLines(name, time.monotonic(), silent)
     ended = threading.Event()
 
     def watch() -> None:
-        while not ended.wait(_LOOK):
+        while not ended.wait(_POLL):
             line = lines.line(time.monotonic())
             if line is not None:
                 write(line)

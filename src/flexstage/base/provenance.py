@@ -1,4 +1,4 @@
-"""Where a result comes from: software, description, settings, time."""
+"""Origin of a result: software, description, settings, time."""
 
 import dataclasses
 import datetime
@@ -17,12 +17,12 @@ from flexstage.base.version import __version__
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What a result was made from and with."""
+    """Origin of a result."""
 
     version: str
     """Version of flexstage."""
     input_hash: str
-    """SHA-256 of the description that the result was computed from."""
+    """SHA-256 of the description of the computed object."""
     created: str
     """Date and time, UTC, ISO 8601."""
     settings: Mapping[str, str] = field(default_factory=dict)
@@ -80,13 +80,13 @@ def _spell(words: list[str], value: object) -> None:
     elif inspect.isfunction(value) and "<" not in value.__qualname__:
         words.append(f"{value.__module__}.{value.__qualname__}")
     elif type(value).__repr__ is object.__repr__ or callable(value):
-        raise TypeError(f"a {type(value).__name__} has no content that could be told from another")
+        raise TypeError(f"a {type(value).__name__} has no content to compare")
     else:
         words.append(repr(value))
 
 
 def provenance(description: object, settings: Mapping[str, str] | None = None) -> Provenance:
-    """Record where a result comes from, now: its description and the choices that change it."""
+    """Return the origin of a result that is made now from a description, with some settings."""
     return Provenance(
         version=__version__,
         input_hash=content_hash(description),

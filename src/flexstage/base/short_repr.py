@@ -1,4 +1,4 @@
-"""A `repr` of large results that fits on a few lines: sizes in place of contents."""
+"""Short `repr` of large results: sizes in place of contents."""
 
 import dataclasses
 from collections.abc import Collection
@@ -10,7 +10,7 @@ _LONGEST = 60  # characters of a text
 def short_repr(self: Any) -> str:
     """Return a dataclass as text, with sizes in place of arrays, tuples and mappings.
 
-    A dataclass takes this function as its ``__repr__``. Empty fields are left out.
+    A dataclass uses this function as its ``__repr__``. Empty fields are omitted.
 
     Examples
     --------
@@ -19,8 +19,8 @@ def short_repr(self: Any) -> str:
     "Body(name='base', outline=<Loop>, mounting_holes=<2>, fixed=True)"
     """
     values = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self) if f.repr)
-    shown = ", ".join(f"{name}={_short(value)}" for name, value in values if not _empty(value))
-    return f"{type(self).__name__}({shown})"
+    text = ", ".join(f"{name}={_short(value)}" for name, value in values if not _empty(value))
+    return f"{type(self).__name__}({text})"
 
 
 def _empty(value: Any) -> bool:

@@ -1,3 +1,3 @@
-"""The version of flexstage, on the ground: whoever writes it needs nothing of the package."""
+"""Version of flexstage, apart from all other modules, so that it can be read without them."""
 
 __version__ = "0.1.0"

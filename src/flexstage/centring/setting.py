@@ -14,7 +14,7 @@ from flexstage.centring.harmonics import fit_harmonics
 from flexstage.files.plain import picked
 from flexstage.quantities.estimate import Estimate
 from flexstage.quantities.units import si_unit
-from flexstage.quantities.units.columns import TURN_WORDS
+from flexstage.quantities.units.text import TURN_WORDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

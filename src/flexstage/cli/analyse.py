@@ -74,7 +74,7 @@ def analyse(
     screen = console()
     for run in runs.runs.values():
         _print(screen, run)
-    skipped = (f"{name} model skipped: {why}" for name, why in runs.left_out.items())
+    skipped = (f"{name} model skipped: {why}" for name, why in runs.skipped_models.items())
     print_notes(screen, skipped, files)
 
 
@@ -92,7 +92,7 @@ def _write_files(
     for name, run in runs.items():
         within = folder / name if folder is not None and len(runs) > 1 else folder
         if within is not None:
-            single = replace(results, runs={name: run}, left_out={})
+            single = replace(results, runs={name: run}, skipped_models={})
             files += write_files(within, analysis_files(run.analysis, single.to_dict()))
             if vtu and run.mesh is not None:
                 from flexstage.export import field_files

@@ -162,7 +162,7 @@ def print_measurement(
 ) -> None:
     """Print figures, tests of positioning, notes, and the files that were written."""
     from flexstage.quantities.characteristic import shown_units
-    from flexstage.quantities.quantity import beside
+    from flexstage.quantities.quantity import value_and_uncertainty
     from flexstage.quantities.table import Column
     from flexstage.report.measurement import stroke_ranges
     from flexstage.report.tables import column_title
@@ -180,7 +180,9 @@ def print_measurement(
         quantity = units[row.figure.quantity]
         estimate = row.figure.estimate
         cells = [
-            *beside(estimate.value * quantity.factor, estimate.expanded * quantity.factor),
+            *value_and_uncertainty(
+                estimate.value * quantity.factor, estimate.expanded * quantity.factor
+            ),
             quantity.shown_unit,
         ]
         for name in columns:
@@ -192,7 +194,7 @@ def print_measurement(
     print_table(screen, result.title, (*heads, *titles), rows)
     if columns:
         screen.print("Differences from each model and publication; * significant at 95 %.")
-    for measured in result.found.results:
+    for measured in result.characterisation.results:
         if (ranges := stroke_ranges(measured)) is not None:
             display_table(screen, ranges)
         if "positioning" in measured.details:

@@ -65,10 +65,10 @@ def sensitivity(
     if json:
         print_result(result.to_dict(), files)
         return
-    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+    from flexstage.report.sensitivity import sensitivity_table, skipped_notes
 
     screen, table = console(), sensitivity_table(result, in_units=units)
     if len(table.rows) > 1:
         display_table(screen, table)
     notes = table.notes if len(table.rows) < 2 else ()
-    print_notes(screen, (*notes, *left_out_notes(result)), files)
+    print_notes(screen, (*notes, *skipped_notes(result)), files)

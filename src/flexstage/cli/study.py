@@ -80,15 +80,15 @@ def study(
             display_table(screen, replace(table, rows=rows, notes=()))
     if result.traditional is not None:
         from flexstage.report.traditional import claim_table
-        from flexstage.studies.traditional import claim_verdict
+        from flexstage.studies.traditional import claim_conclusion
 
         display_table(screen, claim_table(result.traditional))
-        screen.print(claim_verdict(result.traditional), markup=False)
-    notes = [f"{model} model skipped: {why}" for model, why in result.left_out.items()]
-    for axis, why in result.experiments_left_out.items():
+        screen.print(claim_conclusion(result.traditional), markup=False)
+    notes = [f"{model} model skipped: {why}" for model, why in result.skipped_models.items()]
+    for axis, why in result.skipped_experiments.items():
         notes.append(f"hysteresis of axis {axis} skipped: {why}")
     if not described.axes:
-        notes.append("the stage defines no axis: only modes were computed, see the report")
+        notes.append("the stage has no axes: only modes were computed, see the report")
     if result.read:
         notes.append(f"{', '.join(result.read)}: read from the cache; --no-cache recomputes them")
     print_notes(screen, (*notes, *described.notes), files)

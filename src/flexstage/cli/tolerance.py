@@ -78,7 +78,7 @@ def _print(study: "ToleranceStudy", files: list[Path]) -> None:
     if study.shares:
         display_table(screen, share_table(study))
     if choice is not None:
-        if choice.found:
+        if choice.available:
             display_table(screen, choice_table(choice))
-        screen.print(choice.verdict, markup=False)
+        screen.print(choice.conclusion, markup=False)
     print_notes(screen, (f"figures by the {study.model}", *study.notes), files)

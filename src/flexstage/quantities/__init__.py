@@ -1,4 +1,4 @@
-"""Results as data: units, quantities, estimates with their uncertainty, characteristics, tables."""
+"""Data types of results: units, quantities, estimates with uncertainty, characteristics, tables."""
 
 from typing import TYPE_CHECKING
 

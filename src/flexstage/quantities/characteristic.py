@@ -1,4 +1,4 @@
-"""The table that an engineer quotes: a quantity, its axis, where it comes from, its value."""
+"""Table of characteristics of a stage: quantity, axis, origin and value."""
 
 import math
 from collections import Counter
@@ -12,13 +12,13 @@ from flexstage.quantities.estimate import Component, Estimate
 from flexstage.quantities.quantity import (
     QUANTITIES,
     Quantity,
-    beside,
     display,
     full_name,
+    value_and_uncertainty,
     within_digits,
 )
 
-#: Where a value can come from.
+#: Possible origins of a value.
 ORIGINS: tuple[str, ...] = (
     "published-analytic",
     "published-fem",
@@ -33,7 +33,7 @@ ORIGINS: tuple[str, ...] = (
 )
 
 
-#: What stands for the axis in rows that belong to the whole stage.
+#: Axis of rows that belong to the whole stage.
 WHOLE_STAGE = "stage"
 
 
@@ -44,7 +44,7 @@ class Characteristic:
     Raises
     ------
     ModelError
-        The quantity or the origin is not a known one, the unit is not the quantity's, or the
+        The quantity or the origin is unknown, the unit is not that of the quantity, or the
         uncertainty is negative.
     """
 
@@ -63,9 +63,7 @@ class Characteristic:
     note: str = ""
     """Condition or remark that belongs to the value."""
     degrees_of_freedom: float | None = None
-    """Degrees of freedom of the uncertainty; None where it is known without doubt, or there is
-    none.
-    """
+    """Degrees of freedom of the uncertainty; None if infinite, or without uncertainty."""
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
@@ -73,9 +71,8 @@ class Characteristic:
         if self.origin not in ORIGINS:
             raise ModelError(unknown("origin", self.origin, ORIGINS))
         if self.unit != QUANTITIES[self.quantity].unit:
-            raise ModelError(
-                f"{self.quantity} is held in '{QUANTITIES[self.quantity].unit}', got '{self.unit}'"
-            )
+            unit = QUANTITIES[self.quantity].unit
+            raise ModelError(f"the unit of {self.quantity} is '{unit}', got '{self.unit}'")
         if self.uncertainty is not None and not self.uncertainty >= 0.0:
             raise ModelError(
                 f"the uncertainty of {self.quantity} must be 0 or more, got {self.uncertainty!r}"
@@ -83,12 +80,12 @@ class Characteristic:
 
     @property
     def failing(self) -> str:
-        """What is required, where the value fails the criterion of its quantity; else empty."""
+        """Limit that the value violates, as text; empty if none."""
         return QUANTITIES[self.quantity].failing(self.value)
 
     @property
     def contribution(self) -> Component | None:
-        """What its uncertainty adds to that of whatever is made of it; None where none is known."""
+        """Contribution to the uncertainty of a derived value; None without uncertainty."""
         if self.uncertainty is None:
             return None
         freedom = math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
@@ -98,9 +95,9 @@ class Characteristic:
 
     @property
     def estimate(self) -> Estimate:
-        """The value with its uncertainty; exact where none is known."""
-        own = self.contribution
-        components = () if own is None else (own,)
+        """The value with its uncertainty, if any."""
+        component = self.contribution
+        components = () if component is None else (component,)
         return Estimate(value=self.value, unit=self.unit, components=components, note=self.note)
 
     @property
@@ -115,15 +112,15 @@ class Characteristic:
 
     @property
     def shown_value(self) -> float:
-        """The value in the unit that the quantity is shown in."""
+        """The value in `shown_unit`."""
         return self.value * display(self.quantity).factor
 
-    def text(self, shown: Quantity | None = None) -> str:
-        """Write the value with the digits that are known of it.
+    def text(self, quantity: Quantity | None = None) -> str:
+        """Write the value with its significant digits.
 
-        A published value as it is printed; a measured one to the second digit of its uncertainty;
-        that of a model with four significant digits, or fewer where its uncertainty says so. In the
-        unit that the quantity is shown in, or in that of `shown`.
+        A published value has the digits of its source; a measured one ends at the second digit of
+        its uncertainty; that of a model has four significant digits, or fewer if its uncertainty
+        requires it. The unit is the printed one of the quantity, or that of `quantity`.
 
         Examples
         --------
@@ -131,18 +128,22 @@ class Characteristic:
         ...     value=9e-08, unit="m").text()
         '0.09'
         """
-        shown = shown or display(self.quantity)
+        quantity = quantity or display(self.quantity)
         if self.origin.startswith("published"):
-            return f"{self.value * shown.factor:.10g}"
-        plain = shown.text(self.value)
-        if self.uncertainty and abs(self.value) >= shown.zero:
-            known = beside(self.value * shown.factor, self.uncertainty * shown.factor)[0]
-            # of a model four digits are enough, however well its mesh has settled
-            return known if self.origin == "measured" else min(known, plain, key=len)
+            return f"{self.value * quantity.factor:.10g}"
+        plain = quantity.text(self.value)
+        if self.uncertainty and abs(self.value) >= quantity.zero:
+            to_uncertainty = value_and_uncertainty(
+                self.value * quantity.factor, self.uncertainty * quantity.factor
+            )[0]
+            # four digits suffice for a model, even if its mesh has converged further
+            return (
+                to_uncertainty if self.origin == "measured" else min(to_uncertainty, plain, key=len)
+            )
         return plain
 
-    def spread_text(self, shown: Quantity | None = None) -> str:
-        """Write its uncertainty with the digits of `text`; empty where none is known.
+    def spread_text(self, quantity: Quantity | None = None) -> str:
+        """Write the uncertainty with the digits of `text`; empty if unknown.
 
         Examples
         --------
@@ -152,15 +153,16 @@ class Characteristic:
         """
         if self.uncertainty is None:
             return ""
-        shown = shown or display(self.quantity)
+        quantity = quantity or display(self.quantity)
+        uncertainty = self.uncertainty * quantity.factor
         if self.origin == "measured":
-            return beside(self.value * shown.factor, self.uncertainty * shown.factor)[1]
-        return within_digits(self.text(shown), self.uncertainty * shown.factor)
+            return value_and_uncertainty(self.value * quantity.factor, uncertainty)[1]
+        return within_digits(self.text(quantity), uncertainty)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredCharacteristic(Characteristic):
-    """A characteristic that a test gave, with what its uncertainty comes from.
+    """A measured characteristic with the components of its uncertainty.
 
     Examples
     --------
@@ -184,7 +186,7 @@ class MeasuredCharacteristic(Characteristic):
     def from_estimate(
         cls, estimate: Estimate, *, quantity: str, axis: str, origin: str, test: str
     ) -> Self:
-        """Say of which quantity and axis an estimate is, and which test gave it."""
+        """Return an estimate as a characteristic of a quantity, axis and test."""
         freedom = estimate.degrees_of_freedom
         return cls(
             quantity=quantity,
@@ -212,7 +214,7 @@ class MeasuredCharacteristic(Characteristic):
 
     @property
     def row(self) -> Characteristic:
-        """The same as a row of a table or of a stage file: without test and contributions."""
+        """Row of a table or of a stage file, without test and components."""
         return Characteristic(**{f.name: getattr(self, f.name) for f in fields(Characteristic)})
 
 
@@ -240,7 +242,7 @@ class Characteristics(tuple[Characteristic, ...]):
     def select(
         self, quantity: str | None = None, axis: str | None = None, origin: str | None = None
     ) -> "Characteristics":
-        """Return the rows that fit.
+        """Return the matching rows.
 
         Parameters
         ----------
@@ -254,7 +256,7 @@ class Characteristics(tuple[Characteristic, ...]):
         Returns
         -------
         Characteristics
-            The rows, in order; all where nothing is asked.
+            The rows, in order; all of them without arguments.
 
         Raises
         ------
@@ -274,10 +276,10 @@ class Characteristics(tuple[Characteristic, ...]):
         return self._fitting(quantity, axis, origin)
 
     def _fitting(self, quantity: str | None, axis: str | None, origin: str | None) -> Self:
-        wanted = {"quantity": quantity, "axis": axis, "origin": origin}
-        asked = {name: value for name, value in wanted.items() if value is not None}
+        criteria = {"quantity": quantity, "axis": axis, "origin": origin}
+        values = {name: value for name, value in criteria.items() if value is not None}
         return type(self)(
-            row for row in self if all(getattr(row, k) == v for k, v in asked.items())
+            row for row in self if all(getattr(row, k) == v for k, v in values.items())
         )
 
     def value(self, quantity: str, axis: str, origin: str | None = None) -> float:
@@ -290,7 +292,7 @@ class Characteristics(tuple[Characteristic, ...]):
         axis : str
             The axis.
         origin : str, optional
-            Where it comes from; not needed where there is one origin.
+            Origin of the value; not needed where there is only one.
 
         Returns
         -------
@@ -306,16 +308,16 @@ class Characteristics(tuple[Characteristic, ...]):
         rows = self._fitting(quantity, axis, origin)
         if len(rows) != 1:
             what = f"{quantity} of axis '{axis}'" + (f" from '{origin}'" if origin else "")
-            found = ", ".join(row.origin for row in rows)
+            origins = ", ".join(row.origin for row in rows)
             raise ModelError(
                 f"there is no {what}{self._instead(quantity, axis)}"
                 if not rows
-                else f"there are {len(rows)} values of {what}: name one origin of {found}"
+                else f"there are {len(rows)} values of {what}: name one origin of {origins}"
             )
         return rows[0].value
 
     def _instead(self, quantity: str, axis: str) -> str:
-        """Say what was probably meant by a quantity and an axis that no row has."""
+        """Return a suggestion for a quantity and an axis that no row has."""
         quantities = dict.fromkeys(row.quantity for row in self)
         if quantity not in quantities:
             near = nearest(quantity, quantities)
@@ -327,7 +329,7 @@ class Characteristics(tuple[Characteristic, ...]):
         return f": it comes from {', '.join(row.origin for row in rows._fitting(None, axis, None))}"
 
     def columns(self) -> dict[str, list[object]]:
-        """Return the table by columns, as data-frame libraries take it.
+        """Return the table by columns, as data-frame libraries accept it.
 
         Returns
         -------
@@ -339,10 +341,10 @@ class Characteristics(tuple[Characteristic, ...]):
 
 
 def shown_units(rows: Iterable[Characteristic]) -> dict[str, Quantity]:
-    """Return the unit that each quantity of a table is shown in, the same on every axis.
+    """Return the printed unit of each quantity of a table, the same on every axis.
 
-    One in which its values are not tiny; the usual one where some are published, as it is the one
-    that they are printed in.
+    A prefix suits the largest value, but published quantities have their default unit, as printed
+    in the source.
     """
     largest: dict[str, float] = {}
     for row in rows:
@@ -367,9 +369,9 @@ def one_of_each(figures: Iterable[MeasuredCharacteristic]) -> tuple[MeasuredChar
 
 
 def measured_value(published: Iterable[Characteristic], quantity: str, axis: str) -> float | None:
-    """Return what was measured of an axis by those who published it; None where nothing was."""
-    wanted = (quantity, axis, "published-measured")
-    return next((r.value for r in published if (r.quantity, r.axis, r.origin) == wanted), None)
+    """Return the published measured value of a quantity on an axis; None if there is none."""
+    key = (quantity, axis, "published-measured")
+    return next((r.value for r in published if (r.quantity, r.axis, r.origin) == key), None)
 
 
 def _choices(names: Collection[str]) -> str:

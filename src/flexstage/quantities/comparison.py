@@ -1,4 +1,4 @@
-"""Figures of one stage side by side, by origin, with their differences in percent."""
+"""Comparison of the characteristics of one stage by origin, with differences in percent."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from flexstage.quantities.table import Table, table
 if TYPE_CHECKING:
     import pandas
 
-#: What each model is called, wherever people read it.
+#: Names of models in reports and tables.
 MODEL_WORDS: Mapping[str, str] = {
     "lumped": "rigid bodies",
     "superelement": "finite elements, condensed",
@@ -21,7 +21,7 @@ MODEL_WORDS: Mapping[str, str] = {
     "superelement-3d": "finite elements in 3D, condensed",
     "solid": "finite elements in 3D of the whole",
 }
-# what columns are called in a document of its own
+# names of columns in a document without an explanation of them
 _TITLES = {
     "published-analytic": "published, analytic",
     "published-fem": "published, FEM",
@@ -45,7 +45,7 @@ class ComparisonRow:
     cells: Mapping[str, Characteristic]
     """The characteristic of each column that has one."""
     remark: str = ""
-    """What tells it from other rows of the same quantity and axis; empty where there are none."""
+    """Condition, if other rows have the same quantity and axis; else empty."""
 
     def value(self, column: str) -> float | None:
         """Return the value of a column in the unit of the quantity; None where there is none."""
@@ -53,12 +53,12 @@ class ComparisonRow:
         return None if cell is None else cell.value
 
     def difference_percent(self, column: str, reference: str) -> float | None:
-        """Return by how much a column is above another, in percent of that.
+        """Return the difference of a column from a reference column, in percent of the reference.
 
-        None where one is missing, or one is 0 but for rounding.
+        None where one is missing, or is 0 except for rounding.
         """
         values = self.value(column), self.value(reference)
-        # a value that is shown as zero is what the model leaves out, not 100 % less
+        # a printed zero is an effect that the model neglects, not a difference of 100 %
         if any(v is not None and abs(v) < display(self.quantity).zero for v in values):
             return None
         return difference_percent(*values)
@@ -69,9 +69,9 @@ class Comparison:
     """A table: a row for each quantity and axis, a column for each origin."""
 
     published: tuple[str, ...]
-    """Columns of what others gave."""
+    """Columns of published values."""
     ours: tuple[str, ...]
-    """Columns of what was computed or measured here."""
+    """Columns of values that were computed or measured here."""
     rows: tuple[ComparisonRow, ...]
     """The rows."""
 
@@ -84,34 +84,34 @@ class Comparison:
 
     @property
     def units(self) -> dict[str, Quantity]:
-        """What each quantity is shown in."""
+        """Printed unit of each quantity."""
         return shown_units(cell for row in self.rows for cell in row.cells.values())
 
     @property
     def best(self) -> str:
-        """Column of ours that leaves the least out; empty where there is none."""
+        """Our most complete column; empty if there is none."""
         for column in ("measured", "solid", "superelement-3d", "plane", "superelement", "lumped"):
             if column in self.ours:
                 return column
         return (*self.ours, "")[0]
 
     def table(self, caption: str = "") -> Table:
-        """Return it as a table; two columns of ours with the change from the first to the other."""
+        """Return the comparison as a table; two columns of ours with the change between them."""
         two = self.ours if len(self.columns) == len(self.ours) == 2 else ()
         rows = []
         for row in self.rows:
-            shown = display(row.quantity)
-            values = [shown.text(row.value(column)) for column in self.columns]
+            quantity = display(row.quantity)
+            values = [quantity.text(row.value(column)) for column in self.columns]
             change = row.difference_percent(*two[::-1]) if two else None
-            more = [] if not two else ["" if change is None else f"{change:+.1f}"]
-            rows.append([shown.label, row.axis, *values, shown.shown_unit, *more])
+            changes = [] if not two else ["" if change is None else f"{change:+.1f}"]
+            rows.append([quantity.label, row.axis, *values, quantity.shown_unit, *changes])
         return table(caption, ["", "<axis", *self.columns, "<", *["change [%]"][: len(two)]], rows)
 
     def __str__(self) -> str:
         return str(self.table())
 
     def si_columns(self) -> dict[str, list[object]]:
-        """Return it by columns, values in SI units; those of known uncertainties have one more."""
+        """Return the columns with values in SI units, and a column of uncertainties where known."""
         out: dict[str, list[object]] = {
             "quantity": [row.quantity for row in self.rows],
             "axis": [row.axis for row in self.rows],
@@ -132,12 +132,12 @@ class Comparison:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Columns of ours without those of another choice in the same model."""
+        """Columns of ours, without variants of a model."""
         return tuple(column for column in self.ours if column in ORIGINS)
 
 
 def difference_percent(value: float | None, reference: float | None) -> float | None:
-    """Return by how much a value is above a reference, in percent of it.
+    """Return the difference of a value from a reference, in percent of the reference.
 
     None where one is missing or the reference is 0.
 
@@ -154,16 +154,16 @@ def difference_percent(value: float | None, reference: float | None) -> float | 
 def compare(
     rows: Iterable[Characteristic], variants: Mapping[str, Iterable[Characteristic]] | None = None
 ) -> Comparison:
-    """Set characteristics of any origin side by side.
+    """Compare characteristics of any origin.
 
-    Variants are more columns by name, each with rows of its own. Rows stand by quantity, then by
+    Variants are further columns by name, each with its rows. Rows are ordered by quantity, then by
     axis in the order of first appearance.
     """
     cells: dict[tuple[str, str], list[dict[str, Characteristic]]] = {}
     axes: list[str] = []
     named = [(row.origin, row) for row in rows]
     variants = variants or {}
-    named += [(name, row) for name, more in variants.items() for row in more]
+    named += [(name, row) for name, variant in variants.items() for row in variant]
     for column, row in named:
         if row.axis not in axes:
             axes.append(row.axis)
@@ -194,10 +194,10 @@ def compare(
 
 
 def shared_rows(rows: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Write rows of one quantity that are the same on several axes once, axes between commas."""
+    """Join rows of one quantity that are equal on several axes, and list their axes."""
     out: list[ComparisonRow] = []
     for row in rows:
-        same = next((i for i, kept in enumerate(out) if _same(kept, row)), None)
+        same = next((i for i, previous in enumerate(out) if _same(previous, row)), None)
         if same is None:
             out.append(row)
         else:
@@ -211,5 +211,5 @@ def _same(one: ComparisonRow, other: ComparisonRow) -> bool:
 
 
 def title_of(origin: str) -> str:
-    """Return what an origin is called in a document that does not explain it."""
+    """Return the name of an origin in a document that does not explain it."""
     return _TITLES.get(origin, origin)

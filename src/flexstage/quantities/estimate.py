@@ -1,4 +1,4 @@
-"""A measured value, its uncertainty and degrees of freedom, and where they come from."""
+"""Measured values with uncertainty, degrees of freedom and uncertainty components (GUM)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,17 +12,13 @@ class Component:
     """One contribution to the uncertainty of a value."""
 
     name: str
-    """What it comes from."""
+    """Source of the contribution."""
     uncertainty: float
-    """Standard uncertainty that it gives the value, in the unit of the value."""
+    """Standard uncertainty of the value from this source, in the unit of the value."""
     degrees_of_freedom: float = math.inf
-    """How well it is known: the degrees of freedom of a statistical estimate, infinite for what is
-    given.
-    """
+    """Degrees of freedom of a statistical estimate; infinite where it is given."""
     kind: Literal["A", "B"] = "A"
-    """Whether it was found from repeated observations (A) or otherwise (B), as the GUM tells them
-    apart (JCGM 100:2008, 4.2 and 4.3).
-    """
+    """Type of evaluation: repeated observations (A) or other means (B), JCGM 100:2008, 4.2, 4.3."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.uncertainty < math.inf:
@@ -39,7 +35,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A value that was measured, with its standard uncertainty.
+    """A measured value with its standard uncertainty.
 
     Examples
     --------
@@ -75,7 +71,7 @@ class Estimate:
         bounds: tuple[float, float] | None = None,
         note: str = "",
     ) -> "Estimate":
-        """Return a value with one contribution of kind A to its uncertainty.
+        """Return a value with one uncertainty component of type A.
 
         Parameters
         ----------
@@ -84,9 +80,9 @@ class Estimate:
         unit : str
             Their unit.
         source : str
-            What the uncertainty comes from.
+            Source of the uncertainty.
         degrees_of_freedom : float
-            How well it is known.
+            Degrees of freedom of the uncertainty.
         bounds : tuple of float, optional
             Ends of its 95 % interval where that is not symmetric.
         note : str
@@ -125,7 +121,7 @@ class Estimate:
         unit : str
             Its unit.
         source : str
-            What the uncertainty comes from.
+            Source of the uncertainty.
         note : str
             Condition or remark that belongs to the value.
 
@@ -170,7 +166,7 @@ class Estimate:
         return 0.5 * (high - low)
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
-        """Return the interval that holds the true value with a given confidence.
+        """Return the interval that contains the true value with a given confidence.
 
         Parameters
         ----------
@@ -180,7 +176,7 @@ class Estimate:
         Returns
         -------
         tuple of float
-            Its ends, in the unit of the value.
+            Ends of the interval, in the unit of the value.
 
         Raises
         ------
@@ -188,7 +184,7 @@ class Estimate:
             The confidence is not between 0 and 1, or not 0.95 where there are bounds.
         """
         if not 0.0 < confidence < 1.0:
-            raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
+            raise ModelError(f"a confidence must lie between 0 and 1, got {confidence!r}")
         if self.bounds is not None:
             if confidence != 0.95:
                 raise ModelError("the interval of this value is known at 0.95 only")
@@ -197,7 +193,7 @@ class Estimate:
         return self.value - half, self.value + half
 
     def covers(self, truth: float) -> bool:
-        """Say whether the 95 % interval holds a value.
+        """Return whether the 95 % interval contains a value.
 
         Parameters
         ----------
@@ -207,34 +203,33 @@ class Estimate:
         Returns
         -------
         bool
-            Whether it does.
+            True if it does.
         """
         low, high = self.interval()
         return low <= truth <= high
 
-    def plus(self, *more: Component) -> "Estimate":
-        """Return the same value with further independent contributions to its uncertainty.
+    def plus(self, *components: Component) -> "Estimate":
+        """Return the same value with further independent components of its uncertainty.
 
-        Where the value has bounds, each of them moves out so that the squares of its distances from
-        the value add.
+        Bounds, if any, move outwards so that the squares of their distances from the value add.
 
         Parameters
         ----------
-        *more : Component
-            The contributions.
+        *components : Component
+            The further components.
 
         Returns
         -------
         Estimate
-            The value with all of them.
+            The value with all components.
         """
-        added = replace(self, components=(*self.components, *more), bounds=None)
+        estimate = replace(self, components=(*self.components, *components), bounds=None)
         if self.bounds is None:
-            return added
-        further = replace(self, components=more, bounds=None).expanded if more else 0.0
+            return estimate
+        further = replace(self, components=components, bounds=None).expanded if components else 0.0
         low, high = (abs(end - self.value) for end in self.bounds)
         return replace(
-            added,
+            estimate,
             bounds=(
                 self.value - math.hypot(low, further),
                 self.value + math.hypot(high, further),

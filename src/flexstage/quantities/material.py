@@ -1,4 +1,4 @@
-"""Materials that stages are cut from, each figure with where it comes from."""
+"""Catalogue of materials, each with the sources of its properties."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -7,7 +7,7 @@ from flexstage.base.choose import nearest
 from flexstage.base.errors import StageError
 from flexstage.quantities.units import DIMENSIONS
 
-# From foams to diamond, with room to spare: beyond it a unit was mistaken.
+# Plausible ranges, from foams to diamond; a value outside has a wrong unit.
 _PLAUSIBLE = {
     "youngs_modulus": (1e3, 1e14),
     "density": (1e-2, 1e5),
@@ -37,7 +37,7 @@ class Material:
     yield_strength: Annotated[float, DIMENSIONS["pressure"]] | None = None
     """0.2 % yield strength [Pa]; None for a brittle material, which has none."""
     fatigue_limit: Annotated[float, DIMENSIONS["pressure"]] | None = None
-    """Amplitude of fully reversed stress that is survived for `fatigue_cycles` [Pa]."""
+    """Fatigue strength: amplitude of fully reversed stress at `fatigue_cycles` [Pa]."""
     fatigue_cycles: float | None = None
     """Number of cycles to which `fatigue_limit` belongs [1]."""
     thermal_expansion: Annotated[float, DIMENSIONS["expansion"]] | None = None
@@ -45,7 +45,7 @@ class Material:
     thermal_conductivity: Annotated[float, DIMENSIONS["conductivity"]] | None = None
     """Thermal conductivity near 20 degC [W/(m K)]."""
     source: str = ""
-    """Where the figures come from."""
+    """Source of the values."""
 
     def __post_init__(self) -> None:
         for field, (low, high) in _PLAUSIBLE.items():
@@ -196,6 +196,6 @@ def material(name: str) -> Material:
         hint = f" (did you mean '{near}'?)" if near else ""
         raise StageError(
             f"no material '{name}' in the catalogue{hint}: it has "
-            f"{', '.join(CATALOGUE)}; or write the material out with its own figures"
+            f"{', '.join(CATALOGUE)}; or write the material out with its values"
         )
     return entry

@@ -1,4 +1,4 @@
-"""Quantities of a stage: what each is called, its unit, and how it is written for people."""
+"""Quantities of a stage: names, units and formats of their values."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,27 +9,27 @@ _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p"))
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What a characteristic is the value of."""
+    """A physical quantity of a stage."""
 
     name: str
-    """Its name in files and results."""
+    """Name in files and results."""
     unit: str
-    """The unit that values are held in: SI, but for frequencies, whose names say so."""
+    """Unit of stored values: SI, but Hz for frequencies, whose names say so."""
     label: str
-    """Its name in words."""
+    """Name in words."""
     shown_unit: str
-    """The unit that it is shown in; empty for a plain number."""
+    """Unit of printed values; empty for a plain number."""
     factor: float
-    """What a value in `unit` is multiplied by, to be shown."""
+    """Factor from `unit` to `shown_unit`."""
     zero: float = 0.0
-    """Magnitude below which a value is rounding and no motion, in `unit`."""
+    """Magnitude below which a value is rounding error, in `unit`."""
     at_least: float = -math.inf
-    """What is required of it, in `unit`."""
+    """Least permissible value, in `unit`."""
     at_most: float = math.inf
-    """What is possible of it, in `unit`."""
+    """Largest possible value, in `unit`."""
 
     def failing(self, value: float) -> str:
-        """Say what is required where a value in `unit` fails it; empty where none does."""
+        """Return the limit that a value in `unit` violates, as text; empty if none."""
         if value < self.at_least:
             return f"at least {self.at_least * self.factor:g} is required"
         unit = f" {self.shown_unit}" if self.shown_unit else ""
@@ -38,7 +38,7 @@ class Quantity:
 
     @property
     def heading(self) -> str:
-        """Its name with the unit that it is shown in."""
+        """Name and unit of printed values."""
         return f"{self.label} [{self.shown_unit}]" if self.shown_unit else self.label
 
     def text(self, value: float | None) -> str:
@@ -58,35 +58,35 @@ class Quantity:
     def fitting(self, largest: float) -> "Quantity":
         """Return the same quantity in a smaller unit where its values are tiny.
 
-        In nanometres or nanoradians where the largest magnitude, in `unit`, is below a tenth of a
-        micrometre or microradian, and in pico units below that; as it is where all are rounding.
+        Nanometres or nanoradians where the largest magnitude, in `unit`, is below a tenth of a
+        micrometre or microradian, pico units below that; unchanged where all are rounding errors.
 
         Examples
         --------
         >>> display("resolution").fitting(4.033e-10).shown_unit
         'nm'
         """
-        shown = self
+        scaled = self
         while (
-            shown.shown_unit[:1] in _SMALLER
-            and shown.shown_unit[1:]
+            scaled.shown_unit[:1] in _SMALLER
+            and scaled.shown_unit[1:]
             and self.zero <= largest
-            and 0.0 < largest * shown.factor < 0.1
+            and 0.0 < largest * scaled.factor < 0.1
         ):
-            if shown.shown_unit.endswith("²"):
+            if scaled.shown_unit.endswith("²"):
                 break
-            unit = _SMALLER[shown.shown_unit[0]] + shown.shown_unit[1:]
-            shown = replace(shown, shown_unit=unit, factor=1e3 * shown.factor)
-        return shown
+            unit = _SMALLER[scaled.shown_unit[0]] + scaled.shown_unit[1:]
+            scaled = replace(scaled, shown_unit=unit, factor=1e3 * scaled.factor)
+        return scaled
 
 
-#: Quantities in the order of tables; a new one is one line here, and the place that computes it.
+#: Quantities in the order of tables; a new one needs a line here and a function that computes it.
 #:
 #: :meta hide-value:
 QUANTITIES: dict[str, Quantity] = {
     q.name: q
     for q in (
-        # name, unit, label, shown unit and factor, what is rounding
+        # name, unit, label, printed unit and factor, rounding error
         Quantity("input_displacement", "m", "Input displacement", "µm", 1e6),
         Quantity("output_displacement", "m", "Output displacement", "µm", 1e6),
         Quantity("rotation_stroke", "rad", "Stroke in rotation", "µrad", 1e6),
@@ -152,7 +152,7 @@ QUANTITIES: dict[str, Quantity] = {
 }  # fmt: skip
 
 
-#: Short names of quantities, beside the full ones and those without ``_hz``.
+#: Short names of quantities; ``_hz`` can be omitted as well.
 ALIASES = {
     "stroke": "output_displacement",
     "ratio": "transmission_ratio",
@@ -163,21 +163,21 @@ ALIASES = {
 
 
 def full_name(name: str) -> str:
-    """Return the name that a quantity has in results, of a short one; any other as it is."""
+    """Return the full name of a quantity for a short one; any other name unchanged."""
     quantity = ALIASES.get(name, name)
     return quantity if quantity in QUANTITIES or f"{name}_hz" not in QUANTITIES else f"{name}_hz"
 
 
 def display(name: str) -> Quantity:
-    """Return a quantity by name; one that the table lacks is a plain number of its own name."""
+    """Return a quantity by name; an unknown one is a plain number with that name."""
     plain = Quantity(name, "", name.replace("_", " ").capitalize(), "", 1.0)
     return QUANTITIES.get(name, plain)
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Write a number with a fixed count of significant digits, trailing zeros kept.
+    """Write a number with a fixed number of significant digits, including trailing zeros.
 
-    Plain from 1e-3 to 1e6, with an exponent outside.
+    The notation is fixed-point from 1e-3 to 1e6 and scientific outside that range.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def prefixed(largest: float, least: float = 0.5) -> tuple[float, str]:
-    """Return factor and prefix, none to pico, of a unit in which values are neither long nor tiny.
+    """Return factor and prefix, none to pico, of a unit that suits the size of values.
 
     The largest magnitude, in the unit without prefix, is then `least` or more.
 
@@ -222,9 +222,9 @@ def round_below(limit: float) -> float:
 
 
 def within_digits(value: str, uncertainty: float) -> str:
-    """Write an uncertainty with the decimals of the value beside it: 353.2 ± 0.4, 97.50 ± < 0.01.
+    """Write an uncertainty with the decimals of its value: 353.2 ± 0.4, 97.50 ± < 0.01.
 
-    Of a value that is rounding nothing is told.
+    It is empty for a value that is a rounding error.
     """
     if value == "≈ 0":
         return ""
@@ -235,15 +235,17 @@ def within_digits(value: str, uncertainty: float) -> str:
     return f"{uncertainty:.{decimals}f}" if uncertainty >= 0.5 * last else f"< {last:.{decimals}f}"
 
 
-def beside(value: float, uncertainty: float) -> tuple[str, str]:
+def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Write a value and its uncertainty, in one unit, with the same decimals.
 
-    Two digits of the uncertainty are seen, and seven of the value at most.
+    The uncertainty has two significant digits, and the value seven at most.
 
     Examples
     --------
-    >>> beside(338.9104, 0.00243), beside(-729.23, 2814.0), beside(63.1234, 0.0671)
-    (('338.9104', '0.0024'), ('-729', '2814'), ('63.123', '0.067'))
+    >>> value_and_uncertainty(338.9104, 0.00243), value_and_uncertainty(63.1234, 0.0671)
+    (('338.9104', '0.0024'), ('63.123', '0.067'))
+    >>> value_and_uncertainty(-729.23, 2814.0)
+    ('-729', '2814')
     """
     if not (math.isfinite(value) and 0.0 < uncertainty < math.inf):
         return number(value), f"{uncertainty:g}" if uncertainty == 0.0 else number(uncertainty, 2)

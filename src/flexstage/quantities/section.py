@@ -1,4 +1,4 @@
-"""A section of a report as plain data: whoever made a result says what is shown of it."""
+"""Sections of a report as plain data: text, tables and pictures, independent of the output."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,49 +9,49 @@ from flexstage.quantities.table import Table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A result that is drawn, by its type."""
+    """A picture of a result; the type of the result selects the plot."""
 
     result: Any
-    """The result, or a sequence of them where the drawing is of several."""
+    """The result, or a sequence of results."""
     title: str
-    """What it shows, for who cannot see it."""
+    """Text alternative for readers who cannot see it."""
     caption: str
-    """What stands below it, in sentences."""
+    """Caption."""
     view: str = ""
-    """Which of the drawings of its type; empty for the usual one."""
+    """Plot, if the type of the result has several; empty for the default."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """What the drawing is told beside the result."""
+    """Further arguments of the plot."""
     size: Literal["whole", "small", "tiny"] = "whole"
-    """How much of the page it takes."""
+    """Size on the page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pictures:
     """Pictures side by side."""
 
-    shown: tuple[Picture, ...]
-    """What is drawn; nothing where it is empty."""
+    pictures: tuple[Picture, ...]
+    """The pictures; may be empty."""
     columns: Literal[1, 2, 3] = 1
-    """How many stand beside each other where the page is wide enough."""
+    """Number of columns on a wide page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bullets:
-    """Remarks, as a list."""
+    """A list of remarks."""
 
     items: Sequence[str]
-    """One a line."""
+    """The remarks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """What things are called, and what they are."""
+    """A list of terms with definitions."""
 
     entries: Mapping[str, str]
-    """What it is, by name."""
+    """Definitions by term."""
 
 
-#: What a section consists of; text is a paragraph.
+#: Content of a section; a text is a paragraph.
 Content = Union[str, Table, Picture, Pictures, Bullets, Definitions, "Section"]
 
 
@@ -60,10 +60,10 @@ class Section:
     """A section: paragraphs, tables, pictures and smaller sections in their order."""
 
     title: str
-    """Its title; empty for none."""
+    """Title; may be empty."""
     content: tuple[Content, ...]
-    """What it consists of; a section without any is left out."""
+    """Content; a section without content is omitted."""
     notes: tuple[str, ...] = ()
-    """Remarks that are set off before it."""
+    """Remarks before the content."""
     key: str = ""
-    """What a link names it by; empty where none does."""
+    """Target of links; may be empty."""

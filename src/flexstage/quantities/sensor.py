@@ -1,4 +1,4 @@
-"""What a sensor is, and how it stands to what it reads."""
+"""Specification of a sensor and its position relative to the axis."""
 
 import math
 from dataclasses import dataclass, fields
@@ -7,18 +7,18 @@ from typing import Annotated
 from flexstage.base.errors import ModelError
 from flexstage.quantities.units import DIMENSIONS, Length
 
-#: What has a sign.
+#: Fields that may be negative.
 _SIGNED = frozenset(("abbe_offset", "expansion"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSpecification:
-    """A sensor and how it stands to what it reads: what is known of its errors.
+    """Specification of a sensor, its position and its errors.
 
     Raises
     ------
     ModelError
-        A figure is negative or not finite, but for the offset and the expansion, which have a sign.
+        A value is negative or not finite; offset and expansion may be negative.
 
     Examples
     --------
@@ -27,31 +27,31 @@ class SensorSpecification:
     """
 
     name: str = ""
-    """Its name, where it is one of several."""
+    """Name, if there are several sensors."""
     calibration: float = 0.0
     """Relative standard uncertainty of its gain [1]."""
     nonlinearity: float = 0.0
     """Half-width of its deviation from a straight line, relative to the range in use [1]."""
     alignment: Annotated[float, DIMENSIONS["angle"]] = 0.0
-    """Standard uncertainty of the angle between it and the axis [rad]."""
+    """Standard uncertainty of the angle between sensor and axis [rad]."""
     abbe_offset: Length = 0.0
-    """Distance from its line to the point whose motion is wanted, positive where a positive pitch
-    adds to the reading [m].
+    """Abbe offset: distance from the sensor line to the point of interest, positive where a
+    positive pitch adds to the reading [m].
     """
     abbe_uncertainty: Length = 0.0
-    """Standard uncertainty of that distance [m]."""
+    """Standard uncertainty of the Abbe offset [m]."""
     temperature_uncertainty: float = 0.0
     """Standard uncertainty of the change of temperature within a record [K]."""
     expansion: Annotated[float, DIMENSIONS["expansion"]] = 0.0
-    """Coefficient of expansion of what holds it [1/K]."""
+    """Coefficient of thermal expansion of the sensor mount [1/K]."""
     length_of_loop: Length = 0.0
-    """Length of the path from it to what it reads [m]."""
+    """Length of the metrology loop from sensor to target [m]."""
     drift: float = 0.0
-    """Standard uncertainty of the rate of drift that is left [m/s], or [rad/s]."""
+    """Standard uncertainty of the residual drift rate [m/s], or [rad/s]."""
     resolution_step: Length = 0.0
-    """Step of its reading [m], or [rad] of a sensor of angle."""
+    """Resolution of the reading [m], or [rad] for an angle sensor."""
     time_base: float = 0.0
-    """Relative standard uncertainty of the clock that samples it [1]."""
+    """Relative standard uncertainty of the sampling clock [1]."""
 
     def __post_init__(self) -> None:
         whose = f"instrument '{self.name}': " if self.name else ""
@@ -66,6 +66,5 @@ class SensorSpecification:
                 )
         if not self.alignment < 0.5:
             raise ModelError(
-                f"{whose}alignment is an angle in rad and small, got {self.alignment!r}: below 0.5 "
-                "is allowed"
+                f"{whose}alignment is an angle in rad and must be below 0.5, got {self.alignment!r}"
             )

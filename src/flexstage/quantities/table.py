@@ -1,4 +1,4 @@
-"""A table as people read it, said once for the terminal, the report, spreadsheets and papers."""
+"""Tables of results, for the terminal, reports, spreadsheets and papers."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,19 +16,17 @@ class Column:
     """A column of a table."""
 
     heading: str
-    """What stands above it, with the unit of its figures."""
+    """Heading with the unit of the values."""
     kind: Literal["figures", "words", "long words", "title"] = "figures"
-    """Figures stand at the right, words at the left; long words may be broken over lines; a title
-    is what a row is called.
-    """
+    """Figures are aligned right, words left; long words may wrap; a title names its row."""
     group: str = ""
-    """Title above the headings of neighbouring columns that share it; empty for none."""
+    """Common title above the headings of neighbouring columns; may be empty."""
     spare: bool = False
-    """Whether it may be left out where there is no room."""
+    """True for a column that may be omitted for lack of space."""
 
     @property
     def title(self) -> str:
-        """Its whole heading in one line."""
+        """Group and heading in one line."""
         return " ".join(f"{self.group} {self.heading}".split())
 
 
@@ -37,41 +35,41 @@ class Cell:
     """A cell of a table."""
 
     text: str
-    """What is read: a word, or a number as it is shown."""
+    """Printed text: a word, or a formatted number."""
     value: float | None = None
     """The number, unrounded and in the unit of the column; None for words."""
     note: str = ""
-    """Condition that belongs to it, where there is room: a pointer held on it, a comment."""
+    """Condition of the value, shown as a tooltip or comment."""
     small: str = ""
-    """What stands below it in small print."""
+    """Second line in small print."""
     mark: Literal["", "ours", "variant"] = ""
-    """Whether it is set off: as the best that is known here, or as another choice beside it."""
+    """Emphasis: our best value, or a variant of it."""
     failing: str = ""
-    """What is required, where the figure fails it; it is marked by a word and by a colour."""
+    """Limit that the value violates; a word and a colour mark the cell."""
     names: Mapping[str, str | float] = field(default_factory=dict)
-    """What a program that reads the table finds it by: quantity, axis, origin, value in SI."""
+    """Machine-readable keys: quantity, axis, origin, value in SI."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table; `table` makes one from short notation.
+    """A table; `table` builds one from short notation.
 
     Raises
     ------
     ModelError
-        A row has another number of cells than there are columns.
+        The number of cells in a row differs from the number of columns.
     """
 
     caption: str
-    """What it shows, in a sentence, or its title; empty where the words before it say so."""
+    """Caption or title; may be empty."""
     columns: tuple[Column, ...]
-    """Its columns."""
+    """The columns."""
     rows: tuple[tuple[Cell, ...], ...]
-    """Its rows."""
+    """The rows."""
     notes: tuple[str, ...] = ()
-    """Remarks that stand below it."""
+    """Remarks below the table."""
     divided: bool = False
-    """Whether rows of one subject, that of their first cell, are set apart from the next."""
+    """True if a rule separates rows with different first cells."""
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -83,7 +81,7 @@ class Table:
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:
-        """Titles above the headings, and how many columns each stands over; empty for none."""
+        """Group titles with their numbers of columns; empty without groups."""
         out: list[tuple[str, int]] = []
         for column in self.columns:
             if out and column.group and out[-1][0] == column.group:
@@ -96,45 +94,47 @@ class Table:
         lines = [[c.heading for c in self.columns], *([cell.text for cell in r] for r in self.rows)]
         sizes = [max(map(len, column)) for column in zip(*lines, strict=True)]
         right = [column.kind == "figures" for column in self.columns]
-        made = (
+        aligned = (
             [t.rjust(n) if r else t.ljust(n) for t, n, r in zip(line, sizes, right, strict=True)]
             for line in lines
         )
-        return "\n".join("  ".join(cells).rstrip() for cells in made)
+        return "\n".join("  ".join(cells).rstrip() for cells in aligned)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Return it as a data frame, numbers unrounded where it has them; needs pandas."""
+        """Return the table as a data frame with unrounded numbers; needs pandas."""
         rows = [[c.text if c.value is None else c.value for c in row] for row in self.rows]
         return data_frame(rows, columns=[column.title for column in self.columns])
 
     @property
     def divisions(self) -> tuple[bool, ...]:
-        """Whether a row begins another subject than the row before it."""
+        """True for each row whose first cell differs from that of the previous row."""
         subjects = [row[0].text if row else "" for row in self.rows]
         before = ["", *subjects[:-1]]
         return tuple(self.divided and s != b for s, b in zip(subjects, before, strict=True))
 
     def narrower(self) -> Iterator["Table"]:
-        """Yield it whole; with what is alike in all rows said once; without what can be spared."""
+        """Yield the table, then constant columns in its caption, then no spare columns."""
         yield self
-        kept, said = [], []
+        columns, constants = [], []
         for i, column in enumerate(self.columns):
             texts = [row[i].text for row in self.rows]
-            # a figure that some rows lack is not said of all
-            told = texts if column.kind == "figures" else [text for text in texts if text]
-            if i and column.title and len(set(told)) == 1 < len(told):
-                said.append(f"{column.title}: {told[0]}")
+            # a number that some rows lack is not constant
+            compared = texts if column.kind == "figures" else [text for text in texts if text]
+            if i and column.title and len(set(compared)) == 1 < len(compared):
+                constants.append(f"{column.title}: {compared[0]}")
             else:
-                kept.append(i)
-        spare = [i for i in kept if self.columns[i].spare]
+                columns.append(i)
+        spare = [i for i in columns if self.columns[i].spare]
         names = dict.fromkeys(self.columns[i].heading for i in spare)
         not_shown = f"not shown: {', '.join(names)}"
-        for left, more in ((kept, ()), (sorted({*kept} - {*spare}), (not_shown,) * bool(spare))):
+        narrowest = sorted({*columns} - {*spare}), (not_shown,) * bool(spare)
+        for indices, remarks in ((columns, ()), narrowest):
+            parts = (self.caption.removesuffix("."), *constants, *remarks)
             yield replace(
                 self,
-                caption="; ".join(filter(None, (self.caption.removesuffix("."), *said, *more))),
-                columns=tuple(self.columns[i] for i in left),
-                rows=tuple(tuple(row[i] for i in left) for row in self.rows),
+                caption="; ".join(filter(None, parts)),
+                columns=tuple(self.columns[i] for i in indices),
+                rows=tuple(tuple(row[i] for i in indices) for row in self.rows),
             )
 
 
@@ -146,15 +146,15 @@ def table(
     notes: Iterable[str] = (),
     divided: bool = False,
 ) -> Table:
-    """Return a table from headings and cells as they are written.
+    """Return a table from headings and cells in short notation.
 
-    A heading is that of a column of words where it is the first or begins with ``<``, and that of
-    figures otherwise; before that, ``~`` says that the column can be spared. Both are taken off.
+    The first column and those whose headings begin with ``<`` have words, the others figures. A
+    preceding ``~`` marks a spare column. Both characters are removed.
 
     Examples
     --------
-    >>> made = table("Axes.", ("axis", "<drive", "stroke [µm]"), [("x", "PZ 1", "64.6")])
-    >>> [column.kind for column in made.columns]
+    >>> axes = table("Axes.", ("axis", "<drive", "stroke [µm]"), [("x", "PZ 1", "64.6")])
+    >>> [column.kind for column in axes.columns]
     ['words', 'words', 'figures']
     """
     columns = tuple(h if isinstance(h, Column) else _column(i, h) for i, h in enumerate(headings))

@@ -478,9 +478,9 @@ def _model_difference(value: float | None) -> str:
 
 def traditional(study: "Study") -> str:
     """Return the assessment of the claim of smaller motion errors."""
-    from flexstage.studies.traditional import claim_verdict
+    from flexstage.studies.traditional import claim_conclusion
 
-    return "" if study.traditional is None else claim_verdict(study.traditional)
+    return "" if study.traditional is None else claim_conclusion(study.traditional)
 
 
 def hysteresis(study: "Study") -> str:
@@ -499,10 +499,10 @@ def centring(study: "Study") -> str:
     trial = study.centring
     if trial is None or isinstance(trial, str):
         return "No scale could be centred."
-    before = trial.done.steps[0].reading.length.value
+    before = trial.procedure.steps[0].reading.length.value
     return (
-        f"An eccentricity of {1e6 * before:.1f} µm was reduced to {1e9 * trial.left:.1f} nm "
-        f"(simulated; {trial.done.reason})."
+        f"An eccentricity of {1e6 * before:.1f} µm was reduced to {1e9 * trial.residual:.1f} nm "
+        f"(simulated; {trial.procedure.reason})."
     )
 
 

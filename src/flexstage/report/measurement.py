@@ -10,7 +10,7 @@ from flexstage.experiments.campaign.results import TestResult
 from flexstage.files.cache.memory import Memory
 from flexstage.measure.motion.positioning import Positioning
 from flexstage.quantities.characteristic import shown_units
-from flexstage.quantities.quantity import Quantity, beside, display, number, prefixed
+from flexstage.quantities.quantity import Quantity, display, number, prefixed, value_and_uncertainty
 from flexstage.quantities.section import Bullets, Content, Definitions, Picture, Pictures, Section
 from flexstage.quantities.table import Cell, Column, Table, table
 from flexstage.quantities.units import readable
@@ -111,11 +111,12 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
     return page_html(
         heading=result.title,
         lead=(
-            f"{len(result.found.results)} tests, {len(result.rows)} characteristics; 95 % intervals"
+            f"{len(result.characterisation.results)} tests, {len(result.rows)} characteristics; "
+            "95 % intervals"
         ),
         version=__version__,
         sections=_sections(result),
-        notes=result.found.notes,
+        notes=result.characterisation.notes,
         memory=memory,
     )
 
@@ -123,7 +124,7 @@ def measurement_text(result: MeasurementComparison, memory: Memory | None = None
 def measurement_section(result: MeasurementComparison, *further: Content) -> Section:
     """Return a measurement as one section of another page, with `further` content after it."""
     figures, *others = _sections(result)
-    notes = "; ".join(result.found.notes)
+    notes = "; ".join(result.characterisation.notes)
     return Section(
         title="",
         content=(*figures.content, *others, *further),
@@ -141,19 +142,21 @@ def _sections(result: MeasurementComparison) -> Iterator[Section]:
         ("standing", "Steps and noise", _standing),
     )
     for key, title, contents in chapters:
-        content = tuple(part for r in result.found.results for part in contents(r))
+        content = tuple(part for r in result.characterisation.results for part in contents(r))
         if content:
             yield Section(key=key, title=title, content=content)
     yield Section(key="budgets", title="Uncertainty budgets", content=(_BUDGETS, _budgets(result)))
-    words = [n for n in result.notes if n not in result.found.notes]
-    sources = {name: f"SHA-256 {digest}" for name, digest in result.found.sources.items()}
+    words = [n for n in result.notes if n not in result.characterisation.notes]
+    sources = {
+        name: f"SHA-256 {digest}" for name, digest in result.characterisation.sources.items()
+    }
     if words or sources:
         content = (Bullets(words), Definitions(sources))
         yield Section(key="records", title="Records", content=content)
 
 
 def _figures(result: MeasurementComparison) -> Iterator[Content]:
-    simulated = result.found.origin == "virtual"
+    simulated = result.characterisation.origin == "virtual"
     # a simulated stage is generated from published values and random errors: it tests no model
     references = () if simulated else result.references
     here = "simulated measurement" if simulated else "measured here"
@@ -176,7 +179,9 @@ def _figures(result: MeasurementComparison) -> Iterator[Content]:
 
 def _cells(row: MeasuredRow, origins: tuple[str, ...], quantity: Quantity) -> list[Cell | str]:
     estimate = row.figure.estimate
-    value, spread = beside(quantity.factor * estimate.value, quantity.factor * estimate.expanded)
+    value, spread = value_and_uncertainty(
+        quantity.factor * estimate.value, quantity.factor * estimate.expanded
+    )
     cells: list[Cell | str] = [
         f"{quantity.heading}, assumed" if row.assumed else quantity.heading,
         row.figure.axis,
@@ -240,7 +245,9 @@ def stroke_ranges(result: TestResult) -> Table | None:
     for stroke_range in ranges:
         basis, size = stroke_range.curve.basis, stroke_range.stroke
         ends = readable(stroke_range.curve.position_unit, basis.low, basis.high)
-        length = beside(quantity.factor * size.value, quantity.factor * size.expanded)
+        length = value_and_uncertainty(
+            quantity.factor * size.value, quantity.factor * size.expanded
+        )
         rows.append((ends, stroke_range.of_cycles.size, *length))
     title = f"{result.test.name}, axis {result.test.axis}: stroke by range of the command"
     return table(title, ("command", "cycles", f"stroke [{quantity.shown_unit}]", _SPREAD), rows)
@@ -280,7 +287,7 @@ def _motion(result: TestResult) -> Iterator[Content]:
         pictures.append(
             Picture(result=curve, title=words, caption=f"{words}{band}.", options=options)
         )
-    yield Pictures(shown=tuple(pictures), columns=2)
+    yield Pictures(pictures=tuple(pictures), columns=2)
 
 
 def _positioning(result: TestResult) -> Iterator[Content]:
@@ -296,7 +303,7 @@ def _positioning(result: TestResult) -> Iterator[Content]:
         caption=f"Positioning test by ISO 230-2, test {name}.",
         options={"title": f"{result.test.axis}: ISO 230-2"},
     )
-    yield Pictures(shown=(picture,))
+    yield Pictures(pictures=(picture,))
     yield tables.axis
     yield tables.targets
 
@@ -306,7 +313,7 @@ def _workspace(result: TestResult) -> Iterator[Content]:
     if workspace is not None:
         words = f"Workspace, test {result.test.name}; the ± in its title is statistical."
         picture = Picture(result=workspace, title="workspace", caption=words)
-        yield Pictures(shown=(picture,), columns=2)
+        yield Pictures(pictures=(picture,), columns=2)
 
 
 def _response(result: TestResult) -> Iterator[Content]:
@@ -331,7 +338,7 @@ def _response(result: TestResult) -> Iterator[Content]:
                 caption=f"Stabilisation diagram, test {name}.",
             )
         )
-    yield Pictures(shown=tuple(pictures))
+    yield Pictures(pictures=tuple(pictures))
 
 
 def _standing(result: TestResult) -> Iterator[Content]:
@@ -348,4 +355,4 @@ def _standing(result: TestResult) -> Iterator[Content]:
         return
     name = f"test {result.test.name}"
     picture = Picture(result=result_shown, title=name, caption=f"{kind}, {name}.", options=options)
-    yield Pictures(shown=(picture,))
+    yield Pictures(pictures=(picture,))

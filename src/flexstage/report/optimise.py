@@ -14,9 +14,9 @@ from flexstage.quantities.table import Column, Table, table
 from flexstage.report.page import page_html
 from flexstage.report.sweep import INSTRUCTIONS, parallel_coordinates
 from flexstage.studies.explore.figures import Figure, Requirement
+from flexstage.studies.explore.optimise.default_requirements import wall_note
 from flexstage.studies.explore.optimise.front import Front
 from flexstage.studies.explore.optimise.optimum import TOLERANCE, Optimum, round_step
-from flexstage.studies.explore.optimise.usual import walls_note
 from flexstage.studies.explore.variables import Variable
 
 #: Most active constraints with a note of their own.
@@ -27,8 +27,8 @@ _BOUND = {"low": "lower", "high": "upper"}
 def optimum_tables(optimum: Optimum) -> Iterator[Table]:
     """Yield the tables of an optimum: its figures, then its dimensions."""
     yield _figures(optimum)
-    if optimum.problem.exchanged:
-        yield _exchange(optimum)
+    if optimum.problem.other_goals:
+        yield _trade_offs(optimum)
     yield _variables(optimum)
 
 
@@ -36,7 +36,7 @@ def optimum_notes(optimum: Optimum) -> tuple[str, ...]:
     """Return notes on the optimum, its active constraints and the evaluations."""
     problem = optimum.problem
     # the trade-off between goals has a table of its own
-    active = [constraint for constraint in optimum.held if constraint.kind != "goal"]
+    active = [constraint for constraint in optimum.active_constraints if constraint.kind != "goal"]
     notes = [_reached(optimum), *(constraint.text for constraint in active[:_MOST_CONSTRAINTS])]
     if len(active) > _MOST_CONSTRAINTS:
         notes.append(
@@ -44,12 +44,12 @@ def optimum_notes(optimum: Optimum) -> tuple[str, ...]:
         )
     default_constraints = [
         *(["check"] if problem.checked else []),
-        *(r.text for r in problem.usual),
+        *(r.text for r in problem.defaults),
     ]
     if default_constraints:
         names = ", ".join(default_constraints)
         notes.append(f"default constraints (disable with --without NAME): {names}")
-    if walls := walls_note(problem.usual):
+    if walls := wall_note(problem.defaults):
         notes.append(walls)
     notes += optimum.notes
     notes.append(f"evaluations: {_work(optimum)}")
@@ -67,8 +67,8 @@ def front_notes(front: Front) -> tuple[str, ...]:
     evaluations = ", ".join(f"{n} {model}" for model, n in front.evaluations.items())
     return (
         f"{len(front.points)} stages on the front after {front.generations} generations; "
-        f"evaluations: {evaluations}; point {front.chosen + 1}, the nearest to the best values of "
-        "all goals, was selected and improved at fixed values of the other goals",
+        f"evaluations: {evaluations}; point {front.selected + 1}, the nearest to the best values "
+        "of all goals, was selected and improved at fixed values of the other goals",
         *optimum_notes(front.optimum),
     )
 
@@ -85,7 +85,7 @@ def front_html(front: Front) -> str:
     goals = [goal.figure for goal in front.problem.goals]
     columns = [front.figures.index(figure) for figure in goals]
     axes = [
-        (figure.heading, front.values[:, i] * figure.shown.factor)
+        (figure.heading, front.values[:, i] * figure.display.factor)
         for figure, i in zip(goals, columns, strict=True)
     ]
     axes += [
@@ -144,8 +144,8 @@ def _work(optimum: Optimum) -> str:
 
 def _figures(optimum: Optimum) -> Table:
     problem, last = optimum.problem, optimum.levels[-1]
-    others = (constraint.goal for constraint in problem.exchanged)
-    goals = {goal.figure: goal.way for goal in (*problem.goals, *others)}
+    others = (constraint.goal for constraint in problem.other_goals)
+    goals = {goal.figure: goal.direction for goal in (*problem.goals, *others)}
     columns = [
         Column("figure", "title"),
         Column("unit", "words"),
@@ -164,33 +164,33 @@ def _figures(optimum: Optimum) -> Table:
         if figure in goals:
             limits.insert(0, goals[figure])
         values = (last.start[i], *(level.best[i] for level in optimum.levels))
-        cells = [figure.shown.text(float(v)) if np.isfinite(v) else "–" for v in values]
-        rows.append([figure.label, figure.shown.shown_unit, ", ".join(limits), *cells])
+        cells = [figure.display.text(float(v)) if np.isfinite(v) else "–" for v in values]
+        rows.append([figure.label, figure.display.shown_unit, ", ".join(limits), *cells])
     return table(f"{optimum.problem.family.template.source}: figures", columns, rows)
 
 
-def _exchange(optimum: Optimum) -> Table:
+def _trade_offs(optimum: Optimum) -> Table:
     """Return the gain of the first goal for a small concession in each other one."""
     first_goal = optimum.problem.goals[0].figure
     rows = []
-    for constraint, rate in zip(optimum.problem.exchanged, optimum.exchange, strict=True):
+    for constraint, rate in zip(optimum.problem.other_goals, optimum.trade_offs, strict=True):
         figure = constraint.goal.figure
-        step = round_step(abs(constraint.value) * figure.shown.factor) / figure.shown.factor
-        worse = step if constraint.goal.way == "minimise" else -step
+        step = round_step(abs(constraint.value) * figure.display.factor) / figure.display.factor
+        worse = step if constraint.goal.direction == "minimise" else -step
         gain = "0"
         if rate is not None:
-            gain = f"{rate.rate * worse * first_goal.shown.factor:+.2g}".replace("-", "−")
+            gain = f"{rate.rate * worse * first_goal.display.factor:+.2g}".replace("-", "−")
         sign = "+" if worse > 0.0 else "−"
-        at = figure.shown.text(constraint.value)
-        concession = f"{sign}{number(step * figure.shown.factor)}"
-        rows.append((figure.label, figure.shown.shown_unit, at, concession, gain))
+        at = figure.display.text(constraint.value)
+        concession = f"{sign}{number(step * figure.display.factor)}"
+        rows.append((figure.label, figure.display.shown_unit, at, concession, gain))
     heads = ("goal", "<unit", "selected point", "concession", f"gain in {first_goal.heading}")
     return table("trade-off between goals at the selected point", heads, rows)
 
 
 def _limit(requirement: Requirement) -> str:
     """Return a requirement without the name of its figure."""
-    quantity = requirement.figure.shown
+    quantity = requirement.figure.display
     low, high = requirement.low, requirement.high
     if low is not None and high is not None:
         same = low == high
@@ -201,7 +201,7 @@ def _limit(requirement: Requirement) -> str:
 
 
 def _variables(optimum: Optimum) -> Table:
-    at_bound = {h.name: _BOUND[h.side] for h in optimum.held if h.kind == "bound"}
+    at_bound = {h.name: _BOUND[h.side] for h in optimum.active_constraints if h.kind == "bound"}
     rows = [
         (
             variable.name,
@@ -234,15 +234,15 @@ def _front(front: Front) -> Table:
         *(Column(f.heading, group=model) for model in models for f in goals),
     ]
     rows = []
-    for k, i in enumerate(front.asked):
-        name = f"{i + 1} (selected)" if i == front.chosen else f"{i + 1}"
+    for k, i in enumerate(front.recomputed):
+        name = f"{i + 1} (selected)" if i == front.selected else f"{i + 1}"
         cells = _cells(goals, front.values[i, at])
         if front.model in models[1:]:
-            cells += _cells(goals, front.found[k, at])
+            cells += _cells(goals, front.recomputed_values[k, at])
         rows.append([name, *cells])
     source = front.problem.family.template.source
     return table(f"{source}: Pareto front of {len(front.points)} stages", columns, rows)
 
 
 def _cells(figures: list[Figure], values: Array) -> list[str]:
-    return [f.shown.text(float(v)) for f, v in zip(figures, values, strict=True)]
+    return [f.display.text(float(v)) for f, v in zip(figures, values, strict=True)]

@@ -9,7 +9,7 @@ from flexstage.base.version import __version__
 from flexstage.experiments.results import PlanResult
 from flexstage.experiments.verbs import VERBS
 from flexstage.quantities.characteristic import in_order
-from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.quantity import display, number, value_and_uncertainty
 from flexstage.quantities.section import Content, Definitions, Section
 from flexstage.quantities.table import Table, table
 from flexstage.report.measurement import measurement_section
@@ -63,7 +63,7 @@ def _notes(result: PlanResult) -> Sequence[str]:
 
 def _sections(result: PlanResult) -> Iterator[Section]:
     measured = compare_plan(result)
-    if measured.rows or measured.found.results:
+    if measured.rows or measured.characterisation.results:
         figures = measurement_section(measured, *_further(result))
         yield Section(
             key="figures", title="Characteristics", content=figures.content, notes=figures.notes
@@ -96,7 +96,7 @@ def _further(result: PlanResult) -> Iterator[Content]:
     for figure in (*with_drives, *result.further_figures):
         quantity = display(figure.quantity)
         label = quantity.label + (", drives in place" if result.drives_in_place(figure) else "")
-        value, spread = beside(
+        value, spread = value_and_uncertainty(
             figure.value * quantity.factor, figure.estimate.expanded * quantity.factor
         )
         rows.append((label, figure.axis, figure.test, value, spread, quantity.shown_unit))
@@ -164,7 +164,7 @@ def _figure_row(result: "PlanResult", figure: "MeasuredCharacteristic") -> tuple
     return (
         label[:1].lower() + label[1:],
         figure.axis,
-        *beside(value, expanded),
+        *value_and_uncertainty(value, expanded),
         quantity.shown_unit,
         figure.test,
         number(published[0].value * quantity.factor) if published else "",

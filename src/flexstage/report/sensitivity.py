@@ -34,7 +34,7 @@ def displayed_changes(
         * changes
         / np.where(sensitivities.vanishing, np.nan, np.abs(sensitivities.values))[:, None]
     )
-    factors = np.array([figure.shown.factor for figure in sensitivities.figures])
+    factors = np.array([figure.display.factor for figure in sensitivities.figures])
     in_unit = changes * factors[:, None]
     largest = np.abs(in_unit).max(axis=1, initial=0.0)[:, None]
     displayed = np.where(np.isnan(in_percent) | in_units, in_unit, in_percent)
@@ -66,7 +66,7 @@ def influential_parameters(sensitivities: Sensitivities) -> tuple[list[int], lis
 
 def parameter_label(sensitivities: Sensitivities, index: int) -> str:
     """Return the name of a parameter, with the number of hinges that it represents."""
-    names = sensitivities.alike[index]
+    names = sensitivities.equivalent[index]
     return names[0] if len(names) == 1 else f"{names[0]} (×{len(names)})"
 
 
@@ -98,7 +98,7 @@ def sensitivity_table(sensitivities: Sensitivities, *, in_units: bool = False) -
     ]
     for i in figure_indices:
         figure = sensitivities.figures[i]
-        unit = f"[{figure.shown.shown_unit}]" if plain[i] and figure.shown.shown_unit else ""
+        unit = f"[{figure.display.shown_unit}]" if plain[i] and figure.display.shown_unit else ""
         axis = "" if figure.axis == WHOLE_STAGE else figure.axis
         columns.append(Column(f"{axis} {unit}".strip(), "figures", short_label(figure)))
         nominal.append(Cell(figure.text(float(sensitivities.values[i]))))
@@ -165,13 +165,13 @@ def _notes(
     ]
     if sensitivities.length is None and zero and not all(name in idle for name in zero):
         yield f"a length of 0 is changed by {value_text(LENGTH, 'length')}"
-    if any(len(names) > 1 for names in sensitivities.alike):
+    if any(len(names) > 1 for names in sensitivities.equivalent):
         yield "×2: the row represents two hinges with equal effects except for signs"
     if idle:
         yield f"{listed(idle)} {'has' if len(idle) == 1 else 'have'} no effect"
 
 
-def left_out_notes(sensitivities: Sensitivities) -> Iterator[str]:
+def skipped_notes(sensitivities: Sensitivities) -> Iterator[str]:
     """Yield notes on slopes that are no derivatives, and on the skipped parameters.
 
     Parameters with one reason share a note.
@@ -195,7 +195,7 @@ def left_out_notes(sensitivities: Sensitivities) -> Iterator[str]:
                     "mixes their modes, and its effect cannot be assigned to one of them"
                 )
     reasons: dict[str, list[str]] = {}
-    for name, reason in sensitivities.left_out.items():
+    for name, reason in sensitivities.skipped.items():
         reasons.setdefault(reason, []).append(name)
     for reason, names in reasons.items():
         yield f"skipped: {listed(names)}: {reason}"

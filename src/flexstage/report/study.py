@@ -136,7 +136,7 @@ def _by_model(quantities: Collection[str], caption: str) -> _Show:
 
 
 def _against(study: Study) -> Iterator[Content | None]:
-    for model, why in study.left_out.items():
+    for model, why in study.skipped_models.items():
         yield f"The {model} model was skipped: {why}."
     yield differences_table(study.comparison)
 
@@ -165,7 +165,7 @@ def _bode(study: Study) -> Iterator[Content]:
         for a in study.main.axes
     ]
     if plots:
-        yield Pictures(shown=tuple(plots))
+        yield Pictures(pictures=tuple(plots))
 
 
 def _modes(study: Study) -> Iterator[Content]:
@@ -192,7 +192,7 @@ def _static(study: Study) -> Iterator[Content]:
         for a in study.main.axes
     ]
     if plots:
-        yield Pictures(shown=tuple(plots), columns=2)
+        yield Pictures(pictures=tuple(plots), columns=2)
 
 
 def _stroke(study: Study) -> Iterator[Content]:
@@ -207,7 +207,7 @@ def _stroke(study: Study) -> Iterator[Content]:
     if plots:
         # axes that move straight have one curve, and are placed side by side
         narrow = all(len(stroke_curves(path)) == 1 for path in study.paths.values())
-        yield Pictures(shown=tuple(plots), columns=2 if narrow else 1)
+        yield Pictures(pictures=tuple(plots), columns=2 if narrow else 1)
 
 
 def _stress(study: Study) -> Iterator[Content]:
@@ -224,7 +224,7 @@ def _stress(study: Study) -> Iterator[Content]:
 
 
 def _measured(study: Study) -> Iterator[Content]:
-    if (measured := study.measured_beside) is not None:
+    if (measured := study.measurement_comparison) is not None:
         yield measurement_section(measured)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from flexstage.base.errors import FlexstageError
 from flexstage.quantities.characteristic import measured_value
-from flexstage.quantities.quantity import beside, display, number
+from flexstage.quantities.quantity import display, number, value_and_uncertainty
 from flexstage.quantities.section import Content, Picture, Pictures
 from flexstage.quantities.table import Column, Table, table
 from flexstage.report.figures.centring import draw_polar
@@ -108,7 +108,7 @@ def neck_stress_section(study: "Study") -> Iterator[Content]:
             "number of the hinge. This chapter excludes the stress at fixed edges."
         )
         yield Pictures(
-            shown=tuple(
+            pictures=tuple(
                 Picture(
                     result=partial(
                         draw_neck_stress, run.mesh, run.analysis, axis.axis, sampler=sampler
@@ -159,7 +159,7 @@ def convergence_section(study: "Study") -> Iterator[Content]:
         pictures.append(Picture(result=draw, title=title, caption=caption, size="small"))
     if pictures:
         yield "Refinement cannot reveal errors common to all meshes: geometry, material, supports."
-        yield Pictures(shown=tuple(pictures))
+        yield Pictures(pictures=tuple(pictures))
 
 
 def mesh_words(name: str, run: "ModelRun") -> str:
@@ -212,8 +212,8 @@ def hysteresis_section(study: "Study") -> Iterator[Content]:
             "identified Bouc-Wen model; below: their difference. Middle: output over the "
             "reference. Right: error over time.",
         )
-        yield Pictures(shown=(picture,))
-    for axis, why in study.experiments_left_out.items():
+        yield Pictures(pictures=(picture,))
+    for axis, why in study.skipped_experiments.items():
         yield f"Axis {axis} was skipped: {why}."
 
 
@@ -280,7 +280,7 @@ def bench_section(measurement: MeasurementComparison | str | None, file: str) ->
     elif measurement is not None:
         yield fragment("bench.html", file=file)
         yield from _main_figures(measurement)
-        yield Pictures(shown=tuple(_resonances(measurement)), columns=2)
+        yield Pictures(pictures=tuple(_resonances(measurement)), columns=2)
 
 
 def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
@@ -295,7 +295,9 @@ def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
             quantity_shown = display(quantity).fitting(max(abs(e.value) for e in of.values()))
             k = quantity_shown.factor
             values = (
-                " ± ".join(beside(k * of[a].value, k * of[a].expanded)) if a in of else "–"
+                " ± ".join(value_and_uncertainty(k * of[a].value, k * of[a].expanded))
+                if a in of
+                else "–"
                 for a in axes
             )
             rows.append((quantity_shown.heading, *values))
@@ -309,7 +311,7 @@ def _main_figures(measurement: MeasurementComparison) -> Iterator[Table]:
 def _resonances(measurement: MeasurementComparison) -> Iterator[Picture]:
     published = () if measurement.stage is None else measurement.stage.published
     estimates = {(r.figure.quantity, r.figure.axis): r.figure.estimate for r in measurement.rows}
-    for result in measurement.found.results:
+    for result in measurement.characterisation.results:
         fit = result.details.get("fit")
         if fit is None or not fit.modes:
             continue
@@ -341,7 +343,7 @@ def centring_section(trial: CentringTrial | str | None) -> Iterator[Content]:
     if isinstance(trial, str):
         yield f"No scale could be centred: {trial}."
         return
-    centring = trial.done
+    centring = trial.procedure
     rows = []
     for count, step in enumerate(centring.steps):
         length = step.reading.length
@@ -357,7 +359,7 @@ def centring_section(trial: CentringTrial | str | None) -> Iterator[Content]:
         f"{HEAD_NOISE:g} arcsec of noise; its graduation error is {LINE_ERRORS:g} arcsec (rms). "
         "The stage turns with the table; trial moves determine its unknown mounting angle and "
         "mirroring. Each position is approached from the low end of both axes. True residual "
-        f"eccentricity: {trial.left * 1e9:.2g} nm "
+        f"eccentricity: {trial.residual * 1e9:.2g} nm "
         f"(target {target}: {centring.reason})."
     )
     heads = (
@@ -366,4 +368,4 @@ def centring_section(trial: CentringTrial | str | None) -> Iterator[Content]:
     yield table("Steps of the centring; simulated.", heads, rows)
     words = "Angle error read by the first head before and after centring; simulated."
     draw = partial(draw_polar, trial.fits, trial.angles)
-    yield Pictures(shown=(Picture(result=draw, title="scale before and after", caption=words),))
+    yield Pictures(pictures=(Picture(result=draw, title="scale before and after", caption=words),))

@@ -39,7 +39,7 @@ INSTRUCTIONS = (
 
 def sweep_tables(sweep: Sweep) -> Iterator[Table]:
     """Yield the tables of a sweep."""
-    if len(sweep.variables) == 1 and sweep.moving:
+    if len(sweep.variables) == 1 and sweep.varying:
         yield _rows(sweep)
     yield from range_tables(sweep)
 
@@ -62,17 +62,17 @@ def sweep_notes(sweep: Sweep) -> tuple[str, ...]:
     if infeasible:
         verb = "is" if infeasible == 1 else "are"
         notes.append(f"{infeasible} of {len(sweep.points)} points {verb} infeasible")
-        notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.reasons[:3]]
+        notes += [f"{reason.count} of them: {reason.text}" for reason in sweep.common_faults[:3]]
         if sweep.advice:
             notes.append(sweep.advice)
-    constant = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.moving]
+    constant = [figure.name for k, figure in enumerate(sweep.figures) if k not in sweep.varying]
     if constant:
         notes.append(f"variation below 0.1 %: {', '.join(constant)}")
-    if sweep.indices is not None and sweep.indices.left_out:
+    if sweep.indices is not None and sweep.indices.excluded:
         notes.append(
-            f"Sobol' indices exclude {sweep.indices.left_out} base samples with an infeasible stage"
+            f"Sobol' indices exclude {sweep.indices.excluded} base samples with an infeasible stage"
         )
-    if sweep.indices is not None and _beyond(sweep.indices, sweep.moving):
+    if sweep.indices is not None and _beyond(sweep.indices, sweep.varying):
         notes.append(
             "an index is between 0 and 1: an interval beyond these limits shows the sampling "
             "error, which more --samples reduce"
@@ -187,9 +187,9 @@ def _coordinates(sweep: Sweep) -> "Markup":
         (sweep.variables[i].heading, sweep.points[rows, i] * sweep.variables[i].factor)
         for i in sweep.strongest(_AXES)
     ]
-    first = len(axes) if sweep.moving else 0
-    for k in sweep.moving:
-        quantity = sweep.shown(k)
+    first = len(axes) if sweep.varying else 0
+    for k in sweep.varying:
+        quantity = sweep.display(k)
         axes.append(
             (sweep.figures[k].heading_in(quantity), sweep.values[rows, k] * quantity.factor)
         )
@@ -263,8 +263,8 @@ def _rows(sweep: Sweep) -> Table:
     order = np.argsort(sweep.points[:, 0], kind="stable")
     count = min(_ROWS, len(order))
     selected = order[np.unique(np.round(np.linspace(0, len(order) - 1, count)).astype(int))]
-    columns = sweep.moving[:_COLUMNS]
-    quantities = [sweep.shown(k) for k in columns]
+    columns = sweep.varying[:_COLUMNS]
+    quantities = [sweep.display(k) for k in columns]
     headings = [sweep.figures[k].heading_in(q) for k, q in zip(columns, quantities, strict=True)]
     places = [_place(sweep, row, 0) for row in selected]
     decimals = max(len(place.partition(".")[2]) for place in places)
@@ -287,7 +287,7 @@ def _ranges(sweep: Sweep) -> Table:
     rows = []
     correlations, least, greatest = sweep.correlations, sweep.least, sweep.greatest
     for k, figure in enumerate(sweep.figures):
-        quantity = sweep.shown(k)
+        quantity = sweep.display(k)
         ends = [sweep.values[row, k] for row in (least[k], greatest[k])]
         described = sweep.described[k]
         texts = [
@@ -316,8 +316,8 @@ def _extremes(sweep: Sweep) -> Table:
     """Return the points of the minimum and maximum of each figure."""
     rows = []
     least, greatest = sweep.least, sweep.greatest
-    for k in sweep.moving:
-        figure, quantity = sweep.figures[k], sweep.shown(k)
+    for k in sweep.varying:
+        figure, quantity = sweep.figures[k], sweep.display(k)
         for word, row in (("minimum", least[k]), ("maximum", greatest[k])):
             at = (_place(sweep, row, i) for i in range(len(sweep.variables)))
             value = f"{quantity.text(float(sweep.values[row, k]))} {quantity.shown_unit}".strip()
@@ -331,7 +331,7 @@ def _indices(sweep: Sweep) -> Table:
     indices = sweep.indices
     assert indices is not None
     rows = []
-    for k in sweep.moving:
+    for k in sweep.varying:
         figure = sweep.figures[k]
         for i in np.argsort(-indices.total[k], kind="stable"):
             if indices.total[k, i] < _LEAST_INDEX:

@@ -39,9 +39,9 @@ def _few(study: ToleranceStudy) -> Iterator[str]:
 
 def _cells(spread: Spread) -> tuple[str, ...]:
     most_decimals = 9
-    quantity = spread.figure.shown
+    quantity = spread.figure.display
     deviation = spread.standard_deviation * quantity.factor
-    if spread.still:
+    if spread.constant:
         same = quantity.text(spread.nominal)
         return (same, same, same, same, "≈ 0", "")
     # relative uncertainty of a standard deviation: 1 / sqrt(2 (n - 1)) for normal values
@@ -108,8 +108,10 @@ def share_table(study: ToleranceStudy) -> Table:
                     main_contributors,
                 )
             )
-        if of.rest >= _LEAST:
-            rows.append(("", "interactions, nonlinearity", "", f"{100.0 * of.rest:.1f} %", "", ""))
+        if of.unexplained >= _LEAST:
+            rows.append(
+                ("", "interactions, nonlinearity", "", f"{100.0 * of.unexplained:.1f} %", "", "")
+            )
     return table(
         "Contributions to the scatter: shares of the variance.",
         ("figure", "<deviation", "scatter", "share", "effect of 1 σ", "<main contributors"),
@@ -119,7 +121,7 @@ def share_table(study: ToleranceStudy) -> Table:
 
 def _change(figure: Figure, slope: float, deviation: float) -> str:
     """Return the effect of a deviation, with the decimals of a hundredth of the scatter."""
-    quantity = figure.shown
+    quantity = figure.display
     size = deviation * quantity.factor
     if not 1e-5 <= size < 1e6:
         return figure.text(slope)
@@ -135,8 +137,8 @@ def choice_table(choice: ToleranceChoice) -> Table:
         [
             (
                 LABELS[kind],
-                scatter_text(choice.usual, kind),
-                scatter_text(choice.chosen, kind),
+                scatter_text(choice.initial, kind),
+                scatter_text(choice.selected, kind),
                 f"{choice.factor(kind):.2f}",
             )
             # factors at one end of the search range differ by rounding: they stay in their order
@@ -174,7 +176,8 @@ def tolerance_page(study: ToleranceStudy) -> str:
     return page_html(
         heading=f"{study.stage.name}: tolerance analysis",
         lead=(
-            f"{study.samples} simulated parts, seed {study.lot.seed}; {study.model}; 95 % intervals"
+            f"{study.samples} simulated parts, seed {study.monte_carlo.seed}; "
+            f"{study.model}; 95 % intervals"
         ),
         version=__version__,
         sections=_sections(study),
@@ -206,12 +209,12 @@ def _sections(study: ToleranceStudy) -> Iterator[Section]:
             content=(picture, share_table(study)),
         )
     if choice is not None:
-        conclusion = choice.verdict[0].upper() + choice.verdict[1:] + "."
+        conclusion = choice.conclusion[0].upper() + choice.conclusion[1:] + "."
         tables = (choice_table(choice), yield_table(choice.after, "Yield with these tolerances."))
         yield Section(
             key="tighten",
             title=f"Tolerances for a yield of {_percent(choice.target)}",
-            content=(conclusion, *(tables if choice.found else ())),
+            content=(conclusion, *(tables if choice.available else ())),
         )
     yield Section(
         key="process",

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 from flexstage.quantities.quantity import number
 from flexstage.quantities.section import Bullets, Content
 from flexstage.quantities.table import Cell, Column, Table, table
-from flexstage.studies.motion_errors import Mounting
+from flexstage.studies.guided_axes import Mounting
 from flexstage.studies.traditional import (
     LOADS,
     MEASURES,
     SPAN,
     ComparedStage,
     TraditionalComparison,
-    drift_verdict,
-    verdict,
+    conclusions,
+    drift_conclusions,
 )
 
 if TYPE_CHECKING:
-    from flexstage.studies.motion_errors import AxisErrors
+    from flexstage.studies.guided_axes import AxisErrors
     from flexstage.studies.study import Study
 
 _UM = 1e6
@@ -28,7 +28,7 @@ _UM = 1e6
 def motion_error_section(study: "Study") -> Iterator[Content]:
     """Yield the claim for every definition of a traditional stage, and the parts of the errors."""
     if (comparison := study.traditional) is not None:
-        yield Bullets(verdict(comparison))
+        yield Bullets(conclusions(comparison))
         yield claim_table(comparison)
         yield error_table(comparison)
         yield other_table(comparison)
@@ -37,7 +37,7 @@ def motion_error_section(study: "Study") -> Iterator[Content]:
 def drift_section(study: "Study") -> Iterator[Content]:
     """Yield the thermal drift of each stage."""
     if (comparison := study.traditional) is not None:
-        yield Bullets(drift_verdict(comparison))
+        yield Bullets(drift_conclusions(comparison))
         yield drift_table(comparison)
 
 
@@ -120,7 +120,7 @@ def error_table(comparison: TraditionalComparison) -> Table:
         (
             stage.title,
             name,
-            *_errors(axis, comparison.knows_straightness or stage is not comparison.own),
+            *_errors(axis, comparison.knows_straightness or stage is not comparison.stage),
         )
         for stage in _stages(comparison)
         for name, axis in stage.axes.items()
@@ -186,7 +186,7 @@ def other_table(comparison: TraditionalComparison) -> Table:
         "across. Coupling: nominal motion across over motion along, worse axis.",
         (
             Column("Stage", "long words"),
-            *(Column(name, group=axes) for name in comparison.own.axes),
+            *(Column(name, group=axes) for name in comparison.stage.axes),
             Column("frequency", group=differ),
             Column("motion across", group=differ),
             "Coupling [%]",
@@ -234,7 +234,7 @@ def drift_table(comparison: TraditionalComparison) -> Table:
 
 
 def _stages(comparison: TraditionalComparison) -> tuple[ComparedStage, ...]:
-    return (comparison.own, *comparison.others, comparison.asymmetric)
+    return (comparison.stage, *comparison.others, comparison.asymmetric)
 
 
 def _small(value: float, decimals: int = 3) -> str:

@@ -1,4 +1,4 @@
-"""The models of a stage set side by side, with experiments on the virtual stage."""
+"""Studies of a stage: comparison of models, virtual experiments, and parameter studies."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Identification and compensation of a piezo stage, carried out on its entire dynamic model."""
+"""Simulated identification and compensation of a piezo stage with its complete dynamic model."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,31 +28,31 @@ from flexstage.virtual.driven_axis import (
     driven_axis,
 )
 
-#: Share of the stroke that the reference runs over, which leaves the inverse some room.
+#: Share of the reference in the stroke, with a margin for the inverse.
 _SHARE = 0.99
-#: Models that are tried on the designed record.
+#: Candidate models for the designed record.
 _MODELS = ("bouc-wen", "preisach")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CompensatedRun:
-    """One inverse on the virtual stage."""
+    """Compensation of the virtual stage by one inverse model."""
 
     title: str
-    """What it is called."""
+    """Name of the model."""
     identification: Identification
-    """The model whose inverse it is."""
+    """The identified model."""
     output: Array
     """Reading over the compared cycles [m], shape (n,)."""
     tracking: Tracking
-    """Width of the loop, and errors [m]."""
+    """Loop width and tracking errors [m]."""
     reduction_percent: float
-    """By how much the loop is narrower than in open loop [%]."""
+    """Reduction of the loop width relative to open loop [%]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisExperiment:
-    """What the experiment gave on one axis."""
+    """Results of the experiment on one axis."""
 
     axis: str
     """The axis."""
@@ -61,28 +61,28 @@ class AxisExperiment:
     measured: Array
     """Reading of the virtual sensor [m], shape (n,)."""
     modelled: Array
-    """What the Bouc-Wen model gives there [m], shape (n,)."""
+    """Output of the Bouc-Wen model [m], shape (n,)."""
     deviation: float
-    """Largest difference of the two over the loop [m]."""
+    """Largest difference between reading and model [m]."""
     stroke: float
-    """Range of the reading over the whole range of the voltage [m]."""
+    """Range of the reading over the full voltage range [m]."""
     width: float
     """Width of that loop [m]."""
     time: Array
     """Time of the compared cycles [s], shape (n,)."""
     reference: Array
-    """What was wanted over them [m], shape (n,)."""
+    """Reference over these cycles [m], shape (n,)."""
     open_output: Array
-    """Reading with the voltage in proportion to the reference [m], shape (n,)."""
+    """Reading with a voltage proportional to the reference [m], shape (n,)."""
     open_loop: Tracking
-    """Width of that loop, and errors [m]."""
+    """Loop width and tracking errors in open loop [m]."""
     runs: tuple[CompensatedRun, ...]
-    """With the inverse of each model."""
+    """Results with the inverse of each model."""
 
     def data(self) -> dict[str, Any]:
-        """Return its figures as plain data.
+        """Return the figures as plain data.
 
-        Stroke, widths, errors [m], reductions [%], and how good each model is [%].
+        They are stroke, widths, errors [m], reductions [%], and model errors [%].
         """
         return {
             "kind": "virtual experiment",
@@ -101,8 +101,8 @@ class AxisExperiment:
         }
 
 
-def _errors(tracked: Tracking) -> dict[str, float]:
-    return picked(tracked, "loop_width", "tracking_rms=rms", "tracking_max=largest")
+def _errors(result: Tracking) -> dict[str, float]:
+    return picked(result, "loop_width", "tracking_rms=rms", "tracking_max=largest")
 
 
 def virtual_experiment(
@@ -110,17 +110,16 @@ def virtual_experiment(
 ) -> AxisExperiment:
     """Measure, identify and compensate the hysteresis of one axis of a virtual stage.
 
-    It is carried out on the entire dynamic model: amplifier, a stack of a class that is not fitted,
-    creep, all modes of the stage with the stacks in place, and a noisy sensor. Its stroke and the
-    width of its loop are set to what was measured of the stage, where that is published, since no
-    model knows them; everything else follows. A Bouc-Wen model is identified from loops at one
-    rate, full ones and falling ones, and inverted; beside it the model that is best on a designed
-    record.
+    The virtual stage has a complete dynamic model: amplifier, a stack whose class is not among the
+    fitted ones, creep, all modes of the stage with the stacks in place, and a noisy sensor. Stroke
+    and loop width are published measurements of the stage, if available, as no model predicts them.
+    A Bouc-Wen model is identified from full and descending loops at one rate, and inverted, as is
+    the best model for a designed record.
 
     Parameters
     ----------
     stage : Stage
-        The stage; its axis is driven by a piezo stack with a voltage range.
+        The stage; a piezo stack with a voltage range drives the axis.
     system : MechanicalSystem
         A model of the stage.
     axis : str
@@ -131,21 +130,21 @@ def virtual_experiment(
     Returns
     -------
     AxisExperiment
-        The loops, and what the inverses leave of them.
+        The loops without and with compensation.
 
     Raises
     ------
     ModelError
-        The axis has no piezo stack with a voltage range, or the stage cannot be driven.
+        The axis has no piezo stack with a voltage range, or the stage cannot be actuated.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.lumped import lumped_system
     >>> stage = design("vgtu-piezo")
-    >>> made = virtual_experiment(stage, lumped_system(stage), "x")
-    >>> made.open_loop.loop_width > 7e-6 and made.runs[0].reduction_percent > 93.0
-    True
+    >>> experiment = virtual_experiment(stage, lumped_system(stage), "x")
+    >>> experiment.open_loop.loop_width > 7e-6, experiment.runs[0].reduction_percent > 93.0
+    (True, True)
     """
     bench = driven_axis(stage, system, axis, seed=seed)
     first = _study_record(bench)
@@ -157,21 +156,23 @@ def virtual_experiment(
     measured = bench.run(voltage)[LATE]
     modelled = _modelled(bouc_wen.model, bench, voltage)[LATE]
     difference = measured - modelled
-    whole = _reference(bench, measured)
-    reference = whole[LATE]
+    full_reference = _reference(bench, measured)
+    reference = full_reference[LATE]
     open_output = bench.run(bench.cosine(CYCLES, _SHARE))[LATE]
-    # what a constant gain, and the best offset, would have given
+    # open loop with a constant gain and the best offset
     offset = float(np.mean(open_output) - np.mean(reference))
     open_loop = tracking(reference + offset, open_output, BOUNDS)
     runs = []
-    for found in (bouc_wen, best):
-        made = feedforward(found.model, whole, 1.0 / SAMPLE_RATE_HZ, limits=bench.limits)
-        output = bench.run(made.command)[LATE]
+    for identification in (bouc_wen, best):
+        inverse = feedforward(
+            identification.model, full_reference, 1.0 / SAMPLE_RATE_HZ, limits=bench.limits
+        )
+        output = bench.run(inverse.command)[LATE]
         errors = tracking(reference, output, BOUNDS)
         runs.append(
             CompensatedRun(
-                title=MODELS[found.kind].title,
-                identification=found,
+                title=MODELS[identification.kind].title,
+                identification=identification,
                 output=output,
                 tracking=errors,
                 reduction_percent=100.0 * (1.0 - errors.loop_width / open_loop.loop_width),
@@ -194,7 +195,7 @@ def virtual_experiment(
 
 
 def _study_record(bench: DrivenAxis) -> Record:
-    """Full loops at one rate, then falling ones: what is usually recorded."""
+    """Return a typical record: full loops at one rate, then descending ones."""
     low, high = bench.limits
     t = np.arange(int(10.0 / RATE_HZ * SAMPLE_RATE_HZ)) / SAMPLE_RATE_HZ
     swing = 0.5 * (high - low) * np.interp(t * RATE_HZ, [0.0, 4.0, 10.0], [1.0, 1.0, 0.1])
@@ -203,7 +204,7 @@ def _study_record(bench: DrivenAxis) -> Record:
 
 
 def _designed_record(bench: DrivenAxis) -> Record:
-    made = excitation(
+    design = excitation(
         bench.limits,
         sample_rate=SAMPLE_RATE_HZ,
         rates=(0.5, 5.0),
@@ -211,17 +212,18 @@ def _designed_record(bench: DrivenAxis) -> Record:
         multisine=False,
         hold_time=5.0,
     )
-    return bench.record(made.voltage)
+    return bench.record(design.voltage)
 
 
 def _modelled(model: DriveModel, bench: DrivenAxis, voltage: Array) -> Array:
-    before = bench.cosine(2)
-    whole = np.concatenate((before, voltage))
-    return model.simulate(whole, 1.0 / SAMPLE_RATE_HZ, model.conditioned())[before.size :]
+    lead_in = bench.cosine(2)
+    full_voltage = np.concatenate((lead_in, voltage))
+    output = model.simulate(full_voltage, 1.0 / SAMPLE_RATE_HZ, model.conditioned())
+    return output[lead_in.size :]
 
 
 def _reference(bench: DrivenAxis, measured: Array) -> Array:
-    """A cosine over the share of the stroke that the inverse is given, about its middle."""
+    """Return a cosine over a share of the stroke, about its middle."""
     low, high = float(measured.min()), float(measured.max())
     unit = (bench.cosine(CYCLES) - bench.limits[0]) / (bench.limits[1] - bench.limits[0])
     return 0.5 * (low + high) + _SHARE * (high - low) * (unit - 0.5)

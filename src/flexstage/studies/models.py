@@ -1,4 +1,4 @@
-"""The models of a stage, each run as it is asked for."""
+"""Models of a stage by name, with their options."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,30 +33,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelRun:
-    """What one model made of a stage."""
+    """Result of one model of a stage."""
 
     analysis: Analysis
-    """What it says of the stage."""
+    """The analysis."""
     mesh: "StageModel | None" = None
-    """The finite-element model behind it, for pictures; None where there is none."""
+    """The finite-element model, for pictures; None for other models."""
     refinement: "Refinement | None" = None
-    """How its mesh was refined, where an accuracy was asked for."""
+    """Refinement of the mesh, if an accuracy was requested."""
     strokes: "tuple[FiniteStroke, ...]" = ()
-    """Motion over the whole stroke with finite displacements, where it was asked for."""
+    """Motion over the full stroke with finite displacements, if requested."""
     bars: Mapping[str, float] = field(default_factory=dict)
-    """Axial load at which each bar between two notches buckles [N], where that was asked for."""
+    """Buckling load of each bar between two notches [N], if requested."""
 
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        """Return all that the model found as plain data, with its frequency responses."""
+        """Return all results as plain data, with frequency responses."""
         return analysis_results(self.analysis, responses=True) | self.beyond_analysis()
 
     def beyond_analysis(self) -> dict[str, Any]:
-        """Return what a run has beyond its analysis, as plain data; SI units, frequencies in Hz.
+        """Return all results except the analysis as plain data; SI units, frequencies in Hz.
 
-        Only what there is of the meshes and their values, the path of each axis, and the buckling
-        load of bars [N].
+        These are meshes and their values, the path of each axis, and the buckling loads of bars
+        [N], if available.
         """
         out: dict[str, Any] = {}
         if self.refinement is not None:
@@ -96,18 +96,18 @@ class ModelRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelRuns(Result):
-    """What one model or several made of a stage."""
+    """Results of one or several models of a stage."""
 
     runs: Mapping[str, ModelRun]
-    """The run of each."""
-    left_out: Mapping[str, str]
-    """Of all models those that cannot be made of the stage, with the reason."""
+    """Result by model."""
+    skipped_models: Mapping[str, str]
+    """Skipped models and reasons."""
 
     def data(self) -> dict[str, Any]:
-        of_each = {name: run.data() for name, run in self.runs.items()}
-        if len(of_each) == 1 and not self.left_out:
-            return next(iter(of_each.values()))
-        return {"models": of_each, "left_out": dict(self.left_out)}
+        models = {name: run.data() for name, run in self.runs.items()}
+        if len(models) == 1 and not self.skipped_models:
+            return next(iter(models.values()))
+        return {"models": models, "skipped_models": dict(self.skipped_models)}
 
     def to_frame(self) -> "pandas.DataFrame":
         every = (row for run in self.runs.values() for row in run.analysis.characteristics)
@@ -121,19 +121,20 @@ def _lumped(stage: Stage, options: ModelOptions) -> ModelRun:
 def _condensed(stage: Stage, options: ModelOptions, model: str) -> ModelRun:
     with progress.subtask(0.0, 0.5 if options.estimate else 1.0):
         if options.near is None:
-            found = _superelements(stage, model, options)
+            condensed = _superelements(stage, model, options)
         else:
             with progress.subtask(0.0, 0.5):
-                found = near = _superelements_near(options.near, model, replace(options, near=None))
+                near = _superelements_near(options.near, model, replace(options, near=None))
+            condensed = near
             if stage != options.near:
                 with progress.subtask(0.5, 1.0):
-                    found = _superelements(stage, model, options, near)
-        analysis = analyse(stage, found.system)
+                    condensed = _superelements(stage, model, options, near)
+        analysis = analyse(stage, condensed.system)
     if options.estimate:
         from flexstage.fem.superelement import with_estimates
 
         with progress.subtask(0.5, 1.0):
-            analysis = with_estimates(analysis, found, cache=options.cache)
+            analysis = with_estimates(analysis, condensed, cache=options.cache)
     return ModelRun(analysis=analysis)
 
 
@@ -196,13 +197,13 @@ def _meshed(
     if options.accuracy is None:
         model = build(None)
         return ModelRun(analysis=analyse(stage, model.system), mesh=model)
-    found = refine(
+    refinement = refine(
         build, REFINEMENT_MESHES[name], accuracy=options.accuracy, quantity=options.quantity
     )
-    return ModelRun(analysis=found.analysis, mesh=found.model, refinement=found)
+    return ModelRun(analysis=refinement.analysis, mesh=refinement.model, refinement=refinement)
 
 
-#: Models by name: each makes an analysis from a stage and what is asked for.
+#: Models by name: functions of a stage and options.
 MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "lumped": _lumped,
     "superelement": partial(_condensed, model="superelement"),
@@ -211,7 +212,7 @@ MODELS: Mapping[str, Callable[[Stage, ModelOptions], ModelRun]] = {
     "solid": _solid,
 }
 
-#: What each model can be asked for.
+#: Options of each model.
 _CHOICES: Mapping[str, tuple[str, ...]] = {
     "lumped": ("plane",),
     "superelement": ("plane", "supports", "estimate"),
@@ -220,25 +221,25 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
     "solid": ("supports", "accuracy", "quantity"),
 }
 
-#: What is said where something else is asked of a model.
-_REFUSALS: Mapping[str, str] = {
+#: Messages for options that a model does not have.
+_ERRORS: Mapping[str, str] = {
     "accuracy": "--accuracy works with --model plane or solid only, got {model}",
     "estimate": "--estimate works with --model superelement or superelement-3d only, got {model}: "
     "{instead}",
-    "stroke": "only the plane model is followed over the stroke, not the {model} one: choose "
-    "plane, or leave the stroke out",
-    "plane": "the {model} model has no plane state, got '{given}': leave the option out",
-    "supports": "the bodies of the {model} model are rigid, and so are its supports",
+    "stroke": "only the plane model can be computed over the stroke, not the {model} one: choose "
+    "plane, or omit the stroke",
+    "plane": "the {model} model has no plane state, got '{value}': omit the option",
+    "supports": "the supports of the {model} model are rigid, like its bodies",
 }
 
 
 def fitting_options(model: str, options: ModelOptions) -> ModelOptions:
-    """Return what a model can be asked for of some choices, with the usual one for all others.
+    """Return the options that a model has, with default values for all others.
 
     Examples
     --------
-    >>> asked = ModelOptions(estimate=True, accuracy=0.001)
-    >>> fitting_options("solid", asked) == ModelOptions(accuracy=0.001)
+    >>> options = ModelOptions(estimate=True, accuracy=0.001)
+    >>> fitting_options("solid", options) == ModelOptions(accuracy=0.001)
     True
     """
     known_model(model)
@@ -249,40 +250,40 @@ def fitting_options(model: str, options: ModelOptions) -> ModelOptions:
 
 def run_model(stage: Stage, model: str, options: ModelOptions | None = None) -> ModelRun:
     """Analyse a stage with one of `MODELS`."""
-    usual = ModelOptions()
-    options = options or usual
+    defaults = ModelOptions()
+    options = options or defaults
     known_model(model)
-    instead = "take --accuracy" if "accuracy" in _CHOICES[model] else "leave it out"
-    for name, said in _REFUSALS.items():
-        given = getattr(options, name)
-        if name not in _CHOICES[model] and given != getattr(usual, name):
-            raise ModelError(said.format(model=model, given=given, instead=instead))
+    instead = "use --accuracy" if "accuracy" in _CHOICES[model] else "omit it"
+    for name, message in _ERRORS.items():
+        value = getattr(options, name)
+        if name not in _CHOICES[model] and value != getattr(defaults, name):
+            raise ModelError(message.format(model=model, value=value, instead=instead))
     _require_computable(stage)
     return MODELS[model](stage, options)
 
 
 def _require_computable(stage: Stage) -> None:
-    """Refuse, before any time is spent, what no model can compute, by the names that it has."""
-    # largest ratio of two masses that floats can be trusted with
-    farthest_masses = 1e12
+    """Reject a stage that no model can compute, before any computation."""
+    # largest ratio of two masses, for the precision of floating-point numbers
+    largest_ratio = 1e12
     for hinge in stage.hinges:
         require_sizes(hinge.profile, f" of hinge '{hinge.name}'")
         root_widths(stage, hinge)
-    masses = {name: found.mass for name, found in mass_properties(stage).items()}
+    masses = {name: body.mass for name, body in mass_properties(stage).items()}
     fixed = {body.name for body in stage.bodies if body.fixed}
     by_mass = sorted((mass, name) for name, mass in masses.items() if name not in fixed)
-    if by_mass and by_mass[-1][0] > farthest_masses * by_mass[0][0]:
+    if by_mass and by_mass[-1][0] > largest_ratio * by_mass[0][0]:
         (light, lightest), (heavy, heaviest) = by_mass[0], by_mass[-1]
         raise ModelError(
-            f"body '{heaviest}' has {heavy:.3g} kg and '{lightest}' {light:.3g} kg, too far apart "
-            "to compute with: correct the masses"
+            f"body '{heaviest}' has {heavy:.3g} kg and '{lightest}' {light:.3g} kg, too "
+            "different to compute: correct the masses"
         )
 
 
 def known_model(model: str) -> None:
-    """Refuse a model that there is not."""
+    """Reject an unknown model."""
     if model not in MODELS:
-        raise ModelError(f"the model '{model}' is not known: choose from {', '.join(MODELS)}")
+        raise ModelError(f"the model '{model}' is unknown: choose from {', '.join(MODELS)}")
 
 
 def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
@@ -291,7 +292,7 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
     if not names:
         raise ModelError(f"--model names no model: choose from {', '.join(MODELS)}")
     runs: dict[str, ModelRun] = {}
-    left_out: dict[str, str] = {}
+    skipped: dict[str, str] = {}
     for i, name in enumerate(names):
         with progress.subtask(i / len(names), (i + 1) / len(names)):
             try:
@@ -299,10 +300,10 @@ def run_models(stage: Stage, request: AnalyseRequest) -> ModelRuns:
             except FlexstageError as error:
                 if "all" not in request.model:
                     raise
-                left_out[name] = str(error)
+                skipped[name] = str(error)
     if not runs:
-        raise ModelError(f"no model is possible: {next(iter(left_out.values()))}")
-    return ModelRuns(request=request, runs=runs, left_out=left_out)
+        raise ModelError(f"no model is possible: {next(iter(skipped.values()))}")
+    return ModelRuns(request=request, runs=runs, skipped_models=skipped)
 
 
 def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Analysis:
@@ -311,11 +312,11 @@ def analyse_model(stage: Stage, model: str, *, near: Stage | None = None) -> Ana
 
 
 def stage_export(stage: Stage, request: "ExportRequest") -> "StageExport":
-    """Return a stage for other programs, which is analysed where a format needs it."""
+    """Return the export of a stage, which is analysed if a format needs it."""
     from flexstage.export.request import StageExport
 
-    def analysed(asked: "ExportRequest") -> "tuple[Analysis, StageModel | None]":
-        run = run_model(stage, asked.model, ModelOptions(plane=asked.plane))
+    def analyse_for(request: "ExportRequest") -> "tuple[Analysis, StageModel | None]":
+        run = run_model(stage, request.model, ModelOptions(plane=request.plane))
         return run.analysis, run.mesh
 
-    return StageExport(stage=stage, request=request, analyse=analysed)
+    return StageExport(stage=stage, request=request, analyse=analyse_for)

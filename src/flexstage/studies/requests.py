@@ -1,4 +1,4 @@
-"""What is asked of the models of a stage, one or several."""
+"""Requests of analyses and studies of a stage."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -11,17 +11,17 @@ from flexstage.system.requests import ModelName, ModelNames
 if TYPE_CHECKING:
     from flexstage.files.cache.cache import Cache
     from flexstage.stage import Stage
-else:  # a command reads texts; their classes need NumPy
+else:  # their classes need NumPy, which the help of a command does not import
     Cache = Stage = object
 
-#: What a study does beside the models of a stage.
+#: Parts of a study in addition to the models of a stage.
 StudyPart = Literal["identification", "virtual", "traditional", "none"]
 ALL_PARTS: tuple[StudyPart, ...] = ("identification", "virtual", "traditional")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions(Request):
-    """What is asked of a model beyond its stage."""
+    """Options of a model."""
 
     plane: Plane = "auto"
     """Plane state of the notches."""
@@ -30,59 +30,59 @@ class ModelOptions(Request):
     such as 0.1%.
     """
     quantity: Annotated[str, Written("NAME")] = "natural_frequency_hz"
-    """Quantity that --accuracy refers to, such as max_stress."""
+    """Quantity for --accuracy, such as max_stress."""
     estimate: bool = False
-    """Estimate the error of each figure, by bodies of a lower order and with more modes
-    (superelement models; the first analysis takes twice as long).
+    """Estimate the error of each figure, with bodies of a lower order and with more modes
+    (superelement models; doubles the time of the first analysis).
     """
     supports: Literal["rigid", "elastic"] = "rigid"
-    """Rigid or elastic frame under the reactions of the drives (all models but the lumped one)."""
+    """Rigid or elastic frame under the reactions of the drives (all models except lumped)."""
     stroke: bool = False
     """Compute each axis over its stroke with large displacements (plane model): straightness,
     stiffening, buckling.
     """
     cache: Cache | bool = field(default=True, compare=False)
-    """Where condensed bodies of superelements are kept, True for the user's cache."""
+    """Cache of condensed bodies of superelements, True for the user's cache."""
     near: Stage | None = field(default=None, compare=False)
-    """A stage that differs little, whose superelements serve: only what differs is computed."""
+    """A similar stage, whose superelements are reused for equal bodies."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalyseRequest(Request):
-    """An analysis: a stage by one model or several."""
+    """Analysis of a stage by one or several models."""
 
     model: ModelNames = ("superelement",)
-    """Models with commas between, or all."""
+    """Models, separated by commas, or all."""
     options: ModelOptions = ModelOptions()
-    """What is asked of each."""
+    """Options of each model."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyRequest(Request):
-    """A study: models of a stage beside what was published of it."""
+    """Study: models of a stage compared with published values."""
 
     model: ModelNames = ("lumped", "superelement", "plane", "superelement-3d")
-    """Models with commas between, or all."""
+    """Models, separated by commas, or all."""
     plane: Plane = "auto"
     """Plane state of the notches."""
     parts: Annotated[tuple[StudyPart, ...], Written("NAMES", commas=True)] = ALL_PARTS
-    """What is done beside the models, with commas between: identification (identify and compensate
-    the hysteresis of piezo drives on a simulated stage), virtual (simulate measurements of the
-    stage, and centring an encoder scale with it), traditional (set motion errors and drift of a
-    stage of the study against those of traditional stages); or none.
+    """Further parts, separated by commas: identification (identify and compensate the hysteresis of
+    piezo drives on a simulated stage), virtual (simulate measurements of the stage, and the
+    centring of an encoder scale), traditional (compare motion errors and drift of a stage of the
+    study with those of traditional stages); or none.
     """
     seed: Seed = 1
-    """Random seed of the simulated stage, and of stages as they are made."""
+    """Random seed of the simulated stage, and of manufactured samples."""
 
     @classmethod
     def of_models(cls, *model: ModelName) -> "StudyRequest":
-        """Return a study of some models, and nothing beside them."""
+        """Return a study of models without further parts."""
         return cls(model=model, parts=("none",))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRequest(Request):
-    """What measurements of a stage are compared with, beside what was published of it."""
+    """Comparison of measurements of a stage with models and published values."""
 
     model: ModelNames = ("lumped", "superelement")
-    """Models with commas between, or all."""
+    """Models, separated by commas, or all."""

@@ -1,4 +1,4 @@
-"""Parts of a study as plain data: `results.schema.json` describes `results.json`, their whole."""
+"""Parts of a study as plain data; `results.schema.json` describes `results.json`."""
 
 from typing import Any
 
@@ -9,22 +9,22 @@ from flexstage.system.coupled_axes import CoupledAxes
 
 
 def characteristic_row(row: Characteristic) -> dict[str, Any]:
-    """Return a characteristic as a row of the tidy table, with the criterion that it fails."""
-    named = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "note", "failing")
-    return picked(row, *named)
+    """Return a characteristic as a row of the table, with the violated criterion."""
+    fields = ("quantity", "axis", "origin", "value", "unit", "uncertainty", "note", "failing")
+    return picked(row, *fields)
 
 
 def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str, Any]:
     """Return an analysis as plain data; SI units, frequencies in Hz.
 
-    With the motion of the probes under one unit of each load on the whole stage [m]; the frequency
-    responses, which are long, where asked for.
+    It has the motion of the probes under a unit of each load on the stage [m]; with `responses`
+    also the frequency responses.
     """
-    readings = load_readings(analysis.system) if _is_held(analysis) else {}
+    readings = load_readings(analysis.system) if _is_constrained(analysis) else {}
     out: dict[str, Any] = {
         "model": analysis.system.model,
         "characteristics": [characteristic_row(row) for row in analysis.characteristics],
-        "modes": {condition: _mode_rows(found) for condition, found in analysis.modes.items()},
+        "modes": {condition: _mode_rows(modes) for condition, modes in analysis.modes.items()},
         **picked(analysis, "hinge_stress"),
         "loads": {
             load.name: {"unit": load.unit, "readings": readings[load.name]}
@@ -53,28 +53,28 @@ def analysis_results(analysis: Analysis, *, responses: bool = False) -> dict[str
     return out
 
 
-def _mode_rows(found: Modes) -> list[dict[str, Any]]:
-    """Return modes as plain data, with the estimate of the error of each frequency if there is."""
+def _mode_rows(modes: Modes) -> list[dict[str, Any]]:
+    """Return modes as plain data, with the estimated error of each frequency, if known."""
     rows = [
         {"natural_frequency_hz": plain(f), "damping_ratio": plain(zeta)}
-        for f, zeta in zip(found.frequency_hz, found.damping_ratio, strict=True)
+        for f, zeta in zip(modes.frequency_hz, modes.damping_ratio, strict=True)
     ]
-    if found.uncertainty_hz is not None:
-        for row, u in zip(rows, found.uncertainty_hz, strict=True):
+    if modes.uncertainty_hz is not None:
+        for row, u in zip(rows, modes.uncertainty_hz, strict=True):
             row["uncertainty_hz"] = plain(u)
     return rows
 
 
-def coupling_results(found: CoupledAxes) -> dict[str, Any]:
-    """Return what all drives do to all axes as plain data, in SI units.
+def coupling_results(coupling: CoupledAxes) -> dict[str, Any]:
+    """Return the coupling of drives and axes as plain data, in SI units.
 
-    Rows of the Jacobian are axes and its columns drives; of the decoupling matrix, which is None
-    where the drives cannot move one axis alone, it is the other way round.
+    Rows of the Jacobian are axes and its columns drives. The decoupling matrix, with rows for
+    drives, is None if the drives cannot move one axis alone.
     """
-    reached = found.workspace
+    workspace = coupling.workspace
     return {
         **picked(
-            found,
+            coupling,
             "axes=names",
             "units",
             "drives",
@@ -87,13 +87,13 @@ def coupling_results(found: CoupledAxes) -> dict[str, Any]:
             "manipulability",
             "coupled",
         ),
-        "decoupling": plain(found.decoupling) if found.independent else None,
+        "decoupling": plain(coupling.decoupling) if coupling.independent else None,
         "workspace": None
-        if reached is None
+        if workspace is None
         else {
-            **picked(reached, "axes", "middle", "area", "projected_area", "volume"),
-            "outline": plain(reached.section()),
-            "projection": plain(reached.projection),
+            **picked(workspace, "axes", "middle", "area", "projected_area", "volume"),
+            "outline": plain(workspace.section()),
+            "projection": plain(workspace.projection),
         },
     }
 
@@ -103,7 +103,7 @@ def results_json(results: dict[str, Any]) -> bytes:
     return json_text(results).encode()
 
 
-def _is_held(analysis: Analysis) -> bool:
-    """Tell whether every body resists motion, so that loads have a static answer."""
+def _is_constrained(analysis: Analysis) -> bool:
+    """Return whether the stage has no rigid-body mode, so that static loads have a solution."""
     f = analysis.modes["removed"].frequency_hz
     return bool(f.size) and float(f[0]) > 1e-6 * float(f.max())

@@ -1,4 +1,4 @@
-"""The main job: every model of a stage, beside what others gave for it."""
+"""Study: comparison of all models of a stage with published values and measurements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -37,23 +37,23 @@ if TYPE_CHECKING:
     from flexstage.studies.traditional import TraditionalComparison
     from flexstage.studies.virtual_experiments import CentringTrial
 
-#: What a study asks of a model beyond its usual mesh.
-_ASKED: Mapping[str, ModelOptions] = {
+#: Options of the models in a study.
+_OPTIONS: Mapping[str, ModelOptions] = {
     "superelement": ModelOptions(estimate=True),
     "plane": ModelOptions(accuracy=1e-3, stroke=True),
 }
 
-#: Models of which the other choice of plane state is shown as well: it costs little.
-_BOUNDED = ("lumped", "plane")
+#: Models with a variant of the other plane state, which takes little time.
+_WITH_VARIANT = ("lumped", "plane")
 
-#: Models in space, which have no plane state to choose.
-_IN_SPACE = ("superelement-3d", "solid")
+#: Three-dimensional models, without plane state.
+_THREE_DIMENSIONAL = ("superelement-3d", "solid")
 
-#: Models that are made as fast as read: bodies in space are kept by themselves, and their stress at
-#: all points by all coordinates would be as much again on disk.
-_QUICK = ("lumped", "superelement-3d")
+#: Models that are not cached: computing them is as fast as reading. Bodies of superelement-3d have
+#: a cache, and stress matrices of all points would double its size.
+_UNCACHED = ("lumped", "superelement-3d")
 
-#: Time that the models take beside one another, for the progress that is told.
+#: Relative computing times of the models, for the progress display.
 _WEIGHTS: Mapping[str, float] = {
     "lumped": 0.1,
     "superelement": 1.0,
@@ -62,22 +62,22 @@ _WEIGHTS: Mapping[str, float] = {
     "solid": 14.0,
 }
 
-#: And the comparison with traditional stages beside them.
+#: Relative computing time of the comparison with traditional stages.
 _TRADITIONAL = 0.6
 
-#: Share of a model's time that is over before its other choice of plane state.
-_BEFORE_OTHER = 0.9
+#: Share of a model in the time of the model and its variant.
+_BEFORE_VARIANT = 0.9
 
-#: Share of the time that experiments on the virtual stage take.
+#: Share of experiments on the virtual stage in the total time.
 _EXPERIMENT = 0.1
 
-#: Responses and modes are drawn of the first of these that was run.
-_DRAWN = ("superelement", "plane", "lumped", "superelement-3d", "solid")
+#: Models for figures of responses and modes, in the order of preference.
+_MAIN_MODELS = ("superelement", "plane", "lumped", "superelement-3d", "solid")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Study(Result):
-    """A stage, what each model says of it, and what others gave for it."""
+    """Result of a study: a stage with analyses, published values and measurements."""
 
     table_key: ClassVar[str] = "characteristics"
 
@@ -86,27 +86,27 @@ class Study(Result):
     analyses: Mapping[str, Analysis]
     """Analysis by model."""
     variants: Mapping[str, Analysis]
-    """The same models with another choice of plane stress or strain, by what they are called."""
+    """Variants with the other plane state, by name."""
     paths: Mapping[str, StrokePath]
-    """Motion over the whole stroke with finite rotations, by axis; of the lumped model."""
+    """Motion over the full stroke with finite rotations by the lumped model, by axis."""
     runs: Mapping[str, ModelRun] = field(default_factory=dict)
-    """Run of each model, with the mesh behind it."""
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    """Why a model could not be made of this stage, by model."""
+    """Run of each model, with its mesh."""
+    skipped_models: Mapping[str, str] = field(default_factory=dict)
+    """Skipped models and reasons."""
     experiments: "Mapping[str, AxisExperiment]" = field(default_factory=dict)
     """Identification and compensation of hysteresis on the virtual stage, by axis."""
-    experiments_left_out: Mapping[str, str] = field(default_factory=dict)
-    """Why that could not be done, by axis."""
+    skipped_experiments: Mapping[str, str] = field(default_factory=dict)
+    """Axes without these experiments and reasons."""
     measured: "Characterisation | None" = None
-    """What was measured of the stage; its rows stand in the table."""
+    """Measurements of the stage; the table contains them."""
     virtual: "MeasurementComparison | str | None" = None
-    """What measuring a virtual stage gave, or why that could not be done."""
+    """Simulated measurements of the virtual stage, or the reason why there are none."""
     centring: "CentringTrial | str | None" = None
-    """An encoder scale that was centred on the virtual table, or why that could not be done."""
+    """Simulated centring of an encoder scale, or the reason why there is none."""
     traditional: "TraditionalComparison | None" = None
-    """Its motion errors and drift beside those of traditional stages, where any is claimed."""
+    """Comparison of motion errors and drift with traditional stages, for claims of the study."""
     read: tuple[str, ...] = ()
-    """What was read from the cache instead of being computed again."""
+    """Names of results from the cache."""
 
     __repr__ = short_repr
 
@@ -119,8 +119,8 @@ class Study(Result):
                 | self.runs.get(name, ModelRun(analysis=a)).beyond_analysis()
                 for name, a in self.analyses.items()
             },
-            "left_out": dict(self.left_out),
-            "hysteresis": {axis: made.data() for axis, made in self.experiments.items()},
+            "skipped_models": dict(self.skipped_models),
+            "hysteresis": {axis: e.data() for axis, e in self.experiments.items()},
             "virtual_measurement": _or_reason(self.virtual),
             "centring": _or_reason(self.centring),
             "traditional": _or_reason(self.traditional),
@@ -129,14 +129,14 @@ class Study(Result):
 
     @property
     def characteristics(self) -> Characteristics:
-        """What was published, then what each model gives, then what was measured."""
+        """Published values, then those of each model, then measured ones."""
         ours = (row for analysis in self.analyses.values() for row in analysis.characteristics)
         measured = () if self.measured is None else self.measured.characteristics
         return Characteristics((*self.stage.published, *ours, *measured))
 
     @property
     def comparison(self) -> Comparison:
-        """All of it side by side."""
+        """Comparison of all characteristics."""
         return compare(
             self.characteristics,
             {name: analysis.characteristics for name, analysis in self.variants.items()},
@@ -144,15 +144,15 @@ class Study(Result):
 
     @property
     def main(self) -> Analysis:
-        """The analysis that figures are drawn of: of the model that comes first in `_DRAWN`."""
-        for name in _DRAWN:
+        """Analysis for figures: of the first available model of `_MAIN_MODELS`."""
+        for name in _MAIN_MODELS:
             if name in self.analyses:
                 return self.analyses[name]
         return next(iter(self.analyses.values()))
 
     @property
     def springs(self) -> tuple[HingeSpring, ...]:
-        """Springs of the hinges, as the model that figures are drawn of takes them."""
+        """Springs of the hinges with the options of the main analysis."""
         settings = self.main.provenance.settings
         used = settings.get("plane", "")
         return hinge_springs(
@@ -162,8 +162,8 @@ class Study(Result):
         )
 
     @property
-    def measured_beside(self) -> "MeasurementComparison | None":
-        """What was measured of the stage, beside what was published and what each model gives."""
+    def measurement_comparison(self) -> "MeasurementComparison | None":
+        """Comparison of measurements with published values and models."""
         if self.measured is None:
             return None
         from flexstage.studies.measurement import compare_with_references
@@ -172,35 +172,33 @@ class Study(Result):
         return compare_with_references(self.measured, self.stage, others)
 
     def diagrams(self) -> dict[str, bytes]:
-        """Draw the structural diagrams of the axes by the lumped model as SVG, by file.
+        """Return the block diagrams of the axes by the lumped model as SVG, by file.
 
-        Stacks have the hysteresis that was identified here, and that of usual ones otherwise.
+        Stacks have the identified hysteresis, if any, else that of a typical stack.
         """
         from flexstage.export.diagram.svg import diagram_files
         from flexstage.hysteresis import dynamic_model
 
-        identified = {
-            axis: made.runs[0].identification.model for axis, made in self.experiments.items()
-        }
+        identified = {axis: e.runs[0].identification.model for axis, e in self.experiments.items()}
         lumped = self.analyses["lumped"].system
         model = dynamic_model(self.stage, lumped, hysteresis=identified or "usual")
         return diagram_files(self.stage, model=model)
 
 
 def _without_table(analysis: Analysis) -> dict[str, Any]:
-    """All of an analysis but its characteristics, which stand in the table of the study."""
+    """Return an analysis as plain data without characteristics, which are in the table."""
     results = analysis_results(analysis)
     del results["characteristics"]
     return results
 
 
 def _or_reason(
-    found: "MeasurementComparison | CentringTrial | TraditionalComparison | str | None",
+    result: "MeasurementComparison | CentringTrial | TraditionalComparison | str | None",
 ) -> dict[str, Any]:
-    """Return a result as plain data, or why there is none; nothing where it was not asked for."""
-    if found is None:
+    """Return a result as plain data, or the reason for its absence; empty if not requested."""
+    if result is None:
         return {}
-    return {"reason": found} if isinstance(found, str) else found.data()
+    return {"reason": result} if isinstance(result, str) else result.data()
 
 
 def run_study(
@@ -209,34 +207,34 @@ def run_study(
     *,
     measured: "Characterisation | None" = None,
     cache: "Cache | Path | str | bool" = False,
-    **asked: Any,
+    **fields: Any,
 ) -> Study:
-    """Run the models of a stage.
+    """Run a study of a stage.
 
     Parameters
     ----------
     stage : Stage
         The stage.
     request : StudyRequest, optional
-        Models, and what is done beside them; the lumped model alone where None.
+        Models and further parts; by default the lumped model alone.
     measured : Characterisation, optional
-        What was measured of the stage.
+        Measurements of the stage.
     cache : Cache or path or bool
-        Where models and experiments are kept, and read where nothing changed that they depend on:
-        True for the user's cache (``$FLEXSTAGE_CACHE``), a directory, or False for nowhere.
-    **asked
-        Fields of the request in place of its own.
+        Cache of models and experiments, which are read if their input is unchanged: True for the
+        user's cache (``$FLEXSTAGE_CACHE``), a directory, or False for none.
+    **fields
+        Fields of the request that replace its own.
 
     Returns
     -------
     Study
-        The results, plane models also with the other choice of plane state. Of several models, one
-        that cannot be made of this stage is left out, with the reason.
+        The results, with variants of the other plane state. Of several models, impossible ones are
+        skipped with the reason.
 
     Raises
     ------
     ModelError
-        No model is named, or one that does not exist.
+        No model is named, or a model is unknown.
 
     Examples
     --------
@@ -246,81 +244,80 @@ def run_study(
     >>> print(f"{row.axis}: {row.value('published-analytic'):.0f} Hz")
     x: 339 Hz
     """
-    request = request_of(StudyRequest, request or StudyRequest.of_models("lumped"), asked)
+    request = request_of(StudyRequest, request or StudyRequest.of_models("lumped"), fields)
     models, plane = models_of(request.model), request.plane
     if not models:
         raise ModelError(f"no model is named: choose from {', '.join(MODELS)}")
     memory = Memory(open_cache(cache))
     runs: dict[str, ModelRun] = {}
     variants: dict[str, Analysis] = {}
-    left_out: dict[str, str] = {}
+    skipped: dict[str, str] = {}
     weights = [_WEIGHTS.get(model, 1.0) for model in models]
-    beside = "traditional" in request.parts and stage.name in MOTION_ERROR_CLAIMS
-    whole = (sum(weights) + _TRADITIONAL * beside) / (
+    with_traditional = "traditional" in request.parts and stage.name in MOTION_ERROR_CLAIMS
+    total = (sum(weights) + _TRADITIONAL * with_traditional) / (
         1.0 - _EXPERIMENT if {"identification", "virtual"} & set(request.parts) else 1.0
     )
     done = 0.0
     for model, weight in zip(models, weights, strict=True):
-        with progress.subtask(done / whole, (done + weight) / whole):
-            own: Plane = "auto" if model in _IN_SPACE else plane
+        with progress.subtask(done / total, (done + weight) / total):
+            model_plane: Plane = "auto" if model in _THREE_DIMENSIONAL else plane
             try:
-                with progress.subtask(0.0, _BEFORE_OTHER if model in _BOUNDED else 1.0):
-                    options = replace(_ASKED.get(model, ModelOptions()), plane=own)
+                with progress.subtask(0.0, _BEFORE_VARIANT if model in _WITH_VARIANT else 1.0):
+                    options = replace(_OPTIONS.get(model, ModelOptions()), plane=model_plane)
                     runs[model] = _recalled(memory, model, stage, options)
             except (ModelError, StageError) as error:
                 if len(models) == 1:
                     raise
-                left_out[model] = str(error)
+                skipped[model] = str(error)
                 continue
             finally:
                 done += weight
             used = runs[model].analysis.provenance.settings.get("plane", "")
-            if model in _BOUNDED and used:
-                # plane strain belongs to wide notches; where it was used plane stress is the
-                # other bound
+            if model in _WITH_VARIANT and used:
+                # plane strain is for wide notches, and plane stress is then the other bound
                 other: Plane = "stress" if "strain" in used else "strain"
-                with progress.subtask(_BEFORE_OTHER, 1.0):
+                with progress.subtask(_BEFORE_VARIANT, 1.0):
                     name = f"{model}, plane {other}"
                     options = ModelOptions(plane=other)
                     variants[name] = _recalled(memory, model, stage, options, name).analysis
     if not runs:
-        raise ModelError("; ".join(f"{model}: {why}" for model, why in left_out.items()))
+        raise ModelError("; ".join(f"{model}: {reason}" for model, reason in skipped.items()))
     analyses = {model: run.analysis for model, run in runs.items()}
     paths: Mapping[str, StrokePath] = {}
     if "lumped" in analyses:
         paths, analyses["lumped"] = _over_the_stroke(stage, analyses["lumped"], plane)
-    compared = None
-    if beside:
-        with progress.subtask(done / whole, (done + _TRADITIONAL) / whole):
-            compared = _compared(stage, runs, request.seed, memory)
-    made = Study(
+    traditional = None
+    if with_traditional:
+        with progress.subtask(done / total, (done + _TRADITIONAL) / total):
+            traditional = _compared(stage, runs, request.seed, memory)
+    study = Study(
         request=request,
         stage=stage,
         analyses=analyses,
         variants=variants,
         paths=paths,
         runs=runs,
-        left_out=left_out,
+        skipped_models=skipped,
         measured=measured,
-        traditional=compared,
+        traditional=traditional,
     )
     with progress.subtask(1.0 - _EXPERIMENT, 1.0):
-        found = carry_out(
+        experiments = carry_out(
             stage,
-            made.main.system,
+            study.main.system,
             measure="virtual" in request.parts,
             compensate="identification" in request.parts,
             seed=request.seed,
             memory=memory,
         )
-    of_stage = {verb: given for (verb, _), given in found.items() if verb != "verify"}
-    of_axes = {axis: given for (verb, axis), given in found.items() if verb == "verify"}
+    of_stage = {verb: result for (verb, _), result in experiments.items() if verb != "verify"}
+    of_axes = {axis: result for (verb, axis), result in experiments.items() if verb == "verify"}
     return replace(
-        made,
+        study,
         virtual=of_stage.get("characterise"),
         centring=of_stage.get("centre"),
-        experiments={a: given for a, given in of_axes.items() if not isinstance(given, str)},
-        experiments_left_out={a: why for a, why in of_axes.items() if isinstance(why, str)},
+        experiments={a: result for a, result in of_axes.items() if not isinstance(result, str)},
+        skipped_experiments={a: reason for a, reason in of_axes.items() if isinstance(reason, str)},
         read=memory.read,
     )
 
@@ -328,9 +325,9 @@ def run_study(
 def _recalled(
     memory: Memory, model: str, stage: Stage, options: ModelOptions, name: str = ""
 ) -> ModelRun:
-    """Run a model, or read what it gave, where that saves time."""
+    """Run a model, or read its result from the cache if that saves time."""
     options = replace(options, cache=memory.cache or False)
-    if model in _QUICK:
+    if model in _UNCACHED:
         return run_model(stage, model, options)
     return memory.recall(name or model, run_model, stage, model, options)
 
@@ -338,7 +335,7 @@ def _recalled(
 def _compared(
     stage: Stage, runs: Mapping[str, ModelRun], seed: int, memory: Memory
 ) -> "TraditionalComparison":
-    """Compare with traditional stages, with what the models gave of this one."""
+    """Compare with traditional stages, with results of the models."""
     from flexstage.studies.traditional import compare_traditional
 
     system = runs["superelement"].analysis.system if "superelement" in runs else None
@@ -351,7 +348,7 @@ def _compared(
 def _over_the_stroke(
     stage: Stage, analysis: Analysis, plane: Plane
 ) -> tuple[dict[str, StrokePath], Analysis]:
-    """Follow each axis with finite rotations, and add its straightness to the characteristics."""
+    """Compute each axis with finite rotations, and add its straightness to the characteristics."""
     states = 21  # along a stroke
     model = mechanism(stage, plane=plane)
     paths: dict[str, StrokePath] = {}
@@ -359,13 +356,13 @@ def _over_the_stroke(
     validity = list(analysis.validity)
     for axis in analysis.axes:
         if len(axis.drives) > 1 or stage.probe(axis.probe).direction is None:
-            # the line of one drive is followed, and what a point does
+            # the path needs a single drive and a probe of displacement
             continue
         steps = np.linspace(0.0, axis.input_displacement, states)
         try:
             path = stroke_path(model, axis.drive, axis.probe, steps)
         except (ConvergenceError, ModelError) as error:
-            validity.append(f"Axis {axis.axis} could not be followed over its stroke: {error}.")
+            validity.append(f"Axis {axis.axis} could not be computed over its stroke: {error}.")
             continue
         paths[axis.axis] = path
         straightness = Characteristic(
@@ -374,8 +371,8 @@ def _over_the_stroke(
             origin=analysis.system.model,
             value=path.straightness,
             unit=QUANTITIES["straightness"].unit,
-            note="finite rotations over the full stroke: largest less smallest distance from the "
-            "least-squares straight line",
+            note="finite rotations over the full stroke: peak to valley about the least-squares "
+            "straight line",
         )
         last = max(i for i, row in enumerate(rows) if row.axis == axis.axis)
         rows.insert(last + 1, straightness)

@@ -1,4 +1,4 @@
-"""Motion errors and drift of a stage beside traditional ones, and what holds of the claims."""
+"""Comparison of motion errors and drift of a stage with traditional stages, for its claims."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,14 @@ from flexstage.quantities.characteristic import measured_value
 from flexstage.stage import Stage, mass_properties
 from flexstage.stage.designs.vgtu import MOTION_ERROR_CLAIMS
 from flexstage.stage.mass import outer_size
-from flexstage.studies.motion_errors import SAMPLES, AxisErrors, GuidedAxis, axis_errors
-from flexstage.studies.traditional_stages import (
+from flexstage.studies.guided_axes import (
     CROSSED_ROLLERS,
+    SAMPLES,
+    AxisErrors,
     CatalogueGuide,
+    GuidedAxis,
     axis_dimensions,
+    axis_errors,
     guide_leg,
     guides_on_one_side,
     traditional_axes,
@@ -37,13 +40,13 @@ if TYPE_CHECKING:
     from flexstage.fem.stroke import FiniteStroke
 
 
-#: What counts as the motion error of an axis over its travel: all of its motion across, what is
-#: left of it beside a straight line, or its rotation in the plane.
+#: Measures of the motion error of an axis over its travel: transverse motion, straightness error,
+#: or yaw.
 Measure = Literal["across", "straightness", "yaw"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 
-#: Changes of temperature that are set against each other, by the loads of a model: one kelvin, and
-#: one kelvin over this length.
+#: Compared changes of temperature, by the loads of a model: one kelvin, and one kelvin over this
+#: length [m].
 SPAN = 0.1
 LOADS: Mapping[str, float] = {
     "temperature": 1.0,
@@ -54,77 +57,77 @@ LOADS: Mapping[str, float] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ComparedStage:
-    """What is set against each other of a stage."""
+    """Compared figures of a stage."""
 
     title: str
-    """What it is."""
+    """Name of the stage."""
     axes: Mapping[str, AxisErrors]
     """Motion errors by axis."""
     frequency_hz: Mapping[str, float]
-    """Natural frequency of the mode by which each drive moves its probe, drives removed [Hz]."""
+    """Natural frequency of the mode of each axis, drives removed [Hz]."""
     drift: Mapping[str, tuple[float, float, float]]
-    """Motion of the platform in x, y [m] and its rotation [rad] by each of `LOADS`."""
+    """Motion of the platform in x, y [m] and its rotation [rad] under each of `LOADS`."""
     size: tuple[float, float, float]
     """Outer length, width and height [m]."""
     mass: float
     """Mass without drives [kg]."""
     actuators: str
-    """What drives it, with the strokes that the travel takes."""
+    """Actuators, with their strokes over the travel."""
 
     __repr__ = short_repr
 
     def worse(self, measure: Measure) -> Array:
-        """Return the figure of the worse axis of each sample [m, or rad], shape (samples,)."""
+        """Return the error of the worse axis for each sample [m, or rad], shape (samples,)."""
         return np.max([getattr(axis, measure) for axis in self.axes.values()], axis=0)
 
     def median(self, measure: Measure) -> float:
-        """Return the median of that over the samples [m, or rad]."""
+        """Return the median over the samples of the worse axis [m, or rad]."""
         return float(np.median(self.worse(measure)))
 
     @property
     def axis_errors(self) -> dict[str, float]:
-        """Median of the motion across of each axis [m]."""
+        """Median of the transverse motion of each axis [m]."""
         return {name: float(np.median(axis.across)) for name, axis in self.axes.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduction:
-    """By how much the motion error of a stage is below that of another."""
+    """Reduction of the motion error relative to another stage."""
 
     against: str
-    """The other one."""
+    """Name of the other stage."""
     other: float
-    """Its motion error, median of its samples [m, or rad]."""
+    """Median motion error of the other stage [m, or rad]."""
     reduction: float
-    """Part by which the median is below it [1]; negative where it is above."""
+    """Relative reduction of the median [1]; negative for an increase."""
     share: float
-    """Share of pairs of samples in which the claimed reduction is reached [1]."""
+    """Share of pairs of samples with the claimed reduction [1]."""
     holds: bool
-    """Whether the medians have the claimed reduction."""
+    """True if the medians have the claimed reduction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TraditionalComparison:
-    """A stage of the study beside traditional ones."""
+    """Comparison of a stage of the study with traditional ones."""
 
     claim: float
     """Claimed reduction of motion errors [1]."""
-    own: ComparedStage
+    stage: ComparedStage
     """The stage."""
     others: tuple[ComparedStage, ...]
-    """Traditional ones, of the same stroke, material, plate and legs."""
+    """Traditional stages with the same stroke, material, plate and legs."""
     catalogue: CatalogueGuide
-    """A guide of which only the catalogue is known."""
+    """A commercial guide, by its specification."""
     asymmetric: ComparedStage
-    """The stage with its guide legs on one side only."""
+    """The stage with guide legs on one side only."""
     measured: float | None
-    """Largest motion across that was measured and published [m]."""
+    """Largest published measured transverse motion [m]."""
     legs: Mapping[str, float]
     """Distance between the necks of a leg by axis [m]."""
     scatter: Scatter
-    """The process that made them."""
+    """Scatter of the process."""
     samples: int
-    """How many of each were made."""
+    """Number of samples of each stage."""
 
     __repr__ = short_repr
 
@@ -133,15 +136,15 @@ class TraditionalComparison:
 
         Motion errors are medians and 95 % quantiles of the samples.
         """
-        stages = (self.own, *self.others, self.asymmetric)
+        stages = (self.stage, *self.others, self.asymmetric)
         return {
             **picked(self, "claim", "samples", "measured", "implied", "longest_leg", "scatter"),
             "stages": [
                 {
                     **picked(stage, "title", "frequency_hz", "size", "mass", "actuators"),
                     "drift": {
-                        load: dict(zip(("x", "y", "rotation"), moved, strict=True))
-                        for load, moved in stage.drift.items()
+                        load: dict(zip(("x", "y", "rotation"), motion, strict=True))
+                        for load, motion in stage.drift.items()
                     },
                     "axes": {
                         name: {
@@ -167,55 +170,56 @@ class TraditionalComparison:
                 ]
                 for measure in MEASURES
             },
-            "verdict": [*verdict(self), *drift_verdict(self)],
+            "conclusions": [*conclusions(self), *drift_conclusions(self)],
         }
 
     def reductions(self, measure: Measure = "across") -> tuple[Reduction, ...]:
-        """Say by how much the stage is below each of the others, by a measure of motion errors.
+        """Return the reductions relative to each other stage, by a measure of motion errors.
 
-        What a catalogue states of straightness counts for motion across as well, and says nothing
-        of yaw.
+        The specified straightness of a commercial guide is used for transverse motion as well;
+        there is none for yaw.
         """
         figures = [(s.title, s.worse(measure)) for s in (*self.others, self.asymmetric)]
         if measure != "yaw":
-            stated = np.full(self.samples, self.catalogue.straightness)
-            figures.append((self.catalogue.title, stated))
-        return tuple(self._below(title, measure, figure) for title, figure in figures)
+            specified = np.full(self.samples, self.catalogue.straightness)
+            figures.append((self.catalogue.title, specified))
+        return tuple(self._reduction(title, measure, figure) for title, figure in figures)
 
-    def _below(self, title: str, measure: Measure, other: Array) -> Reduction:
-        own = self.own.worse(measure)
-        reduction = 1.0 - float(np.median(own)) / float(np.median(other))
+    def _reduction(self, title: str, measure: Measure, other: Array) -> Reduction:
+        errors = self.stage.worse(measure)
+        reduction = 1.0 - float(np.median(errors)) / float(np.median(other))
         return Reduction(
             against=title,
             other=float(np.median(other)),
             reduction=reduction,
-            # every one against every other: they are made apart
-            share=float(np.mean(own[:, None] <= (1.0 - self.claim) * other[None, :])),
+            # all pairs, as the samples are independent
+            share=float(np.mean(errors[:, None] <= (1.0 - self.claim) * other[None, :])),
             holds=reduction >= self.claim,
         )
 
     @property
     def knows_straightness(self) -> bool:
-        """Whether the path of the stage is known well enough to tell its straightness.
+        """True if finite elements with finite displacements give the straightness of the stage.
 
-        Rigid bodies, and elastic ones with small displacements, go straight where it is symmetric.
+        Other models of a symmetric stage have no straightness error.
         """
-        return all(axis.finite_elements for axis in self.own.axes.values())
+        return all(axis.finite_elements for axis in self.stage.axes.values())
 
     @property
     def implied(self) -> float | None:
-        """Motion error of the traditional stage that claim and measured figure belong to [m]."""
+        """Motion error of a traditional stage that claim and measurement imply [m]."""
         return None if self.measured is None else self.measured / (1.0 - self.claim)
 
     @property
     def longest_leg(self) -> float:
-        r"""Longest leg of a single parallelogram against which the claim holds [m].
+        r"""Longest leg of a single parallelogram for which the claim holds [m].
 
-        By its arc alone, :math:`l = d^2/2e` with the motion error e that the claim asks of it.
+        The parasitic arc alone gives :math:`l = d^2/2e`, with the motion error e that the claim
+        implies.
         """
-        travel = max(axis.travel for axis in self.own.axes.values())
-        asked = self.own.median("across") / (1.0 - self.claim)
-        return 0.5 * travel**2 / asked
+        travel = max(axis.travel for axis in self.stage.axes.values())
+        implied = self.stage.median("across") / (1.0 - self.claim)
+        return 0.5 * travel**2 / implied
 
 
 def compare_traditional(
@@ -227,70 +231,73 @@ def compare_traditional(
     seed: int = 1,
     scatter: Scatter | None = None,
 ) -> TraditionalComparison:
-    """Set a stage of the study against traditional stages.
+    """Compare a stage of the study with traditional stages.
 
     Parameters
     ----------
     stage : Stage
         One of `MOTION_ERROR_CLAIMS`.
     system : MechanicalSystem, optional
-        Its model of superelements, where there is one already.
+        Superelement model of the stage, if available.
     strokes : iterable of FiniteStroke
-        Its strokes by finite elements with finite displacements, where they are known.
+        Strokes by finite elements with finite displacements, if available.
     samples : int
-        How many of each stage are made.
+        Number of samples of each stage.
     seed : int
-        Seed of their deviations.
+        Seed of the deviations.
     scatter : Scatter, optional
-        The process; the usual one where not given.
+        Scatter of the process; that of wire erosion by default.
 
     Returns
     -------
     TraditionalComparison
-        All of them, by the same models.
+        The comparison, with the same models for all stages.
 
     Raises
     ------
     ModelError
-        Nothing is claimed of this stage.
+        There is no claim for this stage.
     """
     if stage.name not in MOTION_ERROR_CLAIMS:
         raise ModelError(
-            f"nothing is claimed of the motion errors of '{stage.name}': take one of "
+            f"there is no claim on the motion errors of '{stage.name}': choose one of "
             f"{', '.join(MOTION_ERROR_CLAIMS)}"
         )
     process = scatter or Scatter()
-    own_system = system or _elastic(stage)
+    stage_system = system or _elastic(stage)
     travel = {
-        axis.name: _output(own_system, axis.name, stage.drive(drive_of(axis)).stroke or 0.0)
+        axis.name: _output(stage_system, axis.name, stage.drive(drive_of(axis)).stroke or 0.0)
         for axis in stage.axes
     }
-    made = {"travel": travel, "scatter": process, "samples": samples, "seed": seed}
+    settings = {"travel": travel, "scatter": process, "samples": samples, "seed": seed}
     height = 0.5 * stage.thickness
-    own = _compared(
+    compared = _compared(
         stage.name,
         {name: GuidedAxis(stage=stage, axis=name, offset=(0.0, 0.0, height)) for name in travel},
-        {stage: own_system},
+        {stage: stage_system},
         {path.axis: path for path in strokes},
-        **made,
+        **settings,
     )
     progress.update("asymmetric stage", 0.3)
-    lame = guides_on_one_side(stage)
+    one_sided = guides_on_one_side(stage)
     asymmetric = _compared(
         "the same stage, guides on one side",
-        {name: GuidedAxis(stage=lame, axis=name, offset=(0.0, 0.0, height)) for name in travel},
+        {
+            name: GuidedAxis(stage=one_sided, axis=name, offset=(0.0, 0.0, height))
+            for name in travel
+        },
         {},
         {},
-        **made,
+        **settings,
     )
     others = []
     for i, (title, axes) in enumerate(traditional_axes(stage, travel)):
         progress.update("traditional stages", 0.4 + 0.2 * i)
-        others.append(_compared(title, axes, {}, {}, **made))
+        others.append(_compared(title, axes, {}, {}, **settings))
     measured = [measured_value(stage.published, "straightness", axis) for axis in travel]
     return TraditionalComparison(
         claim=MOTION_ERROR_CLAIMS[stage.name],
-        own=own,
+        stage=compared,
         others=tuple(others),
         catalogue=CROSSED_ROLLERS,
         asymmetric=asymmetric,
@@ -323,7 +330,7 @@ def _compared(
     samples: int,
     seed: int,
 ) -> ComparedStage:
-    """Compute what is compared; axes in plates of their own lie one above the other."""
+    """Return the figures of a stage; axes in separate plates are stacked."""
     parts = list(dict.fromkeys(guided.stage for guided in axes.values()))
     systems = {part: known.get(part) or _elastic(part) for part in parts}
     frequencies, errors, drives = {}, {}, []
@@ -331,9 +338,9 @@ def _compared(
         system = systems[guided.stage]
         axis = guided.stage.axis(guided.axis)
         axis_drive = drive_of(axis)
-        found = modes(system)
-        mode = axis_mode(system, found, axis_drive, axis.probe)
-        frequencies[name] = float(found.frequency_hz[mode])
+        stage_modes = modes(system)
+        mode = axis_mode(system, stage_modes, axis_drive, axis.probe)
+        frequencies[name] = float(stage_modes.frequency_hz[mode])
         stroke = travel[name] / _output(system, axis.name, 1.0)
         drives.append(f"{guided.stage.drive(axis_drive).kind} of {1e6 * stroke:.0f} µm")
         errors[name] = axis_errors(
@@ -345,7 +352,7 @@ def _compared(
             samples=samples,
             seed=seed,
         )
-    # the upper plate is turned by a quarter
+    # the upper plate is rotated by 90 deg
     sides = [outer_size(part)[:2][:: -1 if i else 1] for i, part in enumerate(parts)]
     spacers = sum(guided.offset[2] for guided in axes.values() if guided.mounting is None)
     thickness = parts[0].thickness
@@ -361,101 +368,106 @@ def _compared(
         ),
         # the lower plate carries the upper one, where there are two
         mass=sum(m.mass for m in mass_properties(parts[0]).values()),
-        actuators=", ".join(f"{drives.count(one)} × {one}" for one in dict.fromkeys(drives)),
+        actuators=", ".join(f"{drives.count(drive)} × {drive}" for drive in dict.fromkeys(drives)),
     )
 
 
 def _drift(systems: list[MechanicalSystem]) -> dict[str, tuple[float, float, float]]:
-    """Motion of the last platform by temperature; a second plate adds its own, turned."""
+    """Return the thermal motion of the top platform, with that of a second, rotated plate."""
     total = {}
     for load, size in LOADS.items():
-        moved = np.zeros(3)
+        motion = np.zeros(3)
         for i, system in enumerate(systems):
-            # the second plate is mirrored at the diagonal: what was x is y
-            turned = load if not i else load.translate(str.maketrans("xy", "yx"))
-            state = static_loads(system, {turned: size})
+            # the second plate is mirrored at the diagonal, which exchanges x and y
+            plate_load = load if not i else load.translate(str.maketrans("xy", "yx"))
+            state = static_loads(system, {plate_load: size})
             body = system.probe(system.axes[-1].probe).body
             x, y, yaw = state.body_motion[body]
-            moved += (y, x, -yaw) if i else (x, y, yaw)
-        total[load] = (float(moved[0]), float(moved[1]), float(moved[2]))
+            motion += (y, x, -yaw) if i else (x, y, yaw)
+        total[load] = (float(motion[0]), float(motion[1]), float(motion[2]))
     return total
 
 
-def claim_verdict(found: TraditionalComparison) -> str:
-    """Say against which traditional stages the claim holds, by motion across."""
+def claim_conclusion(comparison: TraditionalComparison) -> str:
+    """Return for which traditional stages the claim holds, by transverse motion."""
     return (
-        f"The claim, {100.0 * found.claim:.0f} % less than a traditional stage, "
-        f"{_against(found.reductions())}."
+        f"The claim of {100.0 * comparison.claim:.0f} % less transverse motion than a traditional "
+        f"stage {_against(comparison.reductions())}."
     )
 
 
-def verdict(found: TraditionalComparison) -> tuple[str, ...]:
-    """Say in sentences what of the claims holds, by the figures of a comparison."""
-    own = found.own
-    across = own.median("across")
-    printed = "" if found.measured is None else f" ({1e6 * found.measured:.2f} µm were measured)"
-    implied = found.implied
-    worse = max(own.axes.values(), key=lambda axis: axis.figures("across")[0])
-    legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in found.legs.values()}))
+def conclusions(comparison: TraditionalComparison) -> tuple[str, ...]:
+    """Return conclusions on the claims, one a sentence."""
+    stage = comparison.stage
+    across = stage.median("across")
+    measured = comparison.measured
+    published = "" if measured is None else f" (published measurement: {1e6 * measured:.2f} µm)"
+    implied = comparison.implied
+    worse = max(stage.axes.values(), key=lambda axis: axis.figures("across")[0])
+    legs = " and ".join(sorted({f"{1e3 * v:.0f}" for v in comparison.legs.values()}))
     sentences = [
-        f"The worse axis of {own.title} goes {_um(across)} µm across over its stroke"
-        f"{printed}, median of {found.samples} stages as made.",
-        f"Of that rigid bodies go {_um(worse.geometry)} µm, elastic ones {_um(abs(worse.bending))} "
-        f"µm more; what manufacture adds has a deviation of {_um(worse.manufacture)} µm.",
-        claim_verdict(found),
-        f"By yaw it {_against(found.reductions('yaw'))}.",
-        f"Against a single parallelogram it holds where legs are at most "
-        f"{1e3 * found.longest_leg:.1f} mm from neck to neck, by their arc alone; those of the "
-        f"stage have {legs} mm.",
+        f"The transverse motion of the worse axis of {stage.title} over its stroke is "
+        f"{_um(across)} µm{published}, the median of {comparison.samples} simulated samples.",
+        f"Rigid bodies contribute {_um(worse.geometry)} µm and elastic ones "
+        f"{_um(abs(worse.bending))} µm; the standard deviation by manufacture is "
+        f"{_um(worse.manufacture)} µm.",
+        claim_conclusion(comparison),
+        f"For yaw the claim {_against(comparison.reductions('yaw'))}.",
+        f"The claim holds against a single parallelogram with legs of at most "
+        f"{1e3 * comparison.longest_leg:.1f} mm between the necks, by their parasitic arc alone; "
+        f"legs of the stage have {legs} mm.",
     ]
-    if found.knows_straightness:
-        sentences.insert(3, f"By straightness it {_against(found.reductions('straightness'))}.")
+    if comparison.knows_straightness:
+        straightness = _against(comparison.reductions("straightness"))
+        sentences.insert(3, f"For straightness the claim {straightness}.")
     if implied is not None:
         sentences.append(
-            f"With what was measured of the stage, the claim is of a traditional stage that goes "
-            f"{1e6 * implied:.2f} µm across."
+            f"Claim and published measurement imply a transverse motion of {1e6 * implied:.2f} µm "
+            "for a traditional stage."
         )
     return tuple(sentences)
 
 
-def drift_verdict(found: TraditionalComparison) -> tuple[str, ...]:
-    """Say in sentences what symmetry does for the drift with temperature."""
-    own, lame = found.own, found.asymmetric
+def drift_conclusions(comparison: TraditionalComparison) -> tuple[str, ...]:
+    """Return conclusions on the effect of symmetry on thermal drift, one a sentence."""
+    stage, one_sided = comparison.stage, comparison.asymmetric
     words = []
     for load, name in (
         ("temperature", "a uniform kelvin"),
         ("temperature gradient x", f"a kelvin over {1e3 * SPAN:.0f} mm in x"),
         ("temperature gradient y", f"a kelvin over {1e3 * SPAN:.0f} mm in y"),
     ):
-        one, other = (math.hypot(*s.drift[load][:2]) for s in (own, lame))
-        words.append(f"{1e9 * one:.0f} nm instead of {1e9 * other:.0f} nm by {name}")
-    less = [math.hypot(*s.drift["temperature"][:2]) for s in (own, *found.others)]
-    better = [s.title for s, v in zip(found.others, less[1:], strict=True) if v < less[0]]
-    worse = [s.title for s, v in zip(found.others, less[1:], strict=True) if v >= less[0]]
+        drift, other = (math.hypot(*s.drift[load][:2]) for s in (stage, one_sided))
+        words.append(f"{1e9 * drift:.0f} nm instead of {1e9 * other:.0f} nm for {name}")
+    others = comparison.others
+    drifts = [math.hypot(*s.drift["temperature"][:2]) for s in (stage, *others)]
+    better = [s.title for s, v in zip(others, drifts[1:], strict=True) if v < drifts[0]]
+    worse = [s.title for s, v in zip(others, drifts[1:], strict=True) if v >= drifts[0]]
     ranks = [
-        f"{word} than {listed(titles)}"
-        for word, titles in (("less", worse), ("more", better))
+        f"{word} than that of {listed(titles)}"
+        for word, titles in (("smaller", worse), ("larger", better))
         if titles
     ]
-    helps = 1.0 - less[0] / math.hypot(*lame.drift["temperature"][:2])
+    reduction = 1.0 - drifts[0] / math.hypot(*one_sided.drift["temperature"][:2])
     change = (
-        f"takes {100.0 * helps:.0f} % off" if helps >= 0.0 else f"adds {-100.0 * helps:.0f} % to"
+        f"reduces the drift by a uniform change by {100.0 * reduction:.0f} %"
+        if reduction >= 0.0
+        else f"increases the drift by a uniform change by {-100.0 * reduction:.0f} %"
     )
     return (
-        f"With guide legs on both sides the platform drifts {listed(words)}: symmetry "
-        f"{change} what a uniform change does, and does not remove it, since the drives and levers "
-        "of either axis stand on one side of it.",
-        f"By a uniform kelvin it drifts {' and '.join(ranks)}.",
+        f"With guide legs on both sides the drift of the platform is {listed(words)}. Symmetry "
+        f"{change}, and does not remove it, as drives and levers of each axis are on one side.",
+        f"Its drift for a uniform kelvin is {' and '.join(ranks)}.",
     )
 
 
 def _against(rows: Sequence[Reduction]) -> str:
-    """Say against which stages a claim holds, and against which it does not."""
+    """Return the stages for which a claim holds, and those for which it does not."""
     parts = []
     for holds, words in ((True, "holds against"), (False, "does not hold against")):
-        named = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
-        if named:
-            parts.append(f"{words} {listed(named)}")
+        stages = [f"{r.against} ({_by(r.reduction)})" for r in rows if r.holds == holds]
+        if stages:
+            parts.append(f"{words} {listed(stages)}")
     return ", and ".join(parts)
 
 
@@ -465,8 +477,8 @@ def _um(value: float) -> str:
 
 
 def _by(reduction: float) -> str:
-    """Say how a figure lies to that of another stage."""
+    """Return a reduction as text."""
     if reduction >= 0.0:
-        return f"{100.0 * reduction:.0f} % below it"
+        return f"{100.0 * reduction:.0f} % less"
     times = 1.0 - reduction
     return f"{times:.1f} times as much" if times < 9.95 else f"{times:.0f} times as much"

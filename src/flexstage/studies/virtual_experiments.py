@@ -1,4 +1,4 @@
-"""Experiments on the virtual stage: it is measured, compensated, and centres a scale."""
+"""Experiments on the virtual stage: measurement, hysteresis compensation, centring of a scale."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,38 +21,38 @@ if TYPE_CHECKING:
     from flexstage.centring.procedure import Centring
     from flexstage.studies.compensation import AxisExperiment
 
-#: The scale that is centred: where it is read [m], how far it is off at first [m], and its heads.
+#: Scale of the centring: radius and initial eccentricity [m], and angles of its heads [rad].
 SCALE_RADIUS, ECCENTRICITY = 50e-3, 50e-6
 HEADS = (0.0, 1.6, 3.1, 4.8)
-#: Noise of a head, and errors of the lines of the scale [arcsec].
+#: Noise of a head, and graduation errors of the scale [arcsec].
 HEAD_NOISE, LINE_ERRORS = 1.0, 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CentringTrial:
-    """A scale that was centred on the virtual table."""
+    """Simulated centring of a scale on the virtual table."""
 
-    done: "Centring"
-    """The procedure, step by step."""
-    left: float
-    """Eccentricity that is truly left [m]."""
+    procedure: "Centring"
+    """Steps and result of the procedure."""
+    residual: float
+    """True residual eccentricity [m]."""
     fits: "tuple[HarmonicFit, HarmonicFit]"
     """Readings of the first head before and after."""
     angles: tuple[Array, Array]
-    """Angles of their samples [rad]."""
+    """Angles of the readings [rad]."""
 
     def data(self) -> dict[str, Any]:
-        """Return what is left of the eccentricity [m] and every step as plain data."""
+        """Return the residual eccentricity [m] and all steps as plain data."""
         return {
             "kind": "virtual experiment",
-            **picked(self, "left", "reached=done.reached", "reason=done.reason"),
+            **picked(self, "residual", "reached=procedure.reached", "reason=procedure.reason"),
             "steps": [
                 {
                     **picked(step, "kind", "command"),
                     **picked(step.reading.length, "length=value", "interval"),
                     "predicted": None if step.predicted is None else step.predicted.value,
                 }
-                for step in self.done.steps
+                for step in self.procedure.steps
             ],
         }
 
@@ -66,13 +66,13 @@ def carry_out(
     seed: int,
     memory: Memory,
 ) -> dict[tuple[str, str], Any]:
-    """Carry out experiments on the virtual stage; a text says why one could not be.
+    """Return the results of experiments on the virtual stage, or the reasons for missing ones.
 
-    It is measured (``characterise``), and centres a scale (``centre``); and the hysteresis of each
-    axis that a piezo stack drives is identified and undone (``verify``). Results are by verb and
-    the axis or axes that it is about. `system` is the model by which the stage moves fast; the seed
-    is that of the virtual stage, of its measurement, of noise, and of the lines of the scale. What
-    a memory knows is read.
+    Experiments are the measurement of the stage (``characterise``), the centring of a scale
+    (``centre``), and the identification and compensation of the hysteresis of each axis with a
+    piezo stack (``verify``). Results are by verb and axes. `system` is the dynamic model of the
+    stage. The seed is that of the virtual stage, its measurement, noise, and graduation errors.
+    Results in the memory are not computed again.
     """
     both = "".join(axis.name for axis in stage.axes)
     steps: dict[tuple[str, str], partial[Any]] = {}
@@ -82,23 +82,23 @@ def carry_out(
     for axis in stage.axes if compensate else ():
         if axis.drive is not None and isinstance(stage.drive(axis.drive), PiezoStack):
             steps["verify", axis.name] = partial(_verify, stage, system, axis.name)
-    found: dict[tuple[str, str], Any] = {}
+    results: dict[tuple[str, str], Any] = {}
     for i, (name, step) in enumerate(steps.items()):
         with progress.subtask(i / len(steps), (i + 1) / len(steps)):
             try:
-                found[name] = memory.recall(" ".join(name), step.func, *step.args)
-            except FlexstageError as error:  # as of a stage that is not held: the rest stands
-                found[name] = str(error)
-    return found
+                results[name] = memory.recall(" ".join(name), step.func, *step.args)
+            except FlexstageError as error:  # such as for an unconstrained stage
+                results[name] = str(error)
+    return results
 
 
 def _characterise(stage: Stage, seed: int) -> MeasurementComparison:
-    """It is made from published values and random errors: its figures are compared with none."""
+    """Return simulated measurements without references, as published values are their input."""
     from flexstage.experiments.virtual_campaign import virtual_campaign
     from flexstage.virtual.as_built import as_built
 
-    made = virtual_campaign(as_built(stage, seed=seed), seed=seed)
-    return compare_with_references(made.evaluated(), stage, Characteristics())
+    campaign = virtual_campaign(as_built(stage, seed=seed), seed=seed)
+    return compare_with_references(campaign.evaluated(), stage, Characteristics())
 
 
 def _centre(stage: Stage, seed: int) -> CentringTrial:
@@ -107,9 +107,9 @@ def _centre(stage: Stage, seed: int) -> CentringTrial:
     from flexstage.experiments.verbs.centre import Centre
     from flexstage.virtual.table import TableMounting, VirtualBench, VirtualPositioner, scale_errors
 
-    # angle of the stage on the table, which trial moves find out [rad]
+    # angle of the stage on the table, which calibration moves determine [rad]
     mounting_angle = 0.7
-    # direction that the scale is off in, in the axes of the stage: one that both can push [rad]
+    # direction of the eccentricity in the axes of the stage, within reach of both [rad]
     direction = 0.8
 
     mounting = TableMounting(angle=mounting_angle, mirrored=True)
@@ -136,11 +136,11 @@ def _centre(stage: Stage, seed: int) -> CentringTrial:
         return angle, fit_harmonics(angle, error, orders=12)
 
     before = turn(1000)
-    done = centre(bench.measure, positioner, target=action.target, moves=action.moves)
+    procedure = centre(bench.measure, positioner, target=action.target, moves=action.moves)
     after = turn(1001)
     return CentringTrial(
-        done=done,
-        left=float(np.hypot(*bench.true_eccentricity)),
+        procedure=procedure,
+        residual=float(np.hypot(*bench.true_eccentricity)),
         fits=(before[1], after[1]),
         angles=(before[0], after[0]),
     )
@@ -155,5 +155,5 @@ def _verify(stage: Stage, system: MechanicalSystem, axis: str) -> "AxisExperimen
             f"drive '{drive.name}' has no voltage range: add it to the drive in the stage file, "
             "as in 'voltage_range: [0 V, 120 V]'"
         )
-    # its noise is the same whatever stage is measured
+    # the seed of the noise is the default one for every stage
     return virtual_experiment(stage, system, axis)

@@ -194,7 +194,11 @@ class Identify(Verb, IdentifyRequest):
             for step in steps
         )
         warned = dict.fromkeys(f"{step.name}: {text}" for step in steps for text in step.warnings)
-        content = (table("", heads, rows), Pictures(shown=tuple(pictures)), Bullets(tuple(warned)))
+        content = (
+            table("", heads, rows),
+            Pictures(pictures=tuple(pictures)),
+            Bullets(tuple(warned)),
+        )
         return Section(title="Identified drives", key="models", content=content)
 
 

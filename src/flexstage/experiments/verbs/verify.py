@@ -199,7 +199,7 @@ class Verify(Recording):
             content=(
                 words,
                 table("", heads, rows),
-                Pictures(shown=tuple(pictures)),
+                Pictures(pictures=tuple(pictures)),
                 Bullets(tuple(told)),
             ),
         )

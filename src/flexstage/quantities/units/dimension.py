@@ -1,4 +1,4 @@
-"""The physical dimensions of fields and columns, and the units that people write them in."""
+"""Physical dimensions of fields and columns, and their accepted units."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -9,15 +9,15 @@ class Dimension:
     """A physical dimension that a field of a description can have."""
 
     name: str
-    """What it is called in messages."""
+    """Name in messages."""
     si: str
-    """The SI unit in which numbers of it are held."""
+    """SI unit of stored numbers."""
     units: tuple[str, ...]
-    """Units that people write, the first of which files are written in."""
+    """Accepted units; files are written in the first one."""
 
     @property
     def noun(self) -> str:
-        """Its name with the article."""
+        """Name with the article."""
         return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
 
 
@@ -47,7 +47,7 @@ DIMENSIONS: dict[str, Dimension] = {
     )
 }
 
-#: SI floats whose text at the edge carries a unit.
+#: Numbers in SI that have a unit in files and commands.
 Angle = Annotated[float, DIMENSIONS["angle"]]
 Frequency = Annotated[float, DIMENSIONS["frequency"]]
 Length = Annotated[float, DIMENSIONS["length"]]

@@ -149,7 +149,7 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
 
     Figures that vary only by rounding are omitted, unless there are no others.
     """
-    spreads = [s for s in study.spreads if not s.still] or list(study.spreads)
+    spreads = [s for s in study.spreads if not s.constant] or list(study.spreads)
     columns = _columns(len(spreads))
     rows = math.ceil(len(spreads) / columns)
     wide, high = min(3.4 * columns, _WIDTH + 0.6), 1.8 * rows + 0.5
@@ -166,7 +166,7 @@ def draw_spreads(study: ToleranceStudy) -> "Figure":
 
 
 def _histogram(axes: "Axes", spread: Spread, requirement: Requirement | None) -> None:
-    quantity = spread.figure.shown.fitting(float(np.abs(spread.edges).max()))
+    quantity = spread.figure.display.fitting(float(np.abs(spread.edges).max()))
     edges, low_high = spread.edges * quantity.factor, np.array(spread.middle) * quantity.factor
     share = 100.0 * spread.counts / max(spread.count, 1)
     if np.isfinite(low_high).all():
@@ -232,7 +232,7 @@ def draw_shares(study: ToleranceStudy) -> "Figure":
     others = [sum(v for kind, v in b.items() if kind not in kinds) for b in by_kind]
     if max(others, default=0.0) >= least:
         bars.append(("other deviations", CYCLE[own_colours], others))
-    unexplained = [of.rest for of in shares]
+    unexplained = [of.unexplained for of in shares]
     if max(unexplained, default=0.0) >= least:
         bars.append(("interactions, nonlinearity", MUTED, unexplained))
     for label, colour, values in bars:

@@ -10,7 +10,7 @@ from flexstage.measure.frf_result import FrfResult
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities.estimate import Estimate
-from flexstage.quantities.quantity import beside
+from flexstage.quantities.quantity import value_and_uncertainty
 from flexstage.records import Record
 from flexstage.report.figures.responses import draw_response, shown_lines
 from flexstage.report.figures.style import (
@@ -210,7 +210,7 @@ def draw_resonance(
     axes.legend(loc="upper right", fontsize=7.0, frameon=False, labelcolor=MUTED)
     title = f"{axis}, {label}"
     if frequency_hz is not None:
-        value, spread = beside(frequency_hz.value, frequency_hz.expanded)
+        value, spread = value_and_uncertainty(frequency_hz.value, frequency_hz.expanded)
         title += f": {value} ± {spread} Hz"
     set_title(axes, title)
     return figure

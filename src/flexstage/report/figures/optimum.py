@@ -48,19 +48,19 @@ def draw_history(optimum: Optimum) -> "Drawn":
     smallest = 1e-8
     figure, (above, below) = panels(6.6, 5.0, 2, sharex=True, height_ratios=(1.4, 1.0))
     goals = optimum.problem.goals
-    quantity = goals[0].figure.shown if goals else None
+    quantity = goals[0].figure.display if goals else None
     factor = quantity.factor if quantity else 1.0
-    first_correction = optimum.rungs[0].evaluations if optimum.rungs else np.inf
-    for search in dict.fromkeys(step.search for step in optimum.trace):
-        steps = [step for step in optimum.trace if step.search == search]
+    first_correction = optimum.iterations[0].evaluations if optimum.iterations else np.inf
+    for search in dict.fromkeys(step.search for step in optimum.history):
+        steps = [step for step in optimum.history if step.search == search]
         at = [step.evaluations for step in steps]
         corrected = at[0] > first_correction
         look: dict[str, Any] = {"color": CYCLE[int(corrected)], "marker": ".", "ms": 3, "lw": 1.2}
         label = "corrected model" if corrected else "lumped model, one line per start"
         above.plot(at, [factor * s.objective for s in steps], label=label, **look)
         below.semilogy(at, [max(s.violation, smallest) for s in steps], **look)
-    for level in optimum.rungs if goals else ():
-        value, label = factor * level.found[0], f"by {level.model}"
+    for level in optimum.iterations if goals else ():
+        value, label = factor * level.computed[0], f"by {level.model}"
         above.plot(level.evaluations, value, marker="x", color=INK, ms=6, ls="", label=label)
     above.set_ylabel(goals[0].figure.heading if goals else "distance from the start\n[bounds]")
     below.set(ylabel="violation\n[relative to limit]", xlabel="evaluations of the lumped model")
@@ -270,14 +270,16 @@ def draw_front(front: Front) -> "Drawn":
 
 def _pair(axes: "Axes", front: Front, across: Figure, up: Figure) -> None:
     at = [front.figures.index(figure) for figure in (across, up)]
-    factors = np.array([across.shown.factor, up.shown.factor])
+    factors = np.array([across.display.factor, up.display.factor])
 
     def scaled(values: Array) -> Array:
         return (values[..., at] * factors).T
 
     axes.plot(*scaled(front.searched), "o", ms=2, color=MUTED, alpha=0.35, label="evaluated")
     axes.plot(*scaled(front.values), "o", ms=4, color=CYCLE[0], label="front, lumped")
-    axes.plot(*scaled(front.found), "o", ms=5, color=CYCLE[1], label=f"front, {front.model}")
+    axes.plot(
+        *scaled(front.recomputed_values), "o", ms=5, color=CYCLE[1], label=f"front, {front.model}"
+    )
     best = front.optimum
     columns = [best.figures.index(figure) for figure in (across, up)]
     axes.plot(
@@ -288,7 +290,7 @@ def _pair(axes: "Axes", front: Front, across: Figure, up: Figure) -> None:
         label="selected, improved",
     )
     axes.set(xlabel=across.heading, ylabel=up.heading)
-    spread = scaled(np.concatenate([front.values, front.found]))
+    spread = scaled(np.concatenate([front.values, front.recomputed_values]))
     for values, limit in zip(spread, (axes.set_xlim, axes.set_ylim), strict=True):
         room = 0.25 * max(float(np.ptp(values)), 1e-3 * abs(float(values.max())))
         limit(float(values.min()) - room, float(values.max()) + room)

@@ -156,7 +156,7 @@ def draw_moving_necks(stage: Stage, sensitivities: Sensitivities) -> "Figure":
         by_hinge = {
             name.removesuffix(".neck"): float(changes[i, j])
             for j, k in enumerate(necks)
-            for name in sensitivities.alike[k]
+            for name in sensitivities.equivalent[k]
         }
         _panel(axes, stage, by_hinge)
         set_title(axes, sensitivities.figures[i].label)

@@ -43,7 +43,7 @@ def draw_sweep(sweep: Sweep) -> "Drawing":
     One variable gives curves, two on a grid give contour maps, others a diagram for each figure and
     each variable.
     """
-    if sweep.still.all():
+    if sweep.constant.all():
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
     if len(sweep.variables) == 1:
         return _curves(sweep)
@@ -61,7 +61,7 @@ def draw_indices(sweep: Sweep) -> "Drawing":
     indices = sweep.indices
     if indices is None:
         raise ModelError("the sweep has no Sobol' indices: run it with indices")
-    figures = [k for k in sweep.moving if np.isfinite(indices.total[k]).all()]
+    figures = [k for k in sweep.varying if np.isfinite(indices.total[k]).all()]
     if not figures:
         raise ModelError("no figure of the sweep varies: there is nothing to draw")
     strongest = list(sweep.strongest(most_bars))
@@ -107,11 +107,11 @@ def _curves(sweep: Sweep) -> "Drawing":
     variable = sweep.variables[0]
     order = np.argsort(sweep.points[:, 0], kind="stable")
     x = sweep.points[order, 0] * variable.factor
-    figures = sweep.moving
+    figures = sweep.varying
     figure, grid = _small_multiples(len(figures), 2.4)
     gaps = _spans(x, ~sweep.possible[order])
     for axes, k in zip(grid, figures, strict=True):
-        quantity = sweep.shown(k)
+        quantity = sweep.display(k)
         y = sweep.values[order, k] * quantity.factor
         for low, high in gaps:
             axes.axvspan(low, high, facecolor="none", edgecolor=HATCH, hatch="////", linewidth=0.0)
@@ -140,14 +140,14 @@ def _maps(sweep: Sweep) -> "Drawing":
     grid_shape = sweep.counts
     x = sweep.points[:, 0].reshape(grid_shape) * across.factor
     y = sweep.points[:, 1].reshape(grid_shape) * up.factor
-    figures = sweep.moving
+    figures = sweep.varying
     figure, grid = _small_multiples(len(figures), 2.9, lines=False)
     colours = _map_colours()
     has_infeasible = not sweep.possible.all()
     usual = across.usual * across.factor, up.usual * up.factor
     inside = _includes_nominal(across) and _includes_nominal(up)
     for axes, k in zip(grid, figures, strict=True):
-        scaled = sweep.shown(k)
+        scaled = sweep.display(k)
         values = np.ma.masked_invalid(sweep.on_grid(k) * scaled.factor)
         if has_infeasible:
             axes.axvspan(
@@ -181,14 +181,14 @@ def _matrix(sweep: Sweep) -> "Drawing":
     # most columns of a matrix of diagrams
     most_columns = 5
 
-    figures, possible = sweep.moving, sweep.possible
+    figures, possible = sweep.varying, sweep.possible
     strongest = sweep.strongest(most_columns)
     correlations = sweep.correlations
     columns, high = len(strongest), 1.4 * len(figures) + 0.9
     figure, grid = panels(_WIDTH, high, len(figures) * columns, columns, sharex="col", sharey="row")
     rows = [grid[i : i + columns] for i in range(0, len(grid), columns)]
     for row, k in zip(rows, figures, strict=True):
-        scaled = sweep.shown(k)
+        scaled = sweep.display(k)
         y = sweep.values[possible, k] * scaled.factor
         for axes, i in zip(row, strongest, strict=True):
             variable = sweep.variables[i]

@@ -204,7 +204,7 @@ class StageStudy(Result):
     def analysis(self, model: str) -> StageAnalysis:
         """Return the analysis by one of the models."""
         if model not in self.study.runs:
-            why = self.study.left_out.get(model)
+            why = self.study.skipped_models.get(model)
             models = f"the study ran {', '.join(self.study.runs)}"
             raise ModelError(f"there is no analysis by '{model}': {why or models}")
         # the study adds its results over the stroke to the analysis of the run

@@ -232,7 +232,7 @@ def stacked_xy(p: StackedXYParameters) -> Stage:
     A stage lies in one plane and these plates do not: here both bases are fixed, and the lower
     platform carries the upper plate as a mass. The motion of each axis is exact; its effect on the
     point above both platforms, by its rotations times its height and by the mounting of the plates,
-    is in `flexstage.studies.motion_errors`.
+    is in `flexstage.studies.guided_axes`.
 
     Bodies, hinges and drives of the lower plate have ``x-`` before their names and those of the
     upper one ``y-``; drives, probes and axes are ``x`` and ``y``.

@@ -1,4 +1,4 @@
-"""Many stages at once: what moves what, sweeps, the best, and what the workshop makes of it."""
+"""Parameter studies: sensitivity, sweep, optimisation and tolerance analysis."""
 
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     )
     from flexstage.studies.explore.figures import Figure, Requirement, figure_of, requirement_of
     from flexstage.studies.explore.optimise.front import Front, find_front
-    from flexstage.studies.explore.optimise.ladder import SearchOptions, find_optimum
+    from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum
     from flexstage.studies.explore.optimise.optimum import Optimum
     from flexstage.studies.explore.optimise.problem import Goal, Problem
     from flexstage.studies.explore.sampling import (

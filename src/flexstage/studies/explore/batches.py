@@ -1,6 +1,6 @@
-"""A job: work on many samples, cut into batches that do not depend on who computes them.
+"""Jobs: computations for many samples, divided into batches.
 
-Finished batches are kept in a folder, so that a run can go on from them.
+Batches do not depend on the workers. A folder stores finished ones, so that a run can be resumed.
 """
 
 import hashlib
@@ -23,13 +23,13 @@ from flexstage.base.errors import ModelError, RecordError, WorkerError
 from flexstage.base.version import __version__
 from flexstage.files.write import write_whole
 
-#: A batch that lasts this long hides what it costs to send it, and little is lost with it [s].
-_LASTS = 1.0
+#: Computing time of a batch: long compared with its transfer, short enough to repeat [s].
+_SECONDS = 1.0
 
-#: So many batches at least, where there are as many samples, so that many workers share them.
+#: Least number of batches, if there are as many samples, so that many workers can share them.
 _FEWEST = 32
 
-#: Workers are the parallelism, and threads of a library in each would only wait for one another.
+#: One thread for each library, as workers run in parallel already.
 ONE_THREAD = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NGS", "NUMBA")
 }
@@ -39,28 +39,28 @@ Arrays = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """Work on samples 0 to `count`, in batches.
+    """A computation for samples 0 to `count`, in batches.
 
-    The numbers of a batch depend on payload and range alone. As the batches are fixed by the job,
-    its result is the same to the last bit however many workers there are.
+    The results of a batch depend on payload and range alone. The job defines its batches, so that
+    the result is the same to the last bit for any number of workers.
     """
 
     name: str
-    """What is done, for messages and progress, such as "tolerance"."""
+    """Name in messages and progress displays, such as "tolerance"."""
     work: Callable[[Any, int, int], Arrays]
-    """Called with the payload and a range of samples, start and stop; returns arrays whose first
-    axis has a row for each. A function of a module, which workers import."""
+    """Function of the payload and a range of samples, start and stop. It returns arrays with a row
+    for each sample. Workers import it from its module."""
     payload: Any
-    """What the work needs to know; it can be pickled."""
+    """Input of the function; it can be pickled."""
     count: int
     """Number of samples."""
     batch: int
-    """Samples of a batch; the last one may have fewer."""
+    """Number of samples of a batch; the last one may have fewer."""
 
     def __post_init__(self) -> None:
         if self.count < 1 or self.batch < 1:
             raise ModelError(
-                f"{self.name} needs at least one sample, in batches of one or more, got "
+                f"{self.name} needs at least one sample and batches of at least one, got "
                 f"{self.count} in batches of {self.batch}"
             )
 
@@ -87,25 +87,25 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinishedBatch:
-    """A batch of a job that has not ended, as it is handed over to who watches."""
+    """A finished batch of a running job, for a progress listener."""
 
     job: str
     """Name of the job."""
     start: int
     """The first of its samples."""
     arrays: Arrays
-    """What was found of them."""
+    """Results of the samples."""
 
 
-def rows_of(job: Job, number: int, found: Arrays) -> dict[str, np.ndarray]:
-    """Return what was found of a batch as arrays, refusing what has not a row for each sample."""
+def rows_of(job: Job, number: int, results: Arrays) -> dict[str, np.ndarray]:
+    """Return the results of a batch as arrays; reject those without a row for each sample."""
     start, stop = job.span(number)
-    arrays = {name: np.asarray(values) for name, values in found.items()}
+    arrays = {name: np.asarray(values) for name, values in results.items()}
     for name, values in arrays.items():
         if values.shape[:1] != (stop - start,) or values.dtype.hasobject:
             raise ModelError(
-                f"the work of {job.name} must return a row for each of the {stop - start} samples "
-                f"of a batch, numbers or texts, got '{name}' of shape {values.shape}, "
+                f"the function of {job.name} must return numbers or texts with a row for each of "
+                f"the {stop - start} samples of a batch, got '{name}' of shape {values.shape}, "
                 f"{values.dtype}"
             )
     return arrays
@@ -113,40 +113,40 @@ def rows_of(job: Job, number: int, found: Arrays) -> dict[str, np.ndarray]:
 
 def joined(parts: Iterable[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return the arrays of all batches, joined in their order."""
-    taken = list(parts)
-    names = list(taken[0])
-    # each part goes as soon as it is joined: all of them may fill much of the memory
-    return {name: np.concatenate([part.pop(name) for part in taken]) for name in names}
+    batches = list(parts)
+    names = list(batches[0])
+    # arrays are removed from the batches one by one, to save memory
+    return {name: np.concatenate([batch.pop(name) for batch in batches]) for name in names}
 
 
 def batch_size(count: int, each: float) -> int:
-    """Return a number of samples that makes batches of about a second, and enough of them.
+    """Return the number of samples of a batch for about a second and enough batches.
 
-    `each` is what a sample usually costs [s]: a constant of the kind of work, not measured, so that
-    the batches are the same on every machine.
+    `each` is the typical computing time of a sample [s]. It is a constant and not measured, so that
+    batches are the same on every machine.
 
     Examples
     --------
     >>> batch_size(100_000, 50e-6), batch_size(100, 0.03), batch_size(10, 40.0)
     (3125, 4, 1)
     """
-    return max(1, min(round(_LASTS / each), -(-count // _FEWEST)))
+    return max(1, min(round(_SECONDS / each), -(-count // _FEWEST)))
 
 
-def deadly(job: Job, number: int, times: int) -> WorkerError:
-    """Return what is said of a batch that ends the process of its worker each time."""
+def crash_error(job: Job, number: int, times: int) -> WorkerError:
+    """Return the error for a batch that ends the process of its worker every time."""
     start, stop = job.span(number)
     return WorkerError(
         f"batch {number} of {job.name} (samples {start} to {stop - 1}) ended the process of its "
-        f"worker {times} times: it needs more memory than there is, or a library fails on a "
-        "sample; compute it with one worker to see"
+        f"worker {times} times: there is too little memory, or a library crashes on a sample; "
+        "compute with one worker to find out"
     )
 
 
 _HEAD = "job.json"
 
-#: What the head says of a job, and what to call it where it differs.
-_WORDS = {
+#: Fields of the head, and the message for a different value.
+_DIFFERENCES = {
     "name": "another kind of job",
     "samples": "another number of samples",
     "batch": "batches of another size",
@@ -156,7 +156,7 @@ _WORDS = {
 
 
 def versions() -> dict[str, str]:
-    """Return the versions on which the last bit of a number depends."""
+    """Return the versions of all software that affects the last bit of results."""
     import scipy
 
     return {
@@ -167,8 +167,8 @@ def versions() -> dict[str, str]:
     }
 
 
-class KeptBatches:
-    """Finished batches of a job in a folder, a file each, and a head that says of which job."""
+class StoredBatches:
+    """Stored batches of a job: a folder with a file for each, and a head with the job."""
 
     def __init__(self, folder: Path, job: Job) -> None:
         self.folder = folder
@@ -179,7 +179,7 @@ class KeptBatches:
             write_whole(folder / _HEAD, json.dumps(head, indent=2) + "\n")
 
     def read(self, number: int) -> dict[str, np.ndarray] | None:
-        """Return the arrays of a batch, or None where its file is not there or is damaged."""
+        """Return the arrays of a batch; None if its file is missing or damaged."""
         try:
             content = io.BytesIO(self._file(number).read_bytes())
             with np.load(content, allow_pickle=False) as file:
@@ -187,8 +187,8 @@ class KeptBatches:
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error):
             return None
 
-    def keep(self, number: int, arrays: dict[str, np.ndarray]) -> None:
-        """Keep a finished batch: its file is there whole, or not at all."""
+    def store(self, number: int, arrays: dict[str, np.ndarray]) -> None:
+        """Store a finished batch in a complete file."""
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, **arrays)
         write_whole(self._file(number), content.getvalue())
@@ -197,37 +197,36 @@ class KeptBatches:
         return self.folder / f"batch-{number:06d}.npz"
 
     def _is_of(self, head: dict[str, Any]) -> bool:
-        """Return whether the folder has the head of this job; another one is refused."""
+        """Return whether the folder has the head of this job; reject another head."""
         path = self.folder / _HEAD
-        mend = "name another folder, or remove this one to begin anew"
+        advice = "name another folder, or remove this one to start again"
         try:
-            found = json.loads(path.read_text("utf-8"))
+            stored = json.loads(path.read_text("utf-8"))
         except FileNotFoundError:
             if any(self.folder.glob("batch-*.npz")):
                 raise RecordError(
-                    f"{self.folder} holds batches, and no {_HEAD} that says of which job: {mend}"
+                    f"{self.folder} has batches, but no {_HEAD} that identifies their job: {advice}"
                 ) from None
             return False
         except ValueError:
-            found = {}
-        differs = [key for key in _WORDS if not isinstance(found, dict) or key not in found]
-        if differs:
-            raise RecordError(f"{path} does not say which job its batches are of: {mend}")
-        differs = [words for key, words in _WORDS.items() if found[key] != head[key]]
-        if differs:
+            stored = {}
+        if not isinstance(stored, dict) or not _DIFFERENCES.keys() <= stored.keys():
+            raise RecordError(f"{path} does not identify the job of its batches: {advice}")
+        differences = [text for key, text in _DIFFERENCES.items() if stored[key] != head[key]]
+        if differences:
             raise RecordError(
-                f"{self.folder} holds batches of another run than this {self._job.name} "
-                f"({', '.join(differs)}): {mend}"
+                f"{self.folder} has batches of another run than this {self._job.name} "
+                f"({', '.join(differences)}): {advice}"
             )
         return True
 
 
 @contextmanager
 def finished_batches(folder: Path | None) -> Iterator[Path | None]:
-    """Give where finished batches are kept until this block ends, beside what is written there.
+    """Yield the subfolder for finished batches, and remove it at the end of the block.
 
-    They stay where it is interrupted, so that the same run goes on from them. Those of a run that
-    fails by itself do not, as it would again; but those that were there before it do.
+    It remains after an interruption, so that the run can be resumed. It is removed after an error
+    of the run, which would occur again, unless it existed before.
     """
     keep = None if folder is None else folder / "unfinished"
     before = keep is not None and keep.exists()
@@ -235,12 +234,12 @@ def finished_batches(folder: Path | None) -> Iterator[Path | None]:
         yield keep
     except ModelError:
         if not before:
-            _forget(keep)
+            _remove(keep)
         raise
-    _forget(keep)
+    _remove(keep)
 
 
-def _forget(keep: Path | None) -> None:
+def _remove(keep: Path | None) -> None:
     if keep is not None and keep.exists():
         shutil.rmtree(keep)
 
@@ -252,17 +251,17 @@ def _head_of(job: Job) -> dict[str, Any]:
         "samples": job.count,
         "batch": job.batch,
         "versions": versions(),
-        "payload": hashlib.sha256(work.encode() + _spelled(job.payload)).hexdigest(),
+        "payload": hashlib.sha256(work.encode() + _bytes_of(job.payload)).hexdigest(),
     }
 
 
-def _spelled(payload: Any) -> bytes:
-    """Return a payload as bytes that are equal for equal payloads: nothing is called as before."""
+def _bytes_of(payload: Any) -> bytes:
+    """Return bytes that are equal for equal payloads: without references to repeated objects."""
     file = io.BytesIO()
     pickler = pickle.Pickler(file, protocol=4)
     pickler.fast = True
     try:
         pickler.dump(payload)
     except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
-        raise ModelError(f"what a job needs to know must be picklable: {error}") from error
+        raise ModelError(f"the payload of a job must be picklable: {error}") from error
     return file.getvalue()

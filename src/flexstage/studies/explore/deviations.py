@@ -1,7 +1,7 @@
-"""What the stages of a lot are off by: standard normal numbers, drawn for a whole batch at once.
+"""Random deviations of manufactured stages: standard normal numbers for batches of samples.
 
-A number belongs to its seed, kind and sample, and to nothing else: not to how many samples there
-are, how they are divided into batches, or which other kinds are drawn.
+A number depends on its seed, kind and sample alone: not on the number of samples, the batches, or
+the other kinds of deviations.
 """
 
 from collections.abc import Mapping
@@ -19,23 +19,23 @@ from flexstage.virtual.imperfections import Scatter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """A way in which stages differ: a field of `Scatter`, and how many numbers it takes."""
+    """A kind of deviation: a field of `Scatter` with its random numbers."""
 
     name: str
     """The field of `Scatter`."""
     stream: int
-    """Key of its random numbers; never that of another, nor changed."""
+    """Key of its random numbers; unique and permanent."""
     label: str
-    """What it is called in tables."""
+    """Name in tables."""
     of: Literal["stage", "hinge", "drive"]
-    """What has numbers of its own."""
+    """Objects with independent numbers."""
     each: int = 1
-    """How many numbers each has."""
+    """Number of numbers of each object."""
 
 
-#: Every kind; a new one takes a stream that none has had, and so leaves the others as they were.
+#: All kinds; a new one needs a new stream, so that the numbers of the others do not change.
 KINDS: tuple[Kind, ...] = (
-    Kind(name="neck_common", stream=1, label="all necks alike (wire offset)", of="stage"),
+    Kind(name="neck_common", stream=1, label="all necks (wire offset)", of="stage"),
     Kind(name="neck_own", stream=2, label="each neck", of="hinge"),
     Kind(name="radius", stream=3, label="radius of each notch", of="hinge"),
     Kind(name="position", stream=4, label="position of each notch", of="hinge", each=2),
@@ -44,14 +44,14 @@ KINDS: tuple[Kind, ...] = (
     Kind(name="density", stream=7, label="density", of="stage"),
     Kind(name="temperature", stream=8, label="temperature", of="stage"),
     Kind(name="stroke", stream=9, label="stroke of each stack", of="drive"),
-    Kind(name="drive", stream=10, label="line of each drive", of="drive"),
+    Kind(name="drive", stream=10, label="actuator lateral offset", of="drive"),
 )
-#: What each is called in tables, by the field of `Scatter`.
+#: Names in tables, by the field of `Scatter`.
 LABELS: Mapping[str, str] = {kind.name: kind.label for kind in KINDS}
 
 
 def scatter_dimensions() -> dict[str, Dimension | None]:
-    """Return the dimension of every field of a scatter; None of a share."""
+    """Return the dimension of every field of a scatter; None for a share."""
     hints = get_type_hints(Scatter, include_extras=True)
     return {
         f.name: next(
@@ -65,8 +65,7 @@ def scatter_dimensions() -> dict[str, Dimension | None]:
 def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return kind, and hinge or drive, of each column of `draw`, in the order of `KINDS`.
 
-    The kind is the field of `Scatter` that it is multiplied by; the name is empty for what is of
-    the whole stage.
+    The kind is a field of `Scatter`; the name is empty for deviations of the whole stage.
     """
     owners = {
         "stage": ("",),
@@ -82,9 +81,9 @@ def parts(stage: Stage, kinds: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def drawn_kinds(stage: Stage, scatter: Scatter) -> tuple[str, ...]:
-    """Return the kinds that a stage can have, and whose scatter is not zero."""
-    nothing = {
+def active_kinds(stage: Stage, scatter: Scatter) -> tuple[str, ...]:
+    """Return the kinds that apply to a stage and whose scatter is not zero."""
+    inapplicable = {
         "neck_common": not stage.hinges,
         "neck_own": not stage.hinges,
         "radius": not stage.hinges,
@@ -96,18 +95,18 @@ def drawn_kinds(stage: Stage, scatter: Scatter) -> tuple[str, ...]:
     return tuple(
         kind.name
         for kind in KINDS
-        if getattr(scatter, kind.name) > 0.0 and not nothing.get(kind.name, False)
+        if getattr(scatter, kind.name) > 0.0 and not inapplicable.get(kind.name, False)
     )
 
 
 def draw(
     stage: Stage, kinds: tuple[str, ...], start: int, stop: int, *, seed: int
 ) -> dict[str, Array]:
-    """Draw standard normal numbers of samples from `start` to before `stop`.
+    """Return standard normal numbers of samples from `start` to before `stop`.
 
-    By kind, shape (samples, owners, numbers of each). The words of a counter-based generator
-    (Philox 4x64: J. K. Salmon et al., Proc. SC11 (2011)), whose key is seed and kind and whose
-    counter is the sample, go through the inverse of the normal distribution.
+    They are by kind, shape (samples, objects, numbers of each). A counter-based generator (Philox
+    4x64: J. K. Salmon et al., Proc. SC11 (2011)) has seed and kind as its key and the sample as its
+    counter; the inverse normal distribution transforms its output.
 
     Raises
     ------
@@ -139,15 +138,15 @@ def _normal(seed: int, stream: int, start: int, stop: int, count: int) -> Array:
 
     if count == 0:
         return np.zeros((stop - start, 0))
-    words_of_step = 4  # that one step of the counter gives
-    blocks = -(-count // words_of_step)
+    block = 4  # random words of one step of the counter
+    blocks = -(-count // block)
     generator = np.random.Philox(key=seed + (stream << 64), counter=start * blocks)
-    words = generator.random_raw((stop - start) * blocks * words_of_step)
-    # the middle of each of 2^53 parts of 0 to 1, so that neither end is met
+    words = generator.random_raw((stop - start) * blocks * block)
+    # the centre of one of 2^53 intervals between 0 and 1, which excludes both ends
     uniform = ((words >> np.uint64(11)) + 0.5) * 2.0**-53
     return ndtri(uniform.reshape(stop - start, -1)[:, :count])
 
 
 def flat(numbers: Mapping[str, Array]) -> Array:
-    """Return the numbers of each sample in one row, in the order of `parts`."""
+    """Return the numbers of each sample as a row, in the order of `parts`."""
     return np.concatenate([n.reshape(len(n), -1) for n in numbers.values()], axis=1)

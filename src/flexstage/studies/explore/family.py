@@ -1,6 +1,6 @@
-"""The stages that some parameters span, and their figures by any model.
+"""Families of stages with varied parameters, and their figures by any model.
 
-Figures beyond those of an analysis, which a search wants to bound, are computed here as well.
+Figures beyond those of an analysis, for constraints of an optimisation, are computed here as well.
 """
 
 import math
@@ -35,18 +35,18 @@ from flexstage.system import MechanicalSystem, characteristic_derivatives
 from flexstage.system.batch_analysis import quoted
 from flexstage.system.characteristics import axis_states
 
-# of every drive of each axis at full stroke, its elongation [m] and force [N]
+# elongation [m] and force [N] of every drive of each axis at full stroke
 Forces = Mapping[str, Mapping[str, tuple[float, float]]]
 
 
 def _smallest_wall(stage: Stage) -> Mapping[str, float]:
-    """Thinnest place of a body, necks left out; none where nothing is thin."""
-    found = thinnest_wall(stage)
-    return {WHOLE_STAGE: found} if math.isfinite(found) else {}
+    """Thinnest wall of a body, without necks; empty without thin walls."""
+    wall = thinnest_wall(stage)
+    return {WHOLE_STAGE: wall} if math.isfinite(wall) else {}
 
 
 def _output_wall(stage: Stage) -> Mapping[str, float]:
-    """Thinnest place of the body whose motion is the output of an axis; none where none is thin."""
+    """Thinnest wall of the output body of each axis; empty without thin walls."""
     bodies = {axis.name: stage.probe(axis.probe).body for axis in stage.axes}
     walls = {body: thinnest_wall(stage, body) for body in dict.fromkeys(bodies.values())}
     return {axis: walls[body] for axis, body in bodies.items() if math.isfinite(walls[body])}
@@ -59,7 +59,7 @@ def _smallest_neck(stage: Stage) -> Mapping[str, float]:
 
 
 def _drive_force(stage: Stage, forces: Forces) -> Mapping[str, float]:
-    """Largest force of a drive that the full stroke takes, its elongation imposed."""
+    """Largest force of a drive at full stroke, with imposed elongation."""
     return {
         axis: max((abs(force) for _, force in drives.values()), default=0.0)
         for axis, drives in forces.items()
@@ -67,84 +67,85 @@ def _drive_force(stage: Stage, forces: Forces) -> Mapping[str, float]:
 
 
 def _drive_force_share(stage: Stage, forces: Forces) -> Mapping[str, float]:
-    """That force in parts of the blocking force, of stacks: what their push must be for all."""
-    found: dict[str, float] = {}
+    """Force of a stack at full stroke over its blocking force; the largest of an axis."""
+    shares: dict[str, float] = {}
     for axis, drives in forces.items():
         for name, (_, force) in drives.items():
             drive = stage.drive(name)
             if isinstance(drive, PiezoStack):
                 blocking = drive.blocking_force or drive.stiffness * drive.free_stroke
-                found[axis] = max(found.get(axis, 0.0), abs(force) / blocking)
-    return found
+                shares[axis] = max(shares.get(axis, 0.0), abs(force) / blocking)
+    return shares
 
 
 def _stroke_left(stage: Stage, forces: Forces) -> Mapping[str, float]:
-    r"""Part of its free stroke that a drive keeps against the stage: :math:`k_d/(k_d + k_s)`.
+    r"""Share of the free stroke of a drive that remains on the stage: :math:`k_d/(k_d + k_s)`.
 
-    By its own stiffness and the force over its elongation; the least of the drives of an axis.
+    :math:`k_d` is the stiffness of the drive and :math:`k_s` its force over its elongation; the
+    least of the drives of an axis.
     """
-    found: dict[str, float] = {}
+    shares: dict[str, float] = {}
     for axis, drives in forces.items():
         largest = max((abs(length) for length, _ in drives.values()), default=0.0)
         for name, (length, force) in drives.items():
             drive = stage.drive(name)
-            # of the largest elongation of a motion, less is none
+            # a smaller share of the largest elongation is rounding error
             if isinstance(drive, Force) or abs(length) <= 1e-9 * largest:
                 continue
             lost = 0.0 if drive.spring is None else force / drive.spring
-            left = length / (length + lost) if length + lost else math.inf
-            found[axis] = min(found.get(axis, math.inf), left)
-    return found
+            share = length / (length + lost) if length + lost else math.inf
+            shares[axis] = min(shares.get(axis, math.inf), share)
+    return shares
 
 
 def _buckling_factor(stage: Stage, forces: Forces) -> Mapping[str, float]:
-    """Factor of the forces of the full stroke at which the stage buckles, bodies taken as rigid."""
+    """Load factor on the forces at full stroke at which the stage buckles, with rigid bodies."""
     return {
         axis: lumped_buckling(stage, {name: force for name, (_, force) in drives.items()})
         for axis, drives in forces.items()
     }
 
 
-#: By quantity: what computes it of the geometry alone, by axis, ``stage`` for the whole.
+#: Functions of the geometry, by quantity; their results are by axis, ``stage`` for the whole.
 _OF_GEOMETRY: Mapping[str, Callable[[Stage], Mapping[str, float]]] = {
     "smallest_neck": _smallest_neck,
-    # the narrowest cut, negative where bodies overlap
+    # negative where bodies overlap
     "smallest_slot": lambda stage: {WHOLE_STAGE: narrowest_slot(stage)},
     "smallest_wall": _smallest_wall,
     "output_wall": _output_wall,
 }
-# of the forces of drives, by axis
+# functions of the forces of drives, by quantity; their results are by axis
 _OF_FORCES: Mapping[str, Callable[[Stage, Forces], Mapping[str, float]]] = {
     "drive_force": _drive_force,
     "drive_force_share": _drive_force_share,
     "stroke_left": _stroke_left,
     "buckling_factor": _buckling_factor,
 }
-#: Quantities that are known of one stage at a time.
+#: Quantities that are computed for one stage at a time.
 STAGE_FIGURES = (*_OF_FORCES, *_OF_GEOMETRY)
 
 
 def need_a_model(quantities: Collection[str]) -> bool:
-    """Say whether some quantities of `STAGE_FIGURES` are more than geometry."""
+    """Return whether any of the quantities of `STAGE_FIGURES` needs a model."""
     return any(quantity in _OF_FORCES for quantity in quantities)
 
 
 def stage_figures(
     stage: Stage,
     system: MechanicalSystem | None,
-    wanted: Collection[tuple[str, str]] | None = None,
+    keys: Collection[tuple[str, str]] | None = None,
 ) -> dict[tuple[str, str], float]:
-    """Return figures of a stage by quantity and axis: those that are wanted, or all.
+    """Return figures of a stage by quantity and axis: those of `keys`, or all.
 
-    `system` is a model of it; None where `need_a_model` says that none is needed.
+    `system` is a model of the stage; it may be None if `need_a_model` returns False.
     """
-    asked = {quantity for quantity, _ in wanted} if wanted is not None else set(STAGE_FIGURES)
-    found: dict[tuple[str, str], float] = {}
+    quantities = {quantity for quantity, _ in keys} if keys is not None else set(STAGE_FIGURES)
+    figures: dict[tuple[str, str], float] = {}
     for quantity, measure in _OF_GEOMETRY.items():
-        if quantity in asked:
-            found |= {(quantity, axis): value for axis, value in measure(stage).items()}
-    if system is None or not need_a_model(asked):
-        return found
+        if quantity in quantities:
+            figures |= {(quantity, axis): value for axis, value in measure(stage).items()}
+    if system is None or not need_a_model(quantities):
+        return figures
     forces = {
         state.axis: {
             name: (length, state.static.drive_force.get(name, 0.0))
@@ -153,14 +154,14 @@ def stage_figures(
         for state in axis_states(stage, system).axes
     }
     for quantity, compute in _OF_FORCES.items():
-        if quantity in asked:
-            of = {a: f for a, f in forces.items() if wanted is None or (quantity, a) in wanted}
-            found |= {(quantity, axis): value for axis, value in compute(stage, of).items()}
-    return found
+        if quantity in quantities:
+            of = {a: f for a, f in forces.items() if keys is None or (quantity, a) in keys}
+            figures |= {(quantity, axis): value for axis, value in compute(stage, of).items()}
+    return figures
 
 
-# Steps of difference quotients in parts of the range of a variable: a meshed model jitters with its
-# mesh, and needs wider ones.
+# Steps of difference quotients as shares of the range of a variable. They are larger for meshed
+# models, whose figures scatter with the mesh.
 _STEP = {
     "lumped": 1e-5,
     "superelement": 2e-3,
@@ -172,12 +173,12 @@ _STEP = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
-    """A stage of which some parameters are varied; a point has their values in SI units."""
+    """A stage with varied parameters; a point has their values in SI units."""
 
     template: StageTemplate
     """The design or stage file."""
     variables: tuple[Variable, ...]
-    """What is varied."""
+    """The varied parameters."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -186,7 +187,7 @@ class Family:
 
     @property
     def usual(self) -> Array:
-        """The point of the stage as it is described, shape (d,)."""
+        """The point of the described stage, shape (d,)."""
         return np.array([v.usual for v in self.variables])
 
     @property
@@ -209,12 +210,12 @@ class Family:
         Raises
         ------
         FlexstageError
-            There is none: dimensions that do not go together.
+            The stage is impossible.
         """
         return self.template.stage(self.values(point))
 
     def text(self, point: Array, name: str | None = None, title: str | None = None) -> str:
-        """Return a stage file of the stage of a point, under another name and title."""
+        """Return a stage file of the stage of a point, with another name and title."""
         return self.template.text(self.values(point), name, title)
 
 
@@ -225,21 +226,21 @@ class Evaluated:
     figures: tuple[Figure, ...]
     """The figures, in the order of the columns."""
     values: Array
-    """In the units of their quantities, NaN where a point is no stage, shape (points, figures)."""
+    """Values in the units of the quantities, NaN for impossible stages, shape (points, figures)."""
     faults: tuple[str, ...]
-    """Why a point is no stage, in a sentence; empty where it is one."""
+    """Reason why a stage is impossible; empty for possible ones."""
 
 
 def known_figures(stage: Stage) -> dict[tuple[str, str], float]:
     """Return all figures of a stage by the lumped model, by quantity and axis."""
     analysis = analyse_model(stage, "lumped")
-    found = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    return found | stage_figures(stage, analysis.system)
+    figures = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
+    return figures | stage_figures(stage, analysis.system)
 
 
 @lru_cache(maxsize=32)
 def batched_figures(stage: Stage) -> tuple[tuple[str, str], ...]:
-    """Return which figures of a stage the batched engine knows, by quantity and axis."""
+    """Return the figures of a stage that the batched engine computes, by quantity and axis."""
     return quoted(assemble_batch(stage_arrays([stage])))
 
 
@@ -255,14 +256,14 @@ def evaluate(
     points : numpy.ndarray
         Values of the variables [SI], shape (points, d).
     figures : sequence of Figure
-        What is computed of each.
+        Figures to compute.
     model : str
         ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
 
     Returns
     -------
     Evaluated
-        A point that is no stage has NaN and a sentence; it stops nothing.
+        The figures. An impossible stage has NaN and a reason; the other points are computed.
 
     Examples
     --------
@@ -270,8 +271,8 @@ def evaluate(
     >>> template = StageTemplate.of("parallelogram")
     >>> family = Family(template=template, variables=variables_of(template, ["leg_spacing=20 %"]))
     >>> ratio = Figure(quantity="transmission_ratio", axis="x")
-    >>> found = evaluate(family, np.array([[0.038], [0.042]]), [ratio])
-    >>> [f"{v:.3f}" for v in found.values[:, 0]]
+    >>> evaluation = evaluate(family, np.array([[0.038], [0.042]]), [ratio])
+    >>> [f"{v:.3f}" for v in evaluation.values[:, 0]]
     ['1.000', '1.000']
     """
     values = np.full((len(points), len(figures)), np.nan)
@@ -284,7 +285,7 @@ def evaluate(
             faults[i] = str(error)
     nominal = family.template.stage()
     if model == "lumped":
-        _together(nominal, stages, figures, values)
+        _evaluate_batch(nominal, stages, figures, values)
     for done, (i, stage) in enumerate(stages.items()):
         missing = np.flatnonzero(np.isnan(values[i])).tolist()
         if not missing:
@@ -297,10 +298,10 @@ def evaluate(
     return Evaluated(figures=tuple(figures), values=values, faults=tuple(faults))
 
 
-def _together(
+def _evaluate_batch(
     nominal: Stage, stages: Mapping[int, Stage], figures: Sequence[Figure], values: Array
 ) -> None:
-    """Put in what the batched engine knows of all stages; the rest stays NaN."""
+    """Fill in the figures of the batched engine for all stages; others stay NaN."""
     batched = batched_figures(nominal)
     known = [k for k, figure in enumerate(figures) if figure.key in batched]
     if not stages or not known:
@@ -308,39 +309,39 @@ def _together(
     try:
         arrays = stage_arrays(list(stages.values()), nominal=nominal)
     except FlexstageError:
-        return  # one is of another topology, or has a hinge beside its body: each by itself
-    found = lumped_characteristics(arrays, [figures[k].key for k in known])
+        return  # one has another topology, or a detached hinge: each is computed alone
+    characteristics = lumped_characteristics(arrays, [figures[k].key for k in known])
     for k in known:
-        values[list(stages), k] = found[figures[k].key]
+        values[list(stages), k] = characteristics[figures[k].key]
 
 
 def _figures(stage: Stage, figures: Collection[Figure], model: str, nominal: Stage) -> list[float]:
-    """Figures of one stage, by the single analysis; what needs none of it, by the model alone.
+    """Return figures of one stage by an analysis, or by the lumped model alone if that suffices.
 
-    All points of a family lie about the stage that it is described by, whoever computes them.
+    The described stage is the reference of superelements, on every worker.
     """
     rows: dict[tuple[str, str], float] = {}
     system: MechanicalSystem | None = None
-    beyond = {figure.key for figure in figures if figure.quantity in STAGE_FIGURES}
-    if model == "lumped" and len(beyond) == len(figures):
-        if need_a_model({quantity for quantity, _ in beyond}):
+    keys = {figure.key for figure in figures if figure.quantity in STAGE_FIGURES}
+    if model == "lumped" and len(keys) == len(figures):
+        if need_a_model({quantity for quantity, _ in keys}):
             system = lumped_system(stage)
     else:
         analysis = analyse_model(stage, model, near=nominal)
         system = analysis.system
         rows = {(row.quantity, row.axis): row.value for row in analysis.characteristics}
-    rows |= stage_figures(stage, system, beyond)
+    rows |= stage_figures(stage, system, keys)
     return [rows.get(figure.key, np.nan) for figure in figures]
 
 
 def jacobian(
     family: Family, point: Array, figures: Sequence[Figure], model: str = "lumped"
 ) -> tuple[Array, Array]:
-    """Return figures of a point and their slopes by the variables.
+    """Return figures of a point and their derivatives by the variables.
 
-    By the lumped model the derivatives of `flexstage.system.characteristic_derivatives`, which
-    need no step; what that does not know, and other models, by central difference quotients, to
-    one side where the other is no stage.
+    Derivatives of the lumped model are analytic (`flexstage.system.characteristic_derivatives`).
+    Those of other figures and models are central difference quotients, one-sided if the stage on
+    the other side is impossible.
 
     Parameters
     ----------
@@ -349,38 +350,38 @@ def jacobian(
     point : numpy.ndarray
         Values of the variables [SI], shape (d,).
     figures : sequence of Figure
-        What is computed.
+        Figures to compute.
     model : str
         As in `evaluate`.
 
     Returns
     -------
     tuple of numpy.ndarray
-        Values, shape (f,), and slopes in the units of the figures per SI unit of the variables,
-        shape (f, d); NaN where a step to neither side is a stage.
+        Values, shape (f,), and derivatives in the units of the figures per SI unit of the
+        variables, shape (f, d); NaN if the stages on both sides are impossible.
 
     Raises
     ------
     ModelError
-        The point itself is no stage.
+        The stage of the point is impossible.
     """
     steps = _STEP[model] * np.ptp(family.bounds, axis=1)
-    found = evaluate(family, point[None], figures, model)
-    if found.faults[0]:
-        raise ModelError(f"there is no stage to start from: {found.faults[0]}")
+    evaluation = evaluate(family, point[None], figures, model)
+    if evaluation.faults[0]:
+        raise ModelError(f"the stage of the point is impossible: {evaluation.faults[0]}")
     slopes = np.full((len(figures), len(steps)), np.nan)
     if model == "lumped":
         slopes = _derivatives(family, point, figures, steps)
-    left = np.flatnonzero(np.isnan(slopes).any(axis=1))
-    if left.size:
-        open_ = [figures[k] for k in left.tolist()]
-        by_steps = _quotients(family, point, open_, model, steps, found.values[0, left])
-        slopes[left] = np.where(np.isnan(slopes[left]), by_steps, slopes[left])
-    return found.values[0], slopes
+    rows = np.flatnonzero(np.isnan(slopes).any(axis=1))
+    if rows.size:
+        others = [figures[k] for k in rows.tolist()]
+        quotients = _quotients(family, point, others, model, steps, evaluation.values[0, rows])
+        slopes[rows] = np.where(np.isnan(slopes[rows]), quotients, slopes[rows])
+    return evaluation.values[0], slopes
 
 
 def _derivatives(family: Family, point: Array, figures: Sequence[Figure], steps: Array) -> Array:
-    """Analytic derivatives by the lumped model, shape (f, d); NaN where they are not known."""
+    """Return analytic derivatives by the lumped model, shape (f, d); NaN for others."""
     slopes = np.full((len(figures), len(steps)), np.nan)
     arrays = stage_arrays([family.stage(point)])
     batched = quoted(assemble_batch(arrays))
@@ -398,14 +399,14 @@ def _derivatives(family: Family, point: Array, figures: Sequence[Figure], steps:
                 build, float(point[j]), step=float(step), order=2, arrays=arrays
             )
         except FlexstageError:
-            continue  # no stage to either side, or a hinge that becomes another
+            continue  # impossible stages on both sides, or a hinge with another profile
     if tangents:
         first, *others = tangents.values()
-        joined = first.joined(*others)
+        all_tangents = first.joined(*others)
         keys = [figures[k].key for k in known]
-        found = characteristic_derivatives(*system_tangents(joined), keys)
+        derivatives = characteristic_derivatives(*system_tangents(all_tangents), keys)
         for k, key in zip(known, keys, strict=True):
-            slopes[k, list(tangents)] = found[key]
+            slopes[k, list(tangents)] = derivatives[key]
     return slopes
 
 
@@ -417,10 +418,10 @@ def _quotients(
     steps: Array,
     here: Array,
 ) -> Array:
-    """Difference quotients, shape (f, d)."""
+    """Return difference quotients, shape (f, d)."""
     d = len(steps)
     around = np.concatenate((point + np.diag(steps), point - np.diag(steps)))
-    found = evaluate(family, around, figures, model).values
-    up, down = (found[:d] - here) / steps[:, None], (here - found[d:]) / steps[:, None]
+    values = evaluate(family, around, figures, model).values
+    up, down = (values[:d] - here) / steps[:, None], (here - values[d:]) / steps[:, None]
     slopes = np.where(np.isnan(up), down, np.where(np.isnan(down), up, 0.5 * (up + down)))
     return slopes.T

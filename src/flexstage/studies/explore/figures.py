@@ -1,4 +1,4 @@
-"""Figures of a stage by short names, and what is required of them."""
+"""Figures of a stage by short names, and requirements on them."""
 
 import math
 import re
@@ -17,10 +17,10 @@ from flexstage.quantities.characteristic import WHOLE_STAGE
 from flexstage.quantities.quantity import ALIASES, QUANTITIES, Quantity, full_name
 from flexstage.quantities.units import DIMENSIONS, parse, to_text
 
-# what a short name means of an axis that is a rotation
+# meaning of a short name for an axis of rotation
 _OF_ROTATION = {"output_displacement": "rotation_stroke"}
-#: What is looked at first of every axis, as far as a stage has it.
-USUAL = (
+#: Default quantities of each axis, if the stage has them.
+DEFAULT_QUANTITIES = (
     "transmission_ratio",
     "output_displacement",
     "rotation_stroke",
@@ -28,7 +28,7 @@ USUAL = (
     "max_stress",
     "cross_coupling",
 )
-#: A figure that varies by less than this share of its size varies by rounding alone.
+#: Relative variation of a figure below which it is rounding error.
 ROUNDING = 1e-9
 _DIMENSION = {d.si: d.name for d in DIMENSIONS.values()}
 _REQUIREMENT = re.compile(r"^\s*([\w.\- ]+?)\s*(>=|<=|==|=|>|<|≥|≤)\s*(.+?)\s*$")
@@ -42,7 +42,7 @@ class Figure:
     quantity: str
     """One of `flexstage.quantities.quantity.QUANTITIES`."""
     axis: str
-    """Name of the axis; ``stage`` for the whole."""
+    """Name of the axis; ``stage`` for the whole stage."""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -51,32 +51,32 @@ class Figure:
 
     @property
     def name(self) -> str:
-        """Its name as it is given: ``natural_frequency.x``, ``mass``."""
+        """Name in requests: ``natural_frequency.x``, ``mass``."""
         return self._named(self.quantity.removesuffix("_hz"))
 
     @property
-    def shown(self) -> Quantity:
-        """Label, unit and digits in which it is shown."""
+    def display(self) -> Quantity:
+        """Label, unit and format of printed values."""
         return QUANTITIES[self.quantity]
 
     @property
     def label(self) -> str:
-        """Its name in words, without unit."""
+        """Name in words, without unit."""
         axis = "" if self.axis == WHOLE_STAGE else f" {self.axis}"
-        return f"{self.shown.label}{axis}"
+        return f"{self.display.label}{axis}"
 
     @property
     def heading(self) -> str:
-        """Its name in words, with the unit that it is shown in."""
-        return self.heading_in(self.shown)
+        """Name in words with the printed unit."""
+        return self.heading_in(self.display)
 
-    def heading_in(self, shown: Quantity) -> str:
-        """Return its name in words, with another unit that it is shown in."""
-        return f"{self.label} [{shown.shown_unit}]" if shown.shown_unit else self.label
+    def heading_in(self, quantity: Quantity) -> str:
+        """Return the name in words with the printed unit of a quantity."""
+        return f"{self.label} [{quantity.shown_unit}]" if quantity.shown_unit else self.label
 
     def text(self, value: float) -> str:
         """Write a value with its unit."""
-        return f"{self.shown.text(value)} {self.shown.shown_unit}".strip()
+        return f"{self.display.text(value)} {self.display.shown_unit}".strip()
 
     def read(self, text: str) -> float:
         """Read a value with its unit; a plain number may be in per cent.
@@ -84,36 +84,36 @@ class Figure:
         Raises
         ------
         ModelError
-            There is no number, or the unit is not one of the quantity.
+            The text has no number, or its unit is not one of the quantity.
         """
-        if text.endswith("%") and self.shown.unit == "1":
+        if text.endswith("%") and self.display.unit == "1":
             text, factor = text[:-1].strip(), 0.01
         else:
             factor = 1.0
         try:
-            if self.shown.unit == "1":
+            if self.display.unit == "1":
                 return factor * float(text)
-            dimension = _DIMENSION.get(self.shown.unit)
+            dimension = _DIMENSION.get(self.display.unit)
             if dimension is None:
-                raise UnitError(f"give it in {self.shown.unit}")
+                raise UnitError(f"give it in {self.display.unit}")
             return parse(text, dimension)
         except (UnitError, ValueError) as error:
-            told = str(error) if isinstance(error, UnitError) else "expected a plain number"
-            raise ModelError(f"the value of {self.name}, '{text[:40]}': {told}") from None
+            reason = str(error) if isinstance(error, UnitError) else "expected a plain number"
+            raise ModelError(f"the value of {self.name}, '{text[:40]}': {reason}") from None
 
     def _named(self, quantity: str) -> str:
         return quantity if self.axis == WHOLE_STAGE else f"{quantity}.{self.axis}"
 
 
 def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
-    """Return the figure of a name, among those that a stage has.
+    """Return the figure with a name, among those of a stage.
 
     Parameters
     ----------
     text : str
-        Quantity and axis, ``natural_frequency.x``; the axis may be left out where there is one.
+        Quantity and axis, ``natural_frequency.x``; the axis may be omitted if there is only one.
     known : collection of (str, str)
-        Quantities and axes that there are.
+        Available quantities and axes.
 
     Raises
     ------
@@ -127,9 +127,9 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
     """
     name, _, axis = text.strip().partition(".")
     quantity = full_name(name)
-    turned = _OF_ROTATION.get(quantity, quantity)
-    if name in ALIASES and (turned, axis) in known:
-        quantity = turned
+    of_rotation = _OF_ROTATION.get(quantity, quantity)
+    if name in ALIASES and (of_rotation, axis) in known:
+        quantity = of_rotation
     axes = [a for q, a in known if q == quantity]
     if not known:
         raise ModelError(_no_axes(known))
@@ -139,7 +139,7 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
         names = dict.fromkeys(Figure(quantity=q, axis=WHOLE_STAGE).name for q, _ in known)
         short = [alias for alias, of in ALIASES.items() if any(q == of for q, _ in known)]
         raise ModelError(
-            f"there is no figure '{text[:60]}' here: there is {', '.join(names)}"
+            f"there is no figure '{text[:60]}' here; the figures are {', '.join(names)}"
             f"{did_you_mean(name, [*names, *short])}"
         )
     if not axis and (len(axes) == 1 or WHOLE_STAGE in axes):
@@ -151,7 +151,7 @@ def figure_of(text: str, known: Collection[tuple[str, str]]) -> Figure:
 
 
 def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
-    """Return the figures of some names; one without an axis is that of every axis that has it.
+    """Return the figures with given names; a name without axis stands for all axes.
 
     Examples
     --------
@@ -160,107 +160,111 @@ def figures_of(texts: Sequence[str], known: Collection[tuple[str, str]]) -> tupl
     ['max_stress.x', 'max_stress.y']
     """
     axes = dict.fromkeys(axis for _, axis in known)
-    found: list[Figure] = []
+    figures: list[Figure] = []
     for text in texts:
         of_axes: list[Figure] = []
         for axis in axes if "." not in text else ():
-            with suppress(ModelError):  # an axis that has none
+            with suppress(ModelError):  # the axis does not have it
                 of_axes.append(figure_of(text, [key for key in known if key[1] == axis]))
-        found += of_axes or [figure_of(text, known)]
-    return tuple(dict.fromkeys(found))
+        figures += of_axes or [figure_of(text, known)]
+    return tuple(dict.fromkeys(figures))
 
 
-def usual_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
-    """Return what is looked at first: ratio, stroke, frequency, stress, coupling of every axis.
+def default_figures(known: Collection[tuple[str, str]]) -> tuple[Figure, ...]:
+    """Return the default figures: ratio, stroke, frequency, stress and coupling of each axis.
 
     Raises
     ------
     ModelError
-        There is none, as the stage describes no axes.
+        The stage has no axes.
     """
-    found = tuple(Figure(quantity=q, axis=a) for q in USUAL for k, a in known if k == q)
-    if not found:
+    figures = tuple(
+        Figure(quantity=q, axis=a) for q in DEFAULT_QUANTITIES for k, a in known if k == q
+    )
+    if not figures:
         raise ModelError(_no_axes(known))
-    return found
+    return figures
 
 
 def _no_axes(known: Collection[tuple[str, str]]) -> str:
-    """Say what a stage lacks that has none of the usual figures."""
+    """Return the message for a stage without default figures."""
     others = ", ".join(Figure(quantity=q, axis=a).name for q, a in known)
     return (
-        "the stage describes no axes, and so has no ratio, stroke or frequency: add 'axes' to the "
-        "stage file, each with its drive and the probe that reads it (of a drawing "
-        "by 'flexstage import' with --drive and --probe)"
+        "the stage has no axes, and so no ratio, stroke or frequency: add 'axes' to the stage "
+        "file, each with its drive and its probe (for a drawing use 'flexstage import' with "
+        "--drive and --probe)"
     ) + (f", or name one of its other figures, {others}" if others else "")
 
 
-def chosen_figures(
+def requested_figures(
     texts: Sequence[str] | None, known: Collection[tuple[str, str]]
 ) -> tuple[Figure, ...]:
-    """Return the figures of some names as `figures_of` does; the usual ones where none is given."""
-    return figures_of(texts, known) if texts else usual_figures(known)
+    """Return the figures with given names as `figures_of` does; without names the default ones."""
+    return figures_of(texts, known) if texts else default_figures(known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirement(Stated):
-    """What is required of a figure: bounds, in the unit of its quantity."""
+    """A requirement on a figure: limits, in the unit of its quantity."""
 
     figure: Figure
     """The figure."""
     low: float | None = None
-    """Least value that is allowed."""
+    """Lower limit; None for none."""
     high: float | None = None
-    """Greatest value that is allowed."""
+    """Upper limit; None for none."""
 
     def __post_init__(self) -> None:
         if self.low is None and self.high is None:
-            raise ModelError(f"a requirement of {self.figure.name} needs a bound")
+            raise ModelError(f"a requirement on {self.figure.name} needs a limit")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ModelError(
                 f"{self.figure.name} cannot be from {self.figure.text(self.low)} to "
-                f"{self.figure.text(self.high)}: the lower bound is above the upper one"
+                f"{self.figure.text(self.high)}: the lower limit is above the upper one"
             )
 
     @property
     def text(self) -> str:
-        """It in words and units."""
+        """The requirement as text with units."""
         name, low, high = self.figure.name, self.low, self.high
         if low is None:
-            return f"{name} <= {self._written(high)}"
+            return f"{name} <= {self._limit_text(high)}"
         if high is None:
-            return f"{name} >= {self._written(low)}"
+            return f"{name} >= {self._limit_text(low)}"
         if low == high:
-            return f"{name} = {self._written(low)}"
-        return f"{name} = {self._written(low)} to {self._written(high)}"
+            return f"{name} = {self._limit_text(low)}"
+        return f"{name} = {self._limit_text(low)} to {self._limit_text(high)}"
 
     def __str__(self) -> str:
-        """Return it as a command takes it."""
-        name, shown = self.figure.name, self.figure.shown
+        """Return the requirement in the notation of the command line."""
+        name, quantity = self.figure.name, self.figure.display
 
-        def written(value: float) -> str:
-            dimension = _DIMENSION.get(shown.unit)
-            return repr(value) if dimension is None else to_text(value, dimension, shown.shown_unit)
+        def exact(value: float) -> str:
+            dimension = _DIMENSION.get(quantity.unit)
+            if dimension is None:
+                return repr(value)
+            return to_text(value, dimension, quantity.shown_unit)
 
         if self.low is None or (self.low != self.high and self.low == -(self.high or 0.0)):
-            return f"{name} <= {written(self.high or 0.0)}"
+            return f"{name} <= {exact(self.high or 0.0)}"
         if self.high is None:
-            return f"{name} >= {written(self.low)}"
+            return f"{name} >= {exact(self.low)}"
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        return f"{name} = {written(middle)}" + (f" +- {written(half)}" if half else "")
+        return f"{name} = {exact(middle)}" + (f" +- {exact(half)}" if half else "")
 
-    def _written(self, value: float | None) -> str:
+    def _limit_text(self, value: float | None) -> str:
         assert value is not None
-        shown = self.figure.shown
-        return f"{value * shown.factor:.6g} {shown.shown_unit}".rstrip()
+        quantity = self.figure.display
+        return f"{value * quantity.factor:.6g} {quantity.shown_unit}".rstrip()
 
     def met(self, values: Array) -> NDArray[np.bool_]:
-        """Say which values meet it; NaN does not."""
+        """Return which values meet the requirement; NaN does not."""
         values = np.asarray(values)
         above = np.isfinite(values) if self.low is None else values >= self.low
         return above & (np.isfinite(values) if self.high is None else values <= self.high)
 
     def excess(self, values: Array) -> Array:
-        """Return how far values are beyond the nearer bound, in parts of it; negative within."""
+        """Return the excess over the nearer limit, as a share of it; negative inside the limits."""
         values = np.asarray(values, dtype=np.float64)
         beyond = np.full(values.shape, -math.inf)
         for bound, sign in ((self.low, -1.0), (self.high, 1.0)):
@@ -276,36 +280,36 @@ def requirement_of(text: str, known: Collection[tuple[str, str]]) -> Requirement
     ----------
     text : str
         ``stroke.x >= 60 um``, ``stress.x <= 200 MPa``, ``ratio.x = 1.7``, or with a tolerance,
-        ``ratio.x = 1.7 +- 1 %``. A greatest value of what may be nothing, as of a coupling, is that
-        of its magnitude.
+        ``ratio.x = 1.7 +- 1 %``. The upper limit of a quantity that is zero in an ideal stage, such
+        as a coupling, is that of its magnitude.
     known : collection of (str, str)
-        Quantities and axes that there are.
+        Available quantities and axes.
 
     Raises
     ------
     ModelError
-        It is none, or of a figure that there is not.
+        The text is not a requirement, or its figure is unknown.
 
     Examples
     --------
-    >>> kept = requirement_of("stroke.x >= 60 um", [("output_displacement", "x")])
-    >>> kept.low, kept.text
+    >>> stroke = requirement_of("stroke.x >= 60 um", [("output_displacement", "x")])
+    >>> stroke.low, stroke.text
     (6e-05, 'output_displacement.x >= 60 µm')
     """
-    found = _REQUIREMENT.match(text)
-    if found is None:
+    match = _REQUIREMENT.match(text)
+    if match is None:
         raise ModelError(
-            f"'{text[:80]}' is no requirement: expected a figure, a sign and a value with unit, "
+            f"'{text[:80]}' is not a requirement: expected a figure, a sign and a value with unit, "
             'such as "natural_frequency.x >= 300 Hz", "stress.x <= 200 MPa" or '
             '"ratio.x = 1.7 +- 1 %"'
         )
-    figure = figure_of(found[1], known)
-    value, *tolerance = _TOLERANCE.split(found[3], maxsplit=1)
+    figure = figure_of(match[1], known)
+    value, *tolerance = _TOLERANCE.split(match[3], maxsplit=1)
     target = figure.read(value)
-    low, high = _bounds(figure, found[2], target)
+    low, high = _bounds(figure, match[2], target)
     if tolerance:
         if low != high:
-            raise ModelError(f"'{text[:80]}': a tolerance belongs to '=', not to '{found[2]}'")
+            raise ModelError(f"'{text[:80]}': a tolerance belongs to '=', not to '{match[2]}'")
         width = _tolerance(figure, tolerance[0], target)
         low, high = target - width, target + width
     return Requirement(figure=figure, low=low, high=high)
@@ -322,8 +326,8 @@ def _bounds(figure: Figure, sign: str, value: float) -> tuple[float | None, floa
         case ">=" | ">" | "≥":
             return value, None
         case "<=" | "<" | "≤":
-            # what may be nothing, as a coupling, has a sign that says its way alone
-            return -value if figure.shown.zero > 0.0 and value > 0.0 else None, value
+            # the sign of a quantity that is ideally zero, such as a coupling, is only its direction
+            return -value if figure.display.zero > 0.0 and value > 0.0 else None, value
         case _:
             return value, value
 
@@ -331,7 +335,7 @@ def _bounds(figure: Figure, sign: str, value: float) -> tuple[float | None, floa
 def requirements_of(
     texts: Iterable[str | Requirement], known: Collection[tuple[str, str]]
 ) -> tuple[Requirement, ...]:
-    """Return requirements, those that are texts as `requirement_of` reads them."""
+    """Return requirements; texts are read by `requirement_of`."""
     return tuple(
         text if isinstance(text, Requirement) else requirement_of(text, known) for text in texts
     )
@@ -343,7 +347,7 @@ def _tolerance(figure: Figure, text: str, target: float) -> float:
             share = 0.01 * float(text[:-1])
         except ValueError:
             raise ModelError(
-                f"the tolerance of {figure.name}, '{text[:40]}', is no share"
+                f"the tolerance of {figure.name}, '{text[:40]}', is not a percentage"
             ) from None
         width = share * abs(target)
     else:

@@ -1,4 +1,4 @@
-"""From requests to jobs: names and ranges are looked up in the stage that is asked about."""
+"""Preparation of requests: names and ranges are resolved for a stage, and jobs are returned."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -18,23 +18,23 @@ from flexstage.studies.explore.family import Family, batched_figures, known_figu
 from flexstage.studies.explore.figures import (
     Figure,
     Requirement,
-    chosen_figures,
+    default_figures,
     figure_of,
+    requested_figures,
     requirement_of,
     requirements_of,
-    usual_figures,
+)
+from flexstage.studies.explore.optimise.default_requirements import (
+    CHECK,
+    default_requirements,
+    default_variables,
+    fixed_dimensions_note,
+    published_targets,
 )
 from flexstage.studies.explore.optimise.front import Front, find_front
-from flexstage.studies.explore.optimise.ladder import SearchOptions, find_optimum
+from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions, find_optimum
 from flexstage.studies.explore.optimise.optimum import Optimum
 from flexstage.studies.explore.optimise.problem import Goal, Problem
-from flexstage.studies.explore.optimise.usual import (
-    CHECK,
-    held_dimensions,
-    published_targets,
-    usual_requirements,
-    usual_variables,
-)
 from flexstage.studies.explore.requests import (
     OptimiseRequest,
     SensitivityRequest,
@@ -59,15 +59,15 @@ _PUBLISHED = "published"
 
 
 def ready_sweep(request: SweepRequest, template: StageTemplate) -> Callable[..., Sweep]:
-    """Return `flexstage.studies.explore.sweep` of a request; it then needs workers and folder."""
+    """Return the function that runs a sweep with given workers and folder."""
     run = partial(sweep, *swept(request, template), model=request.model)
-    return lambda **how: replace(run(**how), request=request)
+    return lambda **options: replace(run(**options), request=request)
 
 
 def swept(
     request: SweepRequest, template: StageTemplate
 ) -> tuple[Family, tuple[Figure, ...], SweepPlan]:
-    """Return what is varied, which figures are computed, and at which points."""
+    """Return family, figures and sampling plan of a sweep."""
     if not request.over:
         raise ModelError(nothing_varied(template))
     family = Family(template=template, variables=variables_of(template, request.over))
@@ -79,12 +79,12 @@ def swept(
         seed=request.seed,
         indices=request.indices,
     )
-    figures = chosen_figures(request.of, known_figures(family.stage(family.usual)))
+    figures = requested_figures(request.of, known_figures(family.stage(family.usual)))
     return family, figures, plan
 
 
 def nothing_varied(template: StageTemplate) -> str:
-    """Say how a parameter of this stage is varied."""
+    """Return the message for a sweep without parameters."""
     variables = every_variable(template)
     if not variables:
         return (
@@ -93,7 +93,7 @@ def nothing_varied(template: StageTemplate) -> str:
         )
     neck = next((v for v in variables if "neck" in v.name), variables[0])
     return (
-        f'name what is varied, such as --over "{neck.name}={neck.range_text}": the '
+        f'name a parameter and its range, such as --over "{neck.name}={neck.range_text}": the '
         f"parameters of {template.source} are {listed([v.name for v in variables])}"
     )
 
@@ -101,7 +101,7 @@ def nothing_varied(template: StageTemplate) -> str:
 def ready_optimise(
     request: OptimiseRequest, template: StageTemplate
 ) -> Callable[[Workers], Optimum | Front]:
-    """Return what finds the best stage, or the front of several goals."""
+    """Return the function that computes the optimum, or the front of several goals."""
     problem = problem_of(request, template)
     options = SearchOptions(
         start=request.start,
@@ -112,14 +112,14 @@ def ready_optimise(
     )
     if len(problem.goals) > 1:
         return lambda workers: replace(find_front(problem, options, workers), request=request)
-    # one search is one process's work
+    # a search for one optimum runs in one process
     return lambda _: replace(find_optimum(problem, options), request=request)
 
 
 def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
-    """Return what is sought, and of which stages."""
-    given = bool(request.over)
-    variables = variables_of(template, request.over) if given else usual_variables(template)
+    """Return the optimisation problem of a request."""
+    explicit = bool(request.over)
+    variables = variables_of(template, request.over) if explicit else default_variables(template)
     if not variables:
         raise ModelError(
             f"{template.source} has no parameter that can be varied: give its dimensions names "
@@ -128,36 +128,38 @@ def problem_of(request: OptimiseRequest, template: StageTemplate) -> Problem:
     described = template.stage()
     known = known_figures(described)
     goals = (
-        *(Goal(figure=figure_of(name, known), way="maximise") for name in request.maximise),
-        *(Goal(figure=figure_of(name, known), way="minimise") for name in request.minimise),
+        *(Goal(figure=figure_of(name, known), direction="maximise") for name in request.maximise),
+        *(Goal(figure=figure_of(name, known), direction="minimise") for name in request.minimise),
     )
     if goals and request.match:
-        raise ModelError("--match seeks stated figures, and has no goal: use --keep beside a goal")
-    asked = requirements_of(request.keep, known)
+        raise ModelError(
+            "--match cannot be combined with a goal: use --keep for a constraint on a goal"
+        )
+    constraints = requirements_of(request.keep, known)
     targets: tuple[Requirement, ...] = ()
     for target in request.match:
         targets += _targets(target, described, known)
     if not goals and not targets:
         raise ModelError(
-            "say what is sought: --maximise or --minimise a figure, or --match values, such as "
-            f"--maximise {_first_goal(known)}"
+            "the objective is missing: use --maximise or --minimise for a figure, or --match for "
+            f"values, such as --maximise {_first_goal(known)}"
         )
-    requirements = (*targets, *asked)
+    requirements = (*targets, *constraints)
     return Problem(
         family=Family(template=template, variables=variables),
         goals=goals,
         requirements=requirements,
-        usual=usual_requirements(
+        defaults=default_requirements(
             described, known, requirements, request.without, goals=[g.figure for g in goals]
         ),
         checked=CHECK not in request.without,
-        notes=() if given or not (held := held_dimensions(template)) else (held,),
+        notes=() if explicit or not (note := fixed_dimensions_note(template)) else (note,),
     )
 
 
 def _first_goal(known: dict[tuple[str, str], float]) -> str:
-    found = usual_figures(known)
-    return next((f.name for f in found if f.quantity == "natural_frequency_hz"), "mass")
+    figures = default_figures(known)
+    return next((f.name for f in figures if f.quantity == "natural_frequency_hz"), "mass")
 
 
 def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requirement, ...]:
@@ -168,8 +170,8 @@ def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requi
     target = requirement_of(text, known)
     if target.low is None or target.high is None:
         raise ModelError(
-            f'--match is a figure and the value to reach, such as "stroke.x = 60 um", got '
-            f"'{text[:60]}': give a limit with --keep"
+            f'--match needs a figure and its value, such as "stroke.x = 60 um", got '
+            f"'{text[:60]}': use --keep for a limit"
         )
     return (target,)
 
@@ -177,42 +179,46 @@ def _targets(text: str | Requirement, described: Any, known: Any) -> tuple[Requi
 def ready_sensitivity(
     request: SensitivityRequest, template: StageTemplate
 ) -> Callable[[], Sensitivities]:
-    """Return what computes sensitivities."""
+    """Return the function that computes sensitivities."""
     if request.hinges and request.model != "lumped":
         raise ModelError(
-            "--hinges goes with --model lumped: a notch that is moved by itself leaves the "
-            "edges that finite elements cut it from"
+            "--hinges needs --model lumped: finite elements cut notches from the edges of bodies, "
+            "so that a single notch cannot move"
         )
-    figures = chosen_figures(request.of, known_figures(template.stage()))
+    figures = requested_figures(request.of, known_figures(template.stage()))
     if request.hinges:
-        family, left_out = hinge_variables(template, request.by), {}
+        family, skipped = hinge_variables(template, request.by), {}
     else:
-        variables, left_out = variables_by(template, request.by)
+        variables, skipped = variables_by(template, request.by)
         family = Family(template=template, variables=variables)
         if not variables:
             raise ModelError(
                 f"{template.source} has no parameter that changes continuously: give its "
-                "dimensions names under 'parameters' in the stage file, or look at its --hinges"
+                "dimensions names under 'parameters' in the stage file, or use --hinges"
             )
-    run = partial(sensitivities, family, figures, request.model, left_out)
+    run = partial(sensitivities, family, figures, request.model, skipped)
     return lambda: replace(run(), request=request)
 
 
 def ready_tolerance(
     request: ToleranceRequest, stage: Stage
 ) -> Callable[[Workers, Path | None], ToleranceStudy]:
-    """Return what draws the lot, and chooses tolerances where asked to."""
+    """Return the function that runs a tolerance analysis, and the search of tolerances."""
     if request.follow_necks and request.model == "lumped":
-        raise ModelError("--follow-necks needs another --model than lumped, which says it then")
+        raise ModelError("--follow-necks needs a --model other than lumped")
     process = scatter_of(request.scatter)
     weights = {name: _weight(name, text) for name, text in _pairs(request.cost, "--cost")}
     if request.cost and request.target_yield is None:
-        raise ModelError("--cost needs --target-yield: it weighs what is chosen for that")
+        raise ModelError(
+            "--cost needs --target-yield: it weights the costs of tolerances for that yield"
+        )
     target = request.target_yield
     if target is not None and not request.require:
-        raise ModelError("--target-yield needs at least one --require: what a good stage has")
+        raise ModelError(
+            "--target-yield needs at least one --require: a requirement on a good stage"
+        )
     known = batched_figures(stage)
-    figures = chosen_figures(request.of, known)
+    figures = requested_figures(request.of, known)
     requirements = requirements_of(request.require, known)
 
     def run(workers: Workers, keep: Path | None) -> ToleranceStudy:
@@ -237,7 +243,7 @@ def ready_tolerance(
 
 
 def scatter_of(texts: Iterable[str]) -> Scatter:
-    """Return the scatter that words say, one after the other; the usual one of what they leave.
+    """Return the scatter of texts, applied in their order; the default one for other fields.
 
     Examples
     --------
@@ -245,12 +251,12 @@ def scatter_of(texts: Iterable[str]) -> Scatter:
     2e-06
     """
     names, dimensions = [kind.name for kind in KINDS], scatter_dimensions()
-    found = Scatter()
+    scatter = Scatter()
     for pattern, text in _pairs(texts, "--scatter"):
-        fitting = [name for name in names if fnmatchcase(name, pattern)]
-        if not fitting:
+        matches = [name for name in names if fnmatchcase(name, pattern)]
+        if not matches:
             raise ModelError(unknown("deviation", pattern, names))
-        for name in fitting:
+        for name in matches:
             dimension = dimensions[name]
             if text.strip() == "0":
                 value = 0.0
@@ -258,8 +264,8 @@ def scatter_of(texts: Iterable[str]) -> Scatter:
                 value = read_number(text, 'a share, such as "0.5 %" or 0.005')
             else:
                 value = parse(text, dimension.name)
-            found = replace(found, **{name: value})
-    return found
+            scatter = replace(scatter, **{name: value})
+    return scatter
 
 
 def _pairs(texts: Iterable[str], option: str) -> list[tuple[str, str]]:
@@ -268,7 +274,7 @@ def _pairs(texts: Iterable[str], option: str) -> list[tuple[str, str]]:
         name, equals, value = text.partition("=")
         if not name.strip() or not equals or not value.strip():
             raise ModelError(
-                f"{option} is a name and a value, such as neck_own=\"2 um\", got '{text[:60]}'"
+                f"{option} needs a name and a value, such as neck_own=\"2 um\", got '{text[:60]}'"
             )
         pairs.append((name.strip(), value.strip()))
     return pairs
@@ -278,4 +284,4 @@ def _weight(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ModelError(f"the cost of {name} is a number, got '{text[:40]}'") from None
+        raise ModelError(f"the cost of {name} must be a number, got '{text[:40]}'") from None

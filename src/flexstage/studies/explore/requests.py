@@ -1,4 +1,4 @@
-"""What is asked of many stages: a sweep, an optimisation, tolerances, sensitivities."""
+"""Requests of parameter studies: sweep, optimisation, tolerance and sensitivity analysis."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -12,181 +12,178 @@ if TYPE_CHECKING:
     from flexstage.studies.explore.figures import Requirement
     from flexstage.studies.explore.variables import Variable
     from flexstage.studies.explore.workers import Workers
-else:  # their classes need NumPy, which the help of a command does without
+else:  # their classes need NumPy, which the help of a command does not import
     Requirement = Variable = Stated
 
 #: Names of figures.
 _Figures = Annotated[tuple[str, ...], Written("FIGURE")]
-#: Parameters with ranges, in words or as they are.
+#: Parameters with ranges, as texts or objects.
 _Ranges = Annotated[tuple[str | Variable, ...], Written("NAME=RANGE")]
-#: What is required of figures, in words or as it is.
+#: Requirements on figures, as texts or objects.
 _Requirements = Annotated[tuple[str | Requirement, ...], Written("REQUIREMENT")]
 _YIELD = Range(low=0.0, high=1.0, above=True)
-#: How points are spread.
+#: Kinds of sampling plans.
 Sampling = Literal["grid", "latin-hypercube", "sobol"]
 _Corrected = Literal["superelement", "lumped"]
-#: More points or stages than this are more than anybody waits for.
+#: Largest number of points or samples.
 LARGEST = 10_000_000
-#: What a length changes by where the hinges are taken by themselves [m].
+#: Default change of a length for sensitivities of single hinges [m].
 LENGTH = 10e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerRequest(Request):
-    """Who does the work."""
+    """Worker processes of a parameter study."""
 
     heading: ClassVar[str] = "Workers"
 
     workers: Count | None = None
-    """Number of processes that share long work (default: one for each core); 1 is this process
-    alone. The numbers are the same whatever it is.
+    """Number of processes for long computations (default: one for each core); 1 is this process
+    alone. The results do not depend on it.
     """
     scheduler: Annotated[str, Written("ADDRESS")] | None = None
-    """Have a Dask cluster do the work, by the address of its scheduler, such as tls://HOST:8786."""
+    """Compute on a Dask cluster; address of its scheduler, such as tls://HOST:8786."""
 
     def open(self) -> "AbstractContextManager[Workers]":
-        """Return the workers, for a `with` block."""
+        """Return the workers as a context manager."""
         from flexstage.studies.explore.workers import open_workers
 
         return open_workers(self.workers, self.scheduler)
 
 
-#: None of them given.
+#: Default worker processes.
 USUAL_WORKERS = WorkerRequest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepRequest(Request):
-    """A sweep: figures of a stage over its parameters."""
+    """Parameter sweep: figures of a stage over its parameters."""
 
     over: _Ranges = ()
-    """A parameter and its range, such as leg_neck="0.3..0.8 mm", with /6 behind it for six values;
-    or "x.*=20 %", every parameter of such a name by 20 % to either side.
+    """A parameter and its range, such as leg_neck="0.3..0.8 mm", followed by /6 for six values; or
+    "x.*=20 %", all parameters whose names match, by 20 % to either side.
     """
     of: _Figures = ()
-    """A figure, such as natural_frequency.x, stroke (of every axis) or mass (default: ratio,
-    stroke, frequency, stress and coupling of each axis).
+    """Figure, such as natural_frequency.x, stroke (of every axis) or mass (default: ratio, stroke,
+    frequency, stress and coupling of each axis).
     """
     plan: Sampling | None = None
-    """How points are spread: on a grid, as a Latin hypercube, or as a Sobol' sequence (default: a
-    grid of one or two parameters, a sequence of more).
+    """Sampling plan: grid, Latin hypercube or Sobol' sequence (default: a grid for one or two
+    parameters, a Sobol' sequence for more).
     """
     samples: Annotated[int, Range(low=1, high=LARGEST)] | None = None
-    """Number of points; a grid has at most so many, a Sobol' sequence the next power of 2. With
-    --indices the number of base samples, each of which takes as many points as there are parameters
-    and two more.
+    """Number of points: the upper limit for a grid, rounded up to a power of 2 for a Sobol'
+    sequence. With --indices the number of base samples, each with two points more than parameters.
     """
     seed: Seed = 0
-    """Seed of Latin hypercube and Sobol' sequence."""
+    """Random seed of Latin hypercube and Sobol' sequence."""
     indices: bool = False
-    """Estimate Sobol' indices: which parameter has which share in the variation of each figure."""
+    """Estimate Sobol' indices: the share of each parameter in the variance of each figure."""
     model: ModelName = "lumped"
-    """The model."""
+    """Model of the figures."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OptimiseRequest(Request):
-    """An optimisation: the best dimensions, or those of stated figures."""
+    """Optimisation: dimensions that optimise a figure subject to constraints, or match values."""
 
     maximise: _Figures = ()
-    """A figure to make as large as possible, such as natural_frequency.x; several goals, with
-    --minimise, give a Pareto front.
+    """Figure to maximise, such as natural_frequency.x; several goals, also with --minimise, give a
+    Pareto front.
     """
     minimise: _Figures = ()
-    """A figure to make as small as possible, such as mass."""
+    """Figure to minimise, such as mass."""
     keep: _Requirements = ()
-    """What is required, such as "stroke.x >= 60 um", "stress.x <= 200 MPa" or "ratio.x = 1.7 +-
-    1 %"; smallest_slot, stroke_left, drive_force and buckling_factor take up to half of the time
-    again, each.
+    """Constraint, such as "stroke.x >= 60 um", "stress.x <= 200 MPa" or "ratio.x = 1.7 +- 1 %".
+    Each of smallest_slot, stroke_left, drive_force and buckling_factor adds up to half of the
+    computing time.
     """
     match: Annotated[tuple[str | Requirement, ...], Written("VALUE")] = ()
-    """A figure to reach, such as "natural_frequency.x = 320 Hz", by the dimensions nearest to the
-    start; or published, for the finite-element figures published of STAGE.
+    """Value to match, such as "natural_frequency.x = 320 Hz", by the smallest change of dimensions;
+    or published, for the published finite-element values of STAGE.
     """
     over: _Ranges = ()
-    """A parameter and its bounds, such as leg_neck="0.3..0.8 mm"; or "x.*=20 %", every parameter of
-    such a name by 20 % to either side (default: every dimension by 30 %, but nothing of bought
-    parts and bolts, and not the thickness of the plate).
+    """A parameter and its bounds, such as leg_neck="0.3..0.8 mm"; or "x.*=20 %", all parameters
+    whose names match, by 20 % to either side (default: all dimensions by 30 %, except those of
+    bought parts and bolts, and the plate thickness).
     """
     without: Annotated[tuple[str, ...], Written("NAME")] = ()
-    """What is required without being asked, and shall not be here: check (what can be made), stroke
-    (90 % of that as described), safety_factor (1.5 against yield), input_stiffness (no stiffer than
-    the actuator, and full stroke within its blocking force), smallest_wall (1 mm of any body) or
-    output_wall (3.3 mm of the body that moves the load; both no more than the stage has).
+    """Disable a default constraint: check (manufacturability), stroke (90 % of the described one),
+    safety_factor (1.5 against yield), input_stiffness (at most that of the actuator, full stroke
+    within its blocking force), smallest_wall (1 mm in every body) or output_wall (3.3 mm in the
+    body that moves the load; if the described stage has less, that is the limit).
     """
     start: Literal["described", "middle"] = "described"
-    """Start from the stage as it is described, or from the middle of the bounds, which is the same
-    for bounds in per cent.
+    """Start from the described stage, or from the middle of the bounds (the same for bounds in per
+    cent).
     """
     model: _Corrected = "superelement"
-    """The model whose figures count; the lumped one alone is quick, and some per cent off."""
+    """Model of the figures: superelement, or lumped (fast, within a few per cent)."""
     confirm: Literal["plane", "superelement-3d", "solid"] | None = None
-    """Have a finer model confirm the best stage, and correct it up to three times."""
+    """Confirm the optimum by a finer model, which corrects it up to three times."""
     evaluations: Count | None = None
-    """Evaluations of the lumped model at most (default: 250 for each parameter and two more)."""
+    """Largest number of evaluations of the lumped model (default: 250 per parameter, plus 500)."""
     seed: Seed = 0
-    """Random seed of the starts, and of the front."""
+    """Random seed of starts and Pareto front."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensitivityRequest(Request):
-    """Sensitivities: which parameter of a stage moves which figure."""
+    """Sensitivity analysis: influence of the parameters of a stage on its figures."""
 
     of: _Figures = ()
-    """A figure, such as natural_frequency.x, stroke (of every axis) or mass (default: ratio,
-    stroke, frequency, stress and coupling of each axis).
+    """Figure, such as natural_frequency.x, stroke (of every axis) or mass (default: ratio, stroke,
+    frequency, stress and coupling of each axis).
     """
     by: Annotated[tuple[str, ...], Written("NAME")] = ()
-    """A parameter, or a pattern of names such as "x.*" (default: all that change continuously)."""
+    """Parameter, or pattern of names such as "x.*" (default: all continuous parameters)."""
     hinges: bool = False
-    """Take neck and place of each hinge by itself in place of the parameters; those that do the
-    same share a row.
+    """Vary neck thickness and position of each hinge instead of the parameters; equivalent hinges
+    share a row.
     """
     per: Size | None = None
-    """Have lengths change by so much, such as "10 um", in place of 1 % of each (default with
-    --hinges: 10 um).
-    """
+    """Change of each length, such as "10 um", instead of 1 % (default with --hinges: 10 um)."""
     model: ModelName = "lumped"
-    """The model."""
+    """Model of the figures."""
 
     @property
     def length(self) -> float | None:
-        """What lengths change by [m]; None for a share of each."""
+        """Change of lengths [m]; None for a share of each."""
         return LENGTH if self.per is None and self.hinges else self.per
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToleranceRequest(Request):
-    """Tolerances: what the workshop makes of a stage."""
+    """Monte Carlo tolerance analysis: scatter and yield of manufactured stages."""
 
     samples: Annotated[int, Range(low=2, high=LARGEST)] = 10_000
-    """Number of stages that are drawn."""
+    """Number of simulated stages."""
     seed: Seed = 0
-    """Random seed; a stage of the lot is the same whatever their number."""
+    """Random seed; a sample does not depend on the number of samples."""
     scatter: Annotated[tuple[str, ...], Written("NAME=SIZE")] = ()
-    """Standard deviation of a deviation, such as neck_own="1 um" or modulus="0.5 %"; a pattern is
-    for several ("*=0"). Names: neck_common, neck_own, radius, position, thickness, modulus,
-    density, temperature, stroke, drive (default: the usual scatter of wire erosion).
+    """Standard deviation of a deviation, such as neck_own="1 um" or modulus="0.5 %"; a pattern sets
+    several ("*=0"). Names: neck_common, neck_own, radius, position, thickness, modulus, density,
+    temperature, stroke, drive (default: typical scatter of wire erosion).
     """
     require: _Requirements = ()
-    """What a good stage has, such as "natural_frequency.x >= 300 Hz" or "ratio.x = 1.7 +- 1 %"."""
+    """Requirement on a good stage, such as "stroke.x >= 60 um" or "ratio.x = 1.7 +- 1 %"."""
     of: _Figures = ()
-    """A figure, such as natural_frequency.x, stress (of every axis) or mass (default: ratio,
-    stroke, frequency, stress and coupling of each axis).
+    """Figure, such as natural_frequency.x, stress (of every axis) or mass (default: ratio, stroke,
+    frequency, stress and coupling of each axis).
     """
     target_yield: Annotated[float, _YIELD, Written("SHARE")] | None = None
-    """Find the cheapest scatter by which so many stages are good, such as "99 %"."""
+    """Find the cheapest scatter with this yield, such as "99 %"."""
     cost: Annotated[tuple[str, ...], Written("NAME=WEIGHT")] = ()
-    """Weight of the cost of a tolerance for --target-yield (default: 1 of each)."""
+    """Weight of the cost of a tolerance for --target-yield (default: 1 for each)."""
     model: _Corrected = "superelement"
-    """Model whose figures of the drawing correct those of the lumped one, which follows the
-    samples; lumped for none.
+    """Model whose nominal figures correct those of the lumped model of the samples; lumped for no
+    correction.
     """
     follow_necks: bool = False
-    """Have that model say as well how figures follow an offset of all necks: two more analyses,
-    each of notches that it has not met.
+    """Correct the effect of a common offset of all necks as well, by two more analyses with that
+    model, each with new notches.
     """
 
 
-#: What can be asked of many stages.
+#: Requests of parameter studies.
 ExploreRequest = SweepRequest | OptimiseRequest | ToleranceRequest | SensitivityRequest

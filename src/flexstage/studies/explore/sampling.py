@@ -1,6 +1,6 @@
-"""Points in a box of parameters, on a grid or spread over it, and what varies between them.
+"""Sampling plans over the ranges of parameters, and Sobol' indices.
 
-Sobol' indices, first order and total, with intervals, come from points of Saltelli's plan.
+Sobol' indices of first order and total, with confidence intervals, need Saltelli's sampling plan.
 """
 
 import math
@@ -18,9 +18,9 @@ from flexstage.studies.explore.variables import Variable
 
 
 def grid_points(low: Array, high: Array, counts: Sequence[int]) -> Array:
-    """Return every combination of evenly spaced values, both ends among them.
+    """Return all combinations of evenly spaced values, including the bounds.
 
-    The last variable changes fastest, as in nested loops.
+    The last variable changes fastest.
 
     Examples
     --------
@@ -29,36 +29,36 @@ def grid_points(low: Array, high: Array, counts: Sequence[int]) -> Array:
     """
     _require(math.prod(counts))
     if min(counts) < 2:
-        raise ModelError(f"a grid has 2 values of a variable or more, got {min(counts)}")
+        raise ModelError(f"a grid needs 2 or more values of a variable, got {min(counts)}")
     values = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
     return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, len(counts))
 
 
-def grid_counts(samples: int, given: Sequence[int | None]) -> tuple[int, ...]:
-    """Return how many values of each variable a grid of at most so many points has.
+def grid_counts(samples: int, counts: Sequence[int | None]) -> tuple[int, ...]:
+    """Return the number of values of each variable for a grid with a limited number of points.
 
-    Those that are given are kept; the others have the same count, 2 at least.
+    Given counts are kept; the others are equal, and at least 2.
 
     Examples
     --------
     >>> grid_counts(400, (None, None)), grid_counts(100, (6, None))
     ((20, 20), (6, 16))
     """
-    free = sum(count is None for count in given)
-    share = samples / math.prod(count for count in given if count is not None)
+    free = sum(count is None for count in counts)
+    share = samples / math.prod(count for count in counts if count is not None)
     each = max(2, math.floor(share ** (1.0 / free) + 1e-9)) if free else 0
-    return tuple(each if count is None else count for count in given)
+    return tuple(each if count is None else count for count in counts)
 
 
 def latin_hypercube_points(low: Array, high: Array, samples: int, seed: int) -> Array:
-    """Return points of which each variable has one in each of `samples` equal slices.
+    """Return a Latin hypercube: one point in each of `samples` equal slices of each variable.
 
     McKay, Beckman and Conover 1979, by SciPy.
     """
     from scipy.stats.qmc import LatinHypercube
 
     _require(samples)
-    # SciPy before 1.15 knows no other name for it
+    # SciPy before 1.15 has only this argument
     generator: dict[str, Any] = {"seed": np.random.default_rng(seed)}
     unit = LatinHypercube(len(low), **generator).random(samples)
     return low + unit * (high - low)
@@ -67,19 +67,18 @@ def latin_hypercube_points(low: Array, high: Array, samples: int, seed: int) -> 
 def sobol_points(low: Array, high: Array, samples: int, seed: int) -> Array:
     """Return the first points of a Sobol' sequence, scrambled by a seed (Owen 1998), by SciPy.
 
-    There are as many as the next power of 2 from `samples` on: with another count the points would
-    not be balanced. The first half of them is what half the count would have been.
+    The number is `samples` rounded up to a power of 2, so that the points are balanced. The first
+    half of them is the sequence of half the number.
     """
     return low + _sobol(len(low), samples, seed) * (high - low)
 
 
 def saltelli_points(low: Array, high: Array, samples: int, seed: int) -> Array:
-    """Return the points from which `flexstage.studies.explore.sampling` are estimated.
+    """Return the points for the estimation of Sobol' indices (`sobol_indices`).
 
-    For each of N base samples, the next power of 2 from `samples` on, these d + 2 points follow one
-    another: a_j and b_j, independent of each other, then a_j with one coordinate after the other
-    taken from b_j (Saltelli et al. 2010, sec. 3). Both are halves of the points of one Sobol'
-    sequence in 2 d dimensions.
+    The number N of base samples is `samples` rounded up to a power of 2. Each has d + 2 points: the
+    independent points a_j and b_j, then a_j with each coordinate in turn from b_j (Saltelli et al.
+    2010, sec. 3). Both are halves of the points of one Sobol' sequence in 2 d dimensions.
 
     Returns
     -------
@@ -98,7 +97,7 @@ def saltelli_points(low: Array, high: Array, samples: int, seed: int) -> Array:
 
 
 def next_power_of_two(count: int) -> int:
-    """Return the smallest power of 2 that is not below a count.
+    """Return the smallest power of 2 that is at least a count.
 
     Examples
     --------
@@ -122,35 +121,35 @@ def _require(samples: int) -> None:
         raise ModelError(f"the number of samples must be 1 to {LARGEST}, got {samples}")
 
 
-# Points that are looked at where no number is given: of one variable, of a grid of two, and of a
-# sequence, which is also the number of base samples. Models of elements take longer.
-_USUAL = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
-_USUAL_OTHERS = (7, 16, 16)
+# Default number of points: for one variable, for a grid of two, and for a sequence, also the number
+# of base samples. Finite-element models take longer.
+_DEFAULTS = {"lumped": (25, 400, 256), "superelement": (13, 49, 64)}
+_DEFAULTS_OF_OTHERS = (7, 16, 16)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepPlan:
-    """Which stages a sweep looks at."""
+    """Sampling plan of a sweep."""
 
     sampling: Sampling
-    """How points are spread over the box of the variables."""
+    """Kind of sampling."""
     samples: int
-    """How many are asked for: at most so many on a grid, at least so many of a Sobol' sequence;
-    with `indices` the base samples, each of which needs two points and one for each variable."""
+    """Requested number of points: the upper limit for a grid, the lower one for a Sobol' sequence;
+    with `indices` the number of base samples, each with two points more than variables."""
     seed: int = 0
-    """Seed of what is drawn at random."""
+    """Random seed."""
     indices: bool = False
-    """Whether Sobol' indices are estimated, from points of their own kind."""
+    """True to estimate Sobol' indices, with Saltelli's plan."""
 
     def __post_init__(self) -> None:
         if self.indices and self.sampling != "sobol":
             raise ModelError(
-                f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': leave "
-                "the plan out"
+                f"Sobol' indices need points of a Sobol' sequence, got '{self.sampling}': omit the "
+                "plan"
             )
-        if self.indices and self.samples < FEWEST:
+        if self.indices and self.samples < FEWEST_SAMPLES:
             raise ModelError(
-                f"Sobol' indices need {FEWEST} base samples or more, got {self.samples}"
+                f"Sobol' indices need {FEWEST_SAMPLES} or more base samples, got {self.samples}"
             )
 
     def points(self, variables: Sequence[Variable]) -> Array:
@@ -169,15 +168,18 @@ class SweepPlan:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is done otherwise than it was asked for."""
+        """Differences from the request."""
         count = next_power_of_two(self.samples)
         if self.sampling != "sobol" or count == self.samples:
             return ()
         what = "base samples" if self.indices else "points"
-        return (f"{count} {what} instead of {self.samples}: a Sobol' sequence goes in powers of 2",)
+        return (
+            f"{count} {what} instead of {self.samples}: the length of a Sobol' sequence is a power "
+            "of 2",
+        )
 
     def counts(self, variables: Sequence[Variable]) -> tuple[int, ...]:
-        """Return how many values of each variable there are on a grid; nothing for other points."""
+        """Return the number of values of each variable on a grid; empty for other plans."""
         if self.sampling != "grid":
             return ()
         return grid_counts(self.samples, [variable.count for variable in variables])
@@ -192,59 +194,58 @@ def usual_plan(
     seed: int = 0,
     indices: bool = False,
 ) -> SweepPlan:
-    """Return a plan of which something is left open.
+    """Return a plan with defaults: a grid for one or two variables, a Sobol' sequence for more.
 
-    One or two variables are looked at on a grid, more by a Sobol' sequence, and as many points as
-    can be waited for.
+    The default number of points suits the computing time of the model.
     """
     few = len(variables) <= 2
     if sampling is None:
         counted = all(variable.count is not None for variable in variables)
         sampling = "grid" if (few or counted) and not indices else "sobol"
     if samples is None:
-        usual = _USUAL.get(model, _USUAL_OTHERS)
-        samples = usual[len(variables) - 1 if few and sampling == "grid" else 2]
+        defaults = _DEFAULTS.get(model, _DEFAULTS_OF_OTHERS)
+        samples = defaults[len(variables) - 1 if few and sampling == "grid" else 2]
     return SweepPlan(sampling=sampling, samples=samples, seed=seed, indices=indices)
 
 
-#: Largest share of base samples that may hold an impossible stage.
-LARGEST_SHARE_LEFT_OUT = 0.05
-#: Fewest base samples that intervals are estimated from.
-FEWEST = 16
+#: Largest share of base samples with an impossible stage.
+LARGEST_EXCLUDED_SHARE = 0.05
+#: Least number of base samples for confidence intervals.
+FEWEST_SAMPLES = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SobolIndices:
-    """Shares of the variance of figures over a box of variables that are independent and uniform.
+    """Sobol' indices: shares of the variance of figures, for independent uniform variables.
 
-    Arrays have a row for each figure and a column for each variable (F, d); NaN in the row of a
-    figure that does not vary.
+    Arrays have a row for each figure and a column for each variable (F, d); NaN for a constant
+    figure.
     """
 
     first: Array
-    """Share that varying the variable alone explains, first order."""
+    """First-order indices: shares of the variables alone."""
     first_low: Array
     """Lower end of its interval."""
     first_high: Array
     """Upper end of its interval."""
     total: Array
-    """Share in which the variable has a part, alone or together with others."""
+    """Total indices: shares of the variables, alone and with others."""
     total_low: Array
     """Lower end of its interval."""
     total_high: Array
     """Upper end of its interval."""
     samples: int
-    """Base samples N that the estimate is made of; N (d + 2) stages."""
-    left_out: int
-    """Base samples that were left out, as one of their stages is impossible."""
+    """Number N of base samples in the estimate; N (d + 2) stages."""
+    excluded: int
+    """Number of base samples with an impossible stage, which are excluded."""
     confidence: float
-    """Coverage of the intervals."""
+    """Confidence level of the intervals."""
 
 
 def sobol_indices(
     values: Array, seed: int = 0, *, confidence: float = 0.95, resamples: int = 1000
 ) -> SobolIndices:
-    r"""Estimate Sobol' indices from the values at `flexstage.studies.explore.saltelli_points`.
+    r"""Estimate Sobol' indices from values at `saltelli_points`.
 
     With :math:`f` less its mean, :math:`V` its variance over all :math:`a` and :math:`b`,
 
@@ -254,19 +255,19 @@ def sobol_indices(
         S_{Ti} = \frac{1}{2 N V} \sum_j \left(f(a_j) - f(ab^{(i)}_j)\right)^2
 
     (Saltelli, Annoni, Azzini, Campolongo, Ratto and Tarantola 2010, table 2, b and f; the latter is
-    Jansen's). Intervals are those between quantiles of the same from base samples drawn with
-    replacement (Archer, Saltelli and Sobol' 1997).
+    Jansen's). Confidence intervals are bootstrap quantiles over base samples (Archer, Saltelli and
+    Sobol' 1997).
 
     Parameters
     ----------
     values : Array
-        Figures (N, d + 2, F) at a, b, and a with the i-th coordinate of b; NaN where impossible.
+        Figures (N, d + 2, F) at a, b, and a with the i-th coordinate of b; NaN if impossible.
     seed : int
         Seed of the resampling.
     confidence : float
-        Coverage of the intervals.
+        Confidence level of the intervals.
     resamples : int
-        How often the base samples are drawn again.
+        Number of bootstrap samples.
 
     Returns
     -------
@@ -275,53 +276,53 @@ def sobol_indices(
 
     Validity
     --------
-    Variables are independent and uniform over their bounds. Both estimates are free of bias but for
-    the division by an estimated variance. The points of a Sobol' sequence lie more evenly than
-    independent ones, for which the resampling stands: of smooth functions the intervals are wider
-    than they need be. A base sample with an impossible stage is left out, up to 5 % of them, and
-    the shares are then those over what is left, where variables are no longer quite independent.
+    Variables are independent and uniform over their bounds. Both estimates are unbiased, except for
+    the division by an estimated variance. Points of a Sobol' sequence are more even than the
+    independent ones of the bootstrap, so that intervals of smooth functions are too wide. Base
+    samples with an impossible stage are excluded, up to 5 %; the variables of the others are then
+    not exactly independent.
 
     Raises
     ------
     ModelError
-        Too many stages are impossible, or fewer than 16 base samples are left.
+        Too many stages are impossible, or fewer than 16 base samples remain.
 
     Examples
     --------
-    Of the sum of one variable and the double of another, 1/5 and 4/5:
+    The sum of one variable and twice another, 1/5 and 4/5:
 
     >>> from flexstage.studies.explore.sampling import saltelli_points
     >>> points = saltelli_points(np.zeros(2), np.ones(2), 1024, seed=1)
-    >>> found = sobol_indices((points @ [[1.0], [2.0]]).reshape(1024, 4, 1), seed=1)
-    >>> found.first.round(3).tolist(), found.total.round(3).tolist()
+    >>> indices = sobol_indices((points @ [[1.0], [2.0]]).reshape(1024, 4, 1), seed=1)
+    >>> indices.first.round(3).tolist(), indices.total.round(3).tolist()
     ([[0.2, 0.8]], [[0.2, 0.8]])
     """
     possible = np.isfinite(values).all(axis=(1, 2))
-    asked, kept = len(values), int(possible.sum())
-    if asked - kept > LARGEST_SHARE_LEFT_OUT * asked:
+    count, valid = len(values), int(possible.sum())
+    if count - valid > LARGEST_EXCLUDED_SHARE * count:
         raise ModelError(
-            f"{asked - kept} of {asked} base samples hold an impossible stage, more than the "
-            f"{100.0 * LARGEST_SHARE_LEFT_OUT:g} % that may be left out: Sobol' indices need "
-            "bounds between which nearly every stage is possible"
+            f"{count - valid} of {count} base samples have an impossible stage, more than "
+            f"{100.0 * LARGEST_EXCLUDED_SHARE:g} %: Sobol' indices need bounds within which nearly "
+            "every stage is possible"
         )
-    if kept < FEWEST:
+    if valid < FEWEST_SAMPLES:
         raise ModelError(
-            f"Sobol' indices need {FEWEST} base samples or more, got {kept}: ask for more samples"
+            f"Sobol' indices need {FEWEST_SAMPLES} or more base samples, got {valid}: increase the "
+            "number of samples"
         )
     f = values[possible]
     f = f - f[:, :2].mean(axis=(0, 1))
-    one = np.ones((1, kept))
-    first, total = (part[0] for part in _estimates(f, one))
-    counts = np.random.default_rng(seed).multinomial(kept, np.full(kept, 1.0 / kept), resamples)
-    drawn = _estimates(f, counts.astype(float))
+    first, total = (estimate[0] for estimate in _estimates(f, np.ones((1, valid))))
+    counts = np.random.default_rng(seed).multinomial(valid, np.full(valid, 1.0 / valid), resamples)
+    bootstrap = _estimates(f, counts.astype(float))
     ends = [0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)]
     (first_low, first_high), (total_low, total_high) = (
-        np.quantile(part, ends, axis=0) for part in drawn
+        np.quantile(estimate, ends, axis=0) for estimate in bootstrap
     )
     size = np.abs(values[possible]).max(axis=(0, 1))
-    still = np.ptp(f[:, :2], axis=(0, 1)) <= ROUNDING * size
-    for part in (first, first_low, first_high, total, total_low, total_high):
-        part[still] = np.nan
+    constant = np.ptp(f[:, :2], axis=(0, 1)) <= ROUNDING * size
+    for estimate in (first, first_low, first_high, total, total_low, total_high):
+        estimate[constant] = np.nan
     return SobolIndices(
         first=first,
         first_low=first_low,
@@ -329,23 +330,23 @@ def sobol_indices(
         total=total,
         total_low=total_low,
         total_high=total_high,
-        samples=kept,
-        left_out=asked - kept,
+        samples=valid,
+        excluded=count - valid,
         confidence=confidence,
     )
 
 
 def _estimates(f: Array, counts: Array) -> tuple[Array, Array]:
-    """Return both indices (R, F, d) of samples (N, d + 2, F), each taken so many times (R, N)."""
-    n, rest, figures = f.shape
+    """Return both indices (R, F, d) of samples (N, d + 2, F), with multiplicities (R, N)."""
+    n, points, figures = f.shape
     a, b, ab = f[:, 0], f[:, 1], f[:, 2:]
-    shape = (len(counts), rest - 2, figures)
+    shape = (len(counts), points - 2, figures)
 
     def mean(x: Array) -> Array:
         return (counts @ x.reshape(n, -1)) / n
 
     middle = 0.5 * (mean(a) + mean(b))
-    # no smaller than rounding: what does not vary is told apart by who calls
+    # not zero: the caller identifies constant figures
     variance = np.maximum(0.5 * (mean(a * a) + mean(b * b)) - middle**2, np.finfo(float).tiny)
     first = mean(b[:, None] * (ab - a[:, None])).reshape(shape) / variance[:, None]
     total = 0.5 * mean((a[:, None] - ab) ** 2).reshape(shape) / variance[:, None]

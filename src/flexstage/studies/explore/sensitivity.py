@@ -1,4 +1,4 @@
-"""Which parameter of a stage, or place of which hinge, moves which figure, and by how much."""
+"""Sensitivity analysis: influence of parameters, and of single hinges, on figures of a stage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,22 +21,22 @@ from flexstage.studies.explore.family import Family, evaluate, jacobian
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.requests import LENGTH, SensitivityRequest
 from flexstage.studies.explore.variables import (
-    USUAL_SHARE,
+    DEFAULT_SHARE,
     Variable,
     every_variable,
     matching_names,
 )
 
-#: What about a zero is called its range, of which a difference quotient takes a small part [m].
+#: Half range of a length that is zero; difference quotients use a small share of it [m].
 ABOUT_ZERO = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeFamily(Family):
-    """A stage of which each hinge is varied by itself; its bodies stay as they are."""
+    """A stage with single varied hinges; its bodies are constant."""
 
     places: tuple[tuple[str, str], ...]
-    """Hinge and what of it each variable is: neck, along or across."""
+    """Hinge and varied property of each variable: neck, along or across."""
 
     def stage(self, point: Array) -> Stage:
         described = self.template.stage()
@@ -46,7 +46,7 @@ class HingeFamily(Family):
         return replace(described, hinges=tuple(hinges.values()))
 
     def text(self, point: Array, name: str | None = None, title: str | None = None) -> str:
-        raise ModelError("no parameter of a stage file is the neck of one hinge alone")
+        raise ModelError("a stage file has no parameter for the neck of a single hinge")
 
 
 def _changed(hinge: Hinge, part: str, value: float) -> Hinge:
@@ -58,19 +58,19 @@ def _changed(hinge: Hinge, part: str, value: float) -> Hinge:
 
 
 _PARTS = {
-    "neck": "thickness of its neck",
-    "along": "place of its notch along the line from body to body",
-    "across": "place of its notch across that line, to the left",
+    "neck": "neck thickness",
+    "along": "position of the notch along the line from body to body",
+    "across": "position of the notch across that line, to the left",
 }
 
 
 def hinge_family(template: StageTemplate) -> HingeFamily:
-    """Return a stage with neck and place of every hinge as variables: ``NAME.neck``."""
+    """Return a stage with neck and position of every hinge as variables: ``NAME.neck``."""
     variables, places = [], []
     for hinge in template.stage().hinges:
-        for part, told in _PARTS.items():
+        for part, description in _PARTS.items():
             usual = hinge.profile.neck_thickness if part == "neck" else 0.0
-            around = USUAL_SHARE * usual or ABOUT_ZERO
+            around = DEFAULT_SHARE * usual or ABOUT_ZERO
             places.append((hinge.name, part))
             variables.append(
                 Variable(
@@ -79,71 +79,71 @@ def hinge_family(template: StageTemplate) -> HingeFamily:
                     high=usual + around,
                     usual=usual,
                     dimension="length",
-                    description=told,
+                    description=description,
                 )
             )
     return HingeFamily(template=template, variables=tuple(variables), places=tuple(places))
 
 
 def hinge_variables(template: StageTemplate, patterns: Sequence[str] = ()) -> HingeFamily:
-    """Return neck and place of the hinges of some names as variables, of all where none is given.
+    """Return neck and position of hinges as variables, by default of all hinges.
 
-    A pattern is that of a hinge, ``x*``, or of what of it is varied, ``*.neck``.
+    A pattern matches the name of a hinge, ``x*``, or of a variable, ``*.neck``.
 
     Raises
     ------
     ModelError
-        No hinge has such a name.
+        A pattern matches no hinge.
     """
     family = hinge_family(template)
     if not patterns:
         return family
     names = dict.fromkeys(family.names)
     hinges = dict.fromkeys(name for name, _ in family.places)
-    chosen: set[str] = set()
+    selected: set[str] = set()
     for pattern in patterns:
         if any(fnmatchcase(hinge, pattern) for hinge in hinges):
-            chosen |= {f"{h}.{p}" for h, p in family.places if fnmatchcase(h, pattern)}
+            selected |= {f"{h}.{p}" for h, p in family.places if fnmatchcase(h, pattern)}
         else:
-            chosen |= set(matching_names(names, [pattern], template.source, "hinge"))
-    kept = [k for k, name in enumerate(family.names) if name in chosen]
+            selected |= set(matching_names(names, [pattern], template.source, "hinge"))
+    indices = [k for k, name in enumerate(family.names) if name in selected]
     return replace(
         family,
-        variables=tuple(family.variables[k] for k in kept),
-        places=tuple(family.places[k] for k in kept),
+        variables=tuple(family.variables[k] for k in indices),
+        places=tuple(family.places[k] for k in indices),
     )
 
 
-#: What a parameter that has a value changes by where nothing else is said.
+#: Default relative change of a parameter.
 SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivities(Result):
-    """What each parameter of a stage does to each of its figures."""
+    """Sensitivities of the figures of a stage to its parameters."""
 
     table_key: ClassVar[str] = "parameters"
 
     request: SensitivityRequest | None = None
-    """What was asked for."""
+    """The request."""
     stage: str
     """Name of the stage."""
     model: str
-    """The model that the figures come from."""
+    """Model of the figures."""
     variables: tuple[Variable, ...]
-    """The parameters; of hinges that do the same but for signs, one stands for all."""
-    alike: tuple[tuple[str, ...], ...]
-    """Names of the parameters that each stands for, itself first."""
+    """The parameters; one represents hinges with equal effects except for signs."""
+    equivalent: tuple[tuple[str, ...], ...]
+    """Names of the parameters that each represents, its own first."""
     figures: tuple[Figure, ...]
     """The figures."""
     values: Array
     """Values of the figures, in the units of their quantities, shape (f,)."""
     slopes: Array
-    """Change of each figure per SI unit of each parameter, shape (f, d)."""
-    left_out: dict[str, str]
-    """Why a parameter is not among them, by its name."""
+    """Derivative of each figure by each parameter in SI units, shape (f, d)."""
+    skipped: dict[str, str]
+    """Skipped parameters and reasons."""
     provenance: Provenance
-    """Where it comes from."""
+    """Origin of the result."""
 
     __repr__ = short_repr
 
@@ -152,13 +152,13 @@ class Sensitivities(Result):
         return {
             **picked(self, "stage", "model"),
             "figures": [
-                {**picked(f, "name", "quantity", "axis"), "value": plain(v), "unit": f.shown.unit}
+                {**picked(f, "name", "quantity", "axis"), "value": plain(v), "unit": f.display.unit}
                 for f, v in zip(self.figures, self.values, strict=True)
             ],
             "parameters": [
                 {
                     "name": variable.name,
-                    "alike": list(self.alike[k]),
+                    "equivalent": list(self.equivalent[k]),
                     **picked(variable, "value=usual", "unit=si_unit"),
                     "slopes": plain(slopes[k]),
                     "elasticities": plain(parts[k]),
@@ -167,12 +167,12 @@ class Sensitivities(Result):
                 }
                 for k, variable in enumerate(self.variables)
             ],
-            **picked(self, "left_out", "provenance"),
+            **picked(self, "skipped", "provenance"),
         }
 
     @property
     def length(self) -> float | None:
-        """What lengths are asked to change by [m]; None for 1 % of each."""
+        """Requested change of lengths [m]; None for 1 % of each."""
         return None if self.request is None else self.request.length
 
     @property
@@ -182,24 +182,24 @@ class Sensitivities(Result):
 
     @property
     def vanishing(self) -> np.ndarray:
-        """Whether a figure is nothing but rounding, so that no change is a part of it."""
-        zeros = np.array([figure.shown.zero for figure in self.figures])
+        """True for figures that are rounding errors, without relative changes."""
+        zeros = np.array([figure.display.zero for figure in self.figures])
         return ~(np.abs(self.values) > zeros)
 
     @property
     def elasticities(self) -> Array:
-        r"""Per cent of each figure per per cent of each parameter.
+        r"""Relative sensitivity: per cent of each figure per per cent of each parameter.
 
-        :math:`\partial\ln y/\partial\ln p`, shape (f, d); NaN where figure or parameter is zero.
+        :math:`\partial\ln y/\partial\ln p`, shape (f, d); NaN if figure or parameter is zero.
         """
         value = np.where(self.vanishing, np.nan, self.values)
         point = np.where(self.point == 0.0, np.nan, self.point)
         return self.slopes * point / value[:, None]
 
     def steps(self, length: float | None = None) -> Array:
-        """Return what each parameter changes by: 1 % of it, or lengths by a length [m].
+        """Return the change of each parameter: 1 % of it, or a given change of lengths [m].
 
-        By that of the request where none is given. A length that is zero changes by 10 um; shape
+        The default change of lengths is that of the request, and 10 um if the length is zero; shape
         (d,).
         """
         length = self.length if length is None else length
@@ -210,59 +210,59 @@ class Sensitivities(Result):
         return steps
 
     def changes(self, length: float | None = None) -> Array:
-        """Return the change of each figure, in the unit of its quantity, by `steps`.
+        """Return the changes of the figures by `steps`, in the units of the quantities.
 
-        Those that are rounding are nothing; shape (f, d).
+        Rounding errors are set to zero; shape (f, d).
         """
-        zeros = np.array([figure.shown.zero for figure in self.figures])
-        found = self.slopes * self.steps(length)
-        return np.where(np.abs(found) < zeros[:, None], 0.0, found)
+        zeros = np.array([figure.display.zero for figure in self.figures])
+        changes = self.slopes * self.steps(length)
+        return np.where(np.abs(changes) < zeros[:, None], 0.0, changes)
 
 
 def sensitivities(
     family: Family,
     figures: Sequence[Figure],
     model: str = "lumped",
-    left_out: dict[str, str] | None = None,
+    skipped: dict[str, str] | None = None,
 ) -> Sensitivities:
-    r"""Return what the variables of a family do to figures of its stage as it is described.
+    r"""Return the sensitivities of the figures of the described stage to the variables of a family.
 
-    Slopes are those of `flexstage.studies.explore.jacobian` at the usual values, whatever the
-    bounds; of hinges, the means of those to either side, and hinges that do the same are one.
+    Derivatives are those of `flexstage.studies.explore.jacobian` at the described values, for any
+    bounds. Those of hinges are central difference quotients, and equivalent hinges are grouped.
 
     Parameters
     ----------
     family : Family
-        The stage, and what is varied.
+        The stage and its variables.
     figures : sequence of Figure
-        What is looked at.
+        The figures.
     model : str
         ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
-    left_out : dict, optional
-        Parameters that are no variables already, and why.
+    skipped : dict, optional
+        Parameters that are already skipped, and reasons.
 
     Returns
     -------
     Sensitivities
-        Slopes; what the stage cannot be varied by is left out with the reason.
+        Derivatives; parameters that cannot be varied are skipped with the reason.
 
     Raises
     ------
     ModelError
-        Nothing is varied, or nothing is looked at.
+        There are no variables or no figures.
 
     Notes
     -----
-    Where several hinges have the largest stress alike, as mirror images have, it has a bend by one
-    of them alone, and the mean of both sides says as much of each. Two axes of one frequency have
-    no slopes of their own.
+    If several hinges have the same largest stress, such as mirror images, its derivative by one of
+    them is one-sided; the mean of both sides is equal for all of them. Two axes with the same
+    frequency have no separate derivatives.
 
-    Validity: small changes. A figure that is the largest of several has a bend where another one
-    becomes it.
+    Validity: small changes. The derivative of a figure that is a maximum is discontinuous where
+    another value becomes the largest.
 
     Examples
     --------
-    The frequency of a guide goes with the root of its mass: a thicker plate leaves it as it is.
+    A thicker plate changes stiffness and mass of a guide in proportion, and not its frequency.
 
     >>> from flexstage.studies.explore.figures import Figure
     >>> template = StageTemplate.of("parallelogram")
@@ -274,52 +274,54 @@ def sensitivities(
     [0.0, 1.2]
     """
     if not family.variables or not figures:
-        raise ModelError("sensitivities need a parameter and a figure at least")
+        raise ModelError("sensitivities need at least one parameter and one figure")
     point = family.usual
-    slopes_of = _mean_of_sides if isinstance(family, HingeFamily) else jacobian
+    slopes_of = _central_quotients if isinstance(family, HingeFamily) else jacobian
     values, slopes = slopes_of(family, point, figures, model)
-    reasons = dict(left_out or {})
-    known = np.isfinite(values)
-    lost = np.isnan(slopes[known]).all(axis=0) if known.any() else np.ones(len(point), dtype=bool)
-    for k in np.flatnonzero(lost):
+    reasons = dict(skipped or {})
+    finite = np.isfinite(values)
+    fixed = np.ones(len(point), dtype=bool)
+    if finite.any():
+        fixed = np.isnan(slopes[finite]).all(axis=0)
+    for k in np.flatnonzero(fixed):
         reasons[family.names[k]] = _fault(family, figures, model, int(k))
-    kept = np.flatnonzero(~lost)
-    found = Sensitivities(
+    columns = np.flatnonzero(~fixed)
+    result = Sensitivities(
         stage=family.stage(point).name,
         model=model,
-        variables=tuple(family.variables[k] for k in kept),
-        alike=tuple((family.names[k],) for k in kept),
+        variables=tuple(family.variables[k] for k in columns),
+        equivalent=tuple((family.names[k],) for k in columns),
         figures=tuple(figures),
         values=values,
-        slopes=slopes[:, kept],
-        left_out=reasons,
-        provenance=provenance(family.stage(point), {"slopes": _ways(family, model)}),
+        slopes=slopes[:, columns],
+        skipped=reasons,
+        provenance=provenance(family.stage(point), {"slopes": _method(family, model)}),
     )
-    return _grouped(found, family) if isinstance(family, HingeFamily) else found
+    return _grouped(result, family) if isinstance(family, HingeFamily) else result
 
 
 def variables_by(
     template: StageTemplate, patterns: Sequence[str] = ()
 ) -> tuple[tuple[Variable, ...], dict[str, str]]:
-    """Return the parameters of some names, all where none is given, and why others are none.
+    """Return parameters by name, by default all, and the skipped ones with reasons.
 
-    A pattern is a name, or one with ``*`` and ``?``. Lengths that are zero are among them.
+    A pattern is a name, or one with ``*`` and ``?``. Lengths that are zero are included.
 
     Raises
     ------
     ModelError
-        No parameter has such a name.
+        A pattern matches no parameter.
     """
     known = {p.name: p for p in template.parameters}
-    wanted = dict.fromkeys(
+    names = dict.fromkeys(
         known if not patterns else matching_names(known, patterns, template.source)
     )
-    about = {v.name: v for v in every_variable(template)}
-    variables, left_out = [], {}
-    for name in dict.fromkeys(wanted):
+    continuous = {v.name: v for v in every_variable(template)}
+    variables, skipped = [], {}
+    for name in names:
         parameter = known[name]
-        if name in about:
-            variables.append(about[name])
+        if name in continuous:
+            variables.append(continuous[name])
         elif (
             parameter.value == 0.0
             and parameter.dimension == "length"
@@ -336,12 +338,12 @@ def variables_by(
                 )
             )
         else:
-            left_out[name] = _why(parameter)
-    return tuple(variables), left_out
+            skipped[name] = _reason(parameter)
+    return tuple(variables), skipped
 
 
-def _why(parameter: StageParameter) -> str:
-    """Say why a parameter cannot change continuously."""
+def _reason(parameter: StageParameter) -> str:
+    """Return why a parameter is not continuous."""
     match parameter.value:
         case None:
             return "it has no value"
@@ -356,62 +358,62 @@ def _why(parameter: StageParameter) -> str:
     return "it is a list"
 
 
-def _ways(family: Family, model: str) -> str:
-    """Say what the slopes are."""
+def _method(family: Family, model: str) -> str:
+    """Return the method of differentiation."""
     if isinstance(family, HingeFamily):
-        return "difference quotients, of each hinge by itself"
+        return "difference quotients for single hinges"
     if model == "lumped":
-        return "derivatives, of what no analysis gives difference quotients"
-    return "difference quotients, of stages that are modelled anew"
+        return "analytic derivatives, difference quotients where there are none"
+    return "difference quotients"
 
 
-def _mean_of_sides(
+def _central_quotients(
     family: Family, point: Array, figures: Sequence[Figure], model: str
 ) -> tuple[Array, Array]:
-    """Values of figures, shape (f,), and their central difference quotients, shape (f, d)."""
-    # a part of the range of each
+    """Return figures, shape (f,), and central difference quotients, shape (f, d)."""
+    # shares of the ranges
     steps = 1e-5 * np.diag(np.ptp(family.bounds, axis=1))
-    found = evaluate(
-        family, np.concatenate((point[None], point + steps, point - steps)), figures, model
-    )
-    above, below = np.split(found.values[1:], 2)
-    return found.values[0], ((above - below) / (2.0 * np.diag(steps)[:, None])).T
+    points = np.concatenate((point[None], point + steps, point - steps))
+    values = evaluate(family, points, figures, model).values
+    above, below = np.split(values[1:], 2)
+    return values[0], ((above - below) / (2.0 * np.diag(steps)[:, None])).T
 
 
 def _fault(family: Family, figures: Sequence[Figure], model: str, k: int) -> str:
-    """Say why a variable has no slope: what the stage says to a small step either way."""
+    """Return why a variable has no derivative: the fault of a stage after a small step."""
     step = 1e-3 * float(np.ptp(family.bounds[k]))
     around = family.usual + step * np.outer([1.0, -1.0], np.eye(len(family.names))[k])
     faults = evaluate(family, around, figures, model).faults
-    return next((fault for fault in faults if fault), "no figure follows it")
+    return next((fault for fault in faults if fault), "no figure depends on it")
 
 
-def _grouped(found: Sensitivities, family: HingeFamily) -> Sensitivities:
-    """Let one hinge stand for those of the same notch that do the same, with their mean."""
+def _grouped(result: Sensitivities, family: HingeFamily) -> Sensitivities:
+    """Return sensitivities with one variable for equivalent hinges of equal notches, their mean."""
     profiles = {hinge.name: hinge.profile for hinge in family.template.stage().hinges}
     places = dict(zip(family.names, family.places, strict=True))
-    # mirror images do the same the other way round
-    rows = np.abs(np.nan_to_num(found.slopes)).T
-    # hinges are alike if what they do differs by less than this of the largest, or of the figure
+    # effects of mirror images have opposite signs
+    rows = np.abs(np.nan_to_num(result.slopes)).T
+    # equivalent hinges differ by less than this share of the largest effect, or of the figure
     tolerance = 1e-3 * rows.max(axis=0, initial=0.0)
-    unseen = np.where(found.vanishing, 0.0, 5e-5 * np.abs(np.nan_to_num(found.values)) / LENGTH)
-    tolerance = np.maximum(tolerance, unseen)
+    values = np.abs(np.nan_to_num(result.values))
+    negligible = np.where(result.vanishing, 0.0, 5e-5 * values / LENGTH)
+    tolerance = np.maximum(tolerance, negligible)
     groups: list[list[int]] = []
-    for k, variable in enumerate(found.variables):
+    for k, variable in enumerate(result.variables):
         hinge, part = places[variable.name]
         for group in groups:
-            first, own = places[found.variables[group[0]].name]
-            same = part == own and profiles[hinge] == profiles[first]
+            first, first_part = places[result.variables[group[0]].name]
+            same = part == first_part and profiles[hinge] == profiles[first]
             if same and bool(np.all(np.abs(rows[k] - rows[group[0]]) <= tolerance)):
                 group.append(k)
                 break
         else:
             groups.append([k])
     firsts = [group[0] for group in groups]
-    means = [np.abs(found.slopes[:, group]).mean(axis=1) for group in groups]
+    means = [np.abs(result.slopes[:, group]).mean(axis=1) for group in groups]
     return replace(
-        found,
-        variables=tuple(found.variables[k] for k in firsts),
-        alike=tuple(tuple(found.variables[k].name for k in group) for group in groups),
-        slopes=np.copysign(np.array(means).T, found.slopes[:, firsts]),
+        result,
+        variables=tuple(result.variables[k] for k in firsts),
+        equivalent=tuple(tuple(result.variables[k].name for k in group) for group in groups),
+        slopes=np.copysign(np.array(means).T, result.slopes[:, firsts]),
     )

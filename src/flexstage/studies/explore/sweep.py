@@ -1,4 +1,4 @@
-"""A sweep: parameters of a stage varied, and figures of every stage that this makes."""
+"""Parameter sweep: figures of a stage over its parameters."""
 
 import math
 import re
@@ -30,59 +30,60 @@ from flexstage.studies.explore.workers import Workers
 if TYPE_CHECKING:
     from pathlib import Path
 
-# what differs between two sentences that say the same of two stages
+# numbers, by which messages on the same fault of two stages differ
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
-#: What the column is called that says why a point is no stage.
+#: Name of the column with the reasons for impossible stages.
 FAULT = "fault"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reason:
-    """Why points are no stage."""
+class Fault:
+    """A reason for impossible stages."""
 
     count: int
-    """Of how many points it is said."""
+    """Number of points."""
     text: str
-    """The sentence, as it is said of the first of them."""
+    """Message for the first of these points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NarrowerBound:
-    """A narrower bound of one variable, which leaves impossible points out."""
+    """A narrower bound of one variable that excludes impossible points."""
 
     variable: int
-    """Place of the variable among those of the sweep."""
+    """Index of the variable."""
     bound: str
     """``low`` or ``high``."""
     value: float
     """The bound [SI]."""
     impossible: float
-    """Share of the impossible points that it leaves out [1]."""
+    """Share of impossible points that it excludes [1]."""
     possible: float
-    """Share of the others that it leaves out [1]."""
+    """Share of possible points that it excludes [1]."""
 
 
-def reasons(faults: Sequence[str]) -> tuple[Reason, ...]:
-    """Return why points are no stage, the commonest reason first.
+def common_faults(faults: Sequence[str]) -> tuple[Fault, ...]:
+    """Return the reasons for impossible stages, the most frequent first.
 
-    Sentences that differ in their numbers alone are one reason.
+    Messages that differ in numbers alone are one reason.
 
     Examples
     --------
-    >>> [found.count for found in reasons(["neck 0.1 mm too thin", "", "neck 0.2 mm too thin"])]
+    >>> faults = ["neck 0.1 mm too thin", "", "neck 0.2 mm too thin"]
+    >>> [fault.count for fault in common_faults(faults)]
     [2]
     """
-    said = [fault for fault in faults if fault]
-    kinds = Counter(_NUMBER.sub("#", fault) for fault in said)
-    first = {_NUMBER.sub("#", fault): fault for fault in reversed(said)}
-    return tuple(Reason(count=n, text=first[kind]) for kind, n in kinds.most_common())
+    messages = [fault for fault in faults if fault]
+    kinds = Counter(_NUMBER.sub("#", message) for message in messages)
+    first = {_NUMBER.sub("#", message): message for message in reversed(messages)}
+    return tuple(Fault(count=n, text=first[kind]) for kind, n in kinds.most_common())
 
 
 def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
-    """Return the one bound that best tells impossible points from the others.
+    """Return the single bound that best separates impossible points from the others.
 
-    That for which the share of impossible points that it leaves out, less that of the others, is
-    largest (Youden 1950); None where no bound reaches a half.
+    The difference of the excluded shares of impossible and possible points is largest (Youden
+    1950); None if it is below a half for every bound.
 
     Examples
     --------
@@ -90,25 +91,25 @@ def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
     >>> cut.bound, cut.value, cut.impossible, cut.possible
     ('low', 0.4, 1.0, 0.0)
     """
-    bad = np.array([bool(fault) for fault in faults])
-    n, m = int(bad.sum()), int((~bad).sum())
-    if n < 3 or m == 0:  # too few for a bound to be worth naming
+    impossible = np.array([bool(fault) for fault in faults])
+    n, m = int(impossible.sum()), int((~impossible).sum())
+    if n < 3 or m == 0:  # too few points for a bound
         return None
     best: tuple[float, NarrowerBound] | None = None
     for i, column in enumerate(points.T):
         values, at = np.unique(column, return_inverse=True)
-        # shares below each value but the first, which a bound at that value leaves out
-        gone = np.cumsum(np.bincount(at[bad], minlength=len(values)))[:-1] / n
-        lost = np.cumsum(np.bincount(at[~bad], minlength=len(values)))[:-1] / m
+        # shares below each value except the first, which a lower bound at that value excludes
+        below = np.cumsum(np.bincount(at[impossible], minlength=len(values)))[:-1] / n
+        loss = np.cumsum(np.bincount(at[~impossible], minlength=len(values)))[:-1] / m
         for bound, a, b, ends in (
-            ("low", gone, lost, values[1:]),
-            ("high", 1.0 - gone, 1.0 - lost, values[:-1]),
+            ("low", below, loss, values[1:]),
+            ("high", 1.0 - below, 1.0 - loss, values[:-1]),
         ):
             if not len(ends):
                 continue
             k = int(np.argmax(a - b))
-            worth = float(a[k] - b[k])
-            if worth >= 0.5 and (best is None or worth > best[0]):
+            gain = float(a[k] - b[k])
+            if gain >= 0.5 and (best is None or gain > best[0]):
                 cut = NarrowerBound(
                     variable=i,
                     bound=bound,
@@ -116,12 +117,12 @@ def best_cut(points: Array, faults: Sequence[str]) -> NarrowerBound | None:
                     impossible=float(a[k]),
                     possible=float(b[k]),
                 )
-                best = worth, cut
+                best = gain, cut
     return None if best is None else best[1]
 
 
-# what a stage usually takes by a model [s]
-_COST = {
+# typical computing time of a stage by model [s]
+_SECONDS = {
     "lumped": 5e-3,
     "superelement": 0.5,
     "plane": 5.0,
@@ -130,49 +131,49 @@ _COST = {
 }
 
 
-def usual_cost(model: str) -> float:
-    """Return what a stage usually takes by a model [s]."""
-    return _COST.get(model, 1.0)
+def typical_seconds(model: str) -> float:
+    """Return the typical computing time of a stage by a model [s]."""
+    return _SECONDS.get(model, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sweep(Result):
-    """Figures of the stages that a sweep looked at."""
+    """Result of a parameter sweep."""
 
     table_key: ClassVar[str] = "columns"
 
     stage: str
-    """Name of the stage as it is described."""
+    """Name of the stage."""
     model: str
-    """The model that the figures are of."""
+    """Model of the figures."""
     plan: SweepPlan
-    """Which stages were looked at."""
+    """Sampling plan."""
     variables: tuple[Variable, ...]
-    """What was varied."""
+    """The varied parameters."""
     figures: tuple[Figure, ...]
-    """What was looked at."""
+    """The figures."""
     points: Array
     """Values of the variables (S, d) [SI]."""
     values: Array
-    """Values of the figures (S, F), in the units of their quantities; NaN where no stage is."""
+    """Values of the figures (S, F), in the units of the quantities; NaN for impossible stages."""
     faults: tuple[str, ...]
-    """Why a point is no stage, in a sentence; empty where it is one."""
+    """Reason why a stage is impossible; empty for possible ones."""
     described: Array
-    """Figures of the stage as it is described (F,)."""
+    """Figures of the described stage (F,)."""
     indices: SobolIndices | None = None
-    """Sobol' indices, where they were asked for and could be estimated."""
+    """Sobol' indices, if requested and possible."""
     notes: tuple[str, ...] = ()
-    """What is to be known of the result."""
+    """Remarks on the result."""
     provenance: Provenance
-    """Where it comes from."""
+    """Origin of the result."""
 
     __repr__ = short_repr
 
     def summary(self) -> dict[str, Any]:
-        """Return what `to_dict` does without the points."""
-        made = self.to_dict()
-        del made["columns"]
-        return made
+        """Return the data of `to_dict` without the points."""
+        data = self.to_dict()
+        del data["columns"]
+        return data
 
     def data(self) -> dict[str, Any]:
         names = [variable.name for variable in self.variables]
@@ -187,12 +188,12 @@ class Sweep(Result):
                 for v in self.variables
             ],
             "points": {"all": len(self.points), "possible": int(self.possible.sum())},
-            "impossible": [picked(reason, "count", "text") for reason in self.reasons],
+            "impossible": [picked(fault, "count", "text") for fault in self.common_faults],
             "figures": [
                 {
-                    **picked(figure, "name", "quantity", "axis", "unit=shown.unit"),
+                    **picked(figure, "name", "quantity", "axis", "unit=display.unit"),
                     "described": plain(float(self.described[k])),
-                    "varies": not bool(self.still[k]),
+                    "varies": not bool(self.constant[k]),
                     "least": self._at(k, self.least[k]),
                     "greatest": self._at(k, self.greatest[k]),
                     "rank_correlation": dict(zip(names, plain(correlations[k]), strict=True)),
@@ -207,22 +208,22 @@ class Sweep(Result):
 
     @property
     def column_units(self) -> list[tuple[str, str]]:
-        """Name and SI unit of each column of numbers: variables, then figures."""
+        """Name and SI unit of each numeric column: variables, then figures."""
         return [
             *((variable.name, variable.si_unit) for variable in self.variables),
-            *((figure.name, figure.shown.unit) for figure in self.figures),
+            *((figure.name, figure.display.unit) for figure in self.figures),
         ]
 
     def _at(self, figure: int, row: int) -> dict[str, Any]:
-        """Value of a figure, and at which point it is found."""
+        """Return the value of a figure at a point, and the point."""
         point = zip((v.name for v in self.variables), plain(self.points[row]), strict=True)
         return {"value": plain(float(self.values[row, figure])), "row": row, "at": dict(point)}
 
-    def _shares(self, found: SobolIndices) -> dict[str, Any]:
-        """Sobol' indices by figure and variable."""
+    def _shares(self, indices: SobolIndices) -> dict[str, Any]:
+        """Return Sobol' indices by figure and variable."""
         orders = (
-            ("first", found.first, found.first_low, found.first_high),
-            ("total", found.total, found.total_low, found.total_high),
+            ("first", indices.first, indices.first_low, indices.first_high),
+            ("total", indices.total, indices.total_low, indices.total_high),
         )
         shares = {
             figure.name: {
@@ -234,70 +235,67 @@ class Sweep(Result):
             }
             for k, figure in enumerate(self.figures)
         }
-        return picked(found, "samples", "left_out", "confidence") | {"shares": shares}
+        return picked(indices, "samples", "excluded", "confidence") | {"shares": shares}
 
     @property
     def possible(self) -> np.ndarray:
-        """Which points are a stage (S,)."""
+        """True for possible stages (S,)."""
         return np.array([not fault for fault in self.faults])
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """How many values of each variable a grid has; empty for other points."""
+        """Number of values of each variable on a grid; empty for other plans."""
         return self.plan.counts(self.variables)
 
     @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """Why points are no stage, the commonest reason first."""
-        return reasons(self.faults)
+    def common_faults(self) -> tuple[Fault, ...]:
+        """Reasons for impossible stages, the most frequent first."""
+        return common_faults(self.faults)
 
     @property
     def cut(self) -> NarrowerBound | None:
-        """The one bound that best leaves out what is no stage, if one does."""
+        """Single bound that best excludes impossible stages, if there is one."""
         return best_cut(self.points, self.faults)
 
     @property
     def advice(self) -> str:
-        """How to leave out what is no stage, in a sentence; empty where one bound does not."""
+        """Advice on a bound that excludes impossible stages; empty if there is none."""
         cut = self.cut
         if cut is None:
             return ""
         variable = self.variables[cut.variable]
-        shown = f"{float(f'{cut.value * variable.factor:.3g}'):.10g} {variable.unit}".rstrip()
-        also = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
-        return (
-            f"{variable.name} from {shown} on"
-            if cut.bound == "low"
-            else f"{variable.name} up to {shown}"
-        ) + f" leaves out {100.0 * cut.impossible:.0f} % of the impossible ones{also}"
+        value = f"{float(f'{cut.value * variable.factor:.3g}'):.10g} {variable.unit}".rstrip()
+        limit = f"{variable.name} {'>=' if cut.bound == 'low' else '<='} {value}"
+        loss = f", and {100.0 * cut.possible:.0f} % of the others" if cut.possible > 0.005 else ""
+        return f"{limit} excludes {100.0 * cut.impossible:.0f} % of the impossible stages{loss}"
 
     @property
-    def still(self) -> np.ndarray:
-        """Which figures do not vary, but for rounding (F,)."""
-        found = self.values[self.possible]
-        if not len(found):
+    def constant(self) -> np.ndarray:
+        """True for figures that do not vary, except for rounding errors (F,)."""
+        values = self.values[self.possible]
+        if not len(values):
             return np.ones(len(self.figures), dtype=bool)
-        size = np.abs(found).max(axis=0)
-        zero = np.array([figure.shown.zero for figure in self.figures])
-        return (size < zero) | (np.ptp(found, axis=0) <= ROUNDING * size)
+        size = np.abs(values).max(axis=0)
+        zero = np.array([figure.display.zero for figure in self.figures])
+        return (size < zero) | (np.ptp(values, axis=0) <= ROUNDING * size)
 
     @property
-    def moving(self) -> tuple[int, ...]:
-        """The figures worth looking at: those that vary by more than 0.1 %, else all that vary."""
-        found = self.values[self.possible]
+    def varying(self) -> tuple[int, ...]:
+        """Figures that vary by more than 0.1 %, or all varying ones if there are none."""
+        values = self.values[self.possible]
         with np.errstate(invalid="ignore"):
-            much = np.ptp(found, axis=0) > 1e-3 * np.abs(found).max(axis=0)
-        much &= ~self.still
-        return tuple(int(k) for k in np.flatnonzero(much if much.any() else ~self.still))
+            large = np.ptp(values, axis=0) > 1e-3 * np.abs(values).max(axis=0)
+        large &= ~self.constant
+        return tuple(int(k) for k in np.flatnonzero(large if large.any() else ~self.constant))
 
     @property
     def least(self) -> tuple[int, ...]:
-        """The point at which each figure is least."""
+        """Point with the least value of each figure."""
         return tuple(int(column.argmin()) for column in self._filled(math.inf).T)
 
     @property
     def greatest(self) -> tuple[int, ...]:
-        """The point at which each figure is greatest."""
+        """Point with the greatest value of each figure."""
         return tuple(int(column.argmax()) for column in self._filled(-math.inf).T)
 
     def _filled(self, value: float) -> Array:
@@ -307,8 +305,7 @@ class Sweep(Result):
     def correlations(self) -> Array:
         """Rank correlation of each figure with each variable (F, d), after Spearman 1904.
 
-        1 where a figure rises with a variable all the way, -1 where it falls; NaN of what does not
-        vary.
+        1 for a monotonically increasing figure, -1 for a decreasing one; NaN for a constant one.
         """
         from scipy.stats import rankdata
 
@@ -317,26 +314,26 @@ class Sweep(Result):
         if self.possible.sum() < 3:
             return out
         x = rankdata(self.points[self.possible], axis=0)
-        found = self.values[self.possible]
-        # what differs by rounding has the same rank
-        spread = np.where(self.still, 1.0, np.ptp(found, axis=0))
-        y = rankdata(np.round((found - found.min(axis=0)) / spread, 6), axis=0)
+        values = self.values[self.possible]
+        # values that differ by rounding errors have the same rank
+        spread = np.where(self.constant, 1.0, np.ptp(values, axis=0))
+        y = rankdata(np.round((values - values.min(axis=0)) / spread, 6), axis=0)
         x, y = x - x.mean(axis=0), y - y.mean(axis=0)
         sizes = np.linalg.norm(y, axis=0)[:, None] * np.linalg.norm(x, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             out = y.T @ x / sizes
-        out[self.still] = math.nan
+        out[self.constant] = math.nan
         return out
 
-    def shown(self, figure: int) -> Quantity:
-        """Return the quantity of a figure in a unit that suits what was found."""
+    def display(self, figure: int) -> Quantity:
+        """Return the quantity of a figure with a unit that suits its values."""
         largest = float(np.nanmax(np.abs(self.values[:, figure])))
-        return self.figures[figure].shown.fitting(largest)
+        return self.figures[figure].display.fitting(largest)
 
     def strongest(self, count: int) -> tuple[int, ...]:
-        """Return the variables that move a figure most, as many as asked for, in their order."""
-        found = np.abs(self.correlations) if self.indices is None else self.indices.total
-        strength = np.nan_to_num(found).max(axis=0)
+        """Return a number of variables with the largest effect on a figure, in their order."""
+        effect = np.abs(self.correlations) if self.indices is None else self.indices.total
+        strength = np.nan_to_num(effect).max(axis=0)
         return tuple(sorted(int(i) for i in np.argsort(-strength, kind="stable")[:count]))
 
     def on_grid(self, figure: int) -> Array:
@@ -353,25 +350,25 @@ def sweep(
     workers: Workers | None = None,
     keep: "Path | None" = None,
 ) -> Sweep:
-    """Vary the parameters of a stage, and compute its figures at every point.
+    """Compute the figures of a stage over its parameters.
 
-    Points that are no stage stay in the result, with the sentence that says why.
+    The result includes impossible stages with the reason.
 
     Parameters
     ----------
     family : Family
-        The stage and what is varied of it.
+        The stage and its variables.
     figures : sequence of Figure
-        What is computed.
+        Figures to compute.
     plan : SweepPlan
-        Which points are looked at.
+        Sampling plan.
     model : str
         ``lumped``, ``superelement``, ``plane``, ``superelement-3d`` or ``solid``.
     workers : Workers, optional
-        Who shares the work, as `flexstage.studies.explore.open_workers` gives it; this process
-        alone where not given. The numbers do not depend on it.
+        Workers of `flexstage.studies.explore.open_workers`; by default this process. The results do
+        not depend on them.
     keep : Path, optional
-        Folder of finished batches, from which an interrupted sweep goes on.
+        Folder for finished batches, so that an interrupted sweep can be resumed.
 
     Returns
     -------
@@ -381,7 +378,7 @@ def sweep(
     Raises
     ------
     ModelError
-        No point is a stage, or there is no such model.
+        All stages are impossible, or the model is unknown.
 
     Examples
     --------
@@ -389,40 +386,40 @@ def sweep(
     >>> from flexstage.studies.explore import Family, Figure, SweepPlan, variables_of
     >>> guide = StageTemplate.of("parallelogram")
     >>> necks = variables_of(guide, ["leg.notch.neck_thickness=0.3..0.5 mm"])
-    >>> found = sweep(
+    >>> result = sweep(
     ...     Family(template=guide, variables=necks),
     ...     [Figure(quantity="natural_frequency_hz", axis="x")],
     ...     SweepPlan(sampling="grid", samples=3),
     ... )
-    >>> found.values[:, 0].round(1).tolist()
+    >>> result.values[:, 0].round(1).tolist()
     [104.0, 147.8, 193.7]
     """
     points = plan.points(family.variables)
     figures = tuple(figures)
     job = Job(
         name="sweep",
-        work=_evaluated,
+        work=_evaluate_batch,
         payload=(family, points, figures, model),
         count=len(points),
-        batch=batch_size(len(points), usual_cost(model)),
+        batch=batch_size(len(points), typical_seconds(model)),
     )
-    # first, so that a wrong model or figure is refused at once
-    usual = evaluate(family, family.usual[None], figures, model)
-    lacking = [figures[k].name for k in np.flatnonzero(np.isnan(usual.values[0]))]
-    if lacking and not usual.faults[0]:
-        raise ModelError(f"the {model} model gives no {', '.join(lacking)}: leave it out")
-    found = (workers or Workers(1)).run(job, keep)
-    faults = tuple(str(fault) for fault in found["fault"])
+    # first, so that a wrong model or figure is rejected at once
+    described = evaluate(family, family.usual[None], figures, model)
+    missing = [figures[k].name for k in np.flatnonzero(np.isnan(described.values[0]))]
+    if missing and not described.faults[0]:
+        raise ModelError(f"the {model} model does not compute {', '.join(missing)}: omit it")
+    columns = (workers or Workers(1)).run(job, keep)
+    faults = tuple(str(fault) for fault in columns["fault"])
     if all(faults):
-        why = reasons(faults)[0]
+        fault = common_faults(faults)[0]
         raise ModelError(
-            f"none of the {len(points)} points is a possible stage; {why.count} of them: "
-            f"{why.text}; choose other bounds"
+            f"all {len(points)} stages are impossible; {fault.count} of them: {fault.text}; choose "
+            "other bounds"
         )
     indices, notes = None, plan.notes
     if plan.indices:
         try:
-            indices = sobol_indices(_by_base_sample(found["values"], figures, family), plan.seed)
+            indices = sobol_indices(_by_base_sample(columns["values"], figures, family), plan.seed)
         except ModelError as error:
             notes = (*notes, f"no Sobol' indices: {error}")
     return Sweep(
@@ -432,26 +429,27 @@ def sweep(
         variables=family.variables,
         figures=figures,
         points=points,
-        values=found["values"],
+        values=columns["values"],
         faults=faults,
-        described=usual.values[0],
+        described=described.values[0],
         indices=indices,
         notes=notes,
         provenance=provenance(family.template),
     )
 
 
-def _evaluated(
+def _evaluate_batch(
     payload: tuple[Family, Array, tuple[Figure, ...], str], start: int, stop: int
 ) -> dict[str, np.ndarray]:
-    """Evaluate some of the points: the work of a batch."""
+    """Evaluate a batch of points."""
     family, points, figures, model = payload
-    found = evaluate(family, points[start:stop], figures, model)
-    return {"values": found.values, "fault": np.array(found.faults, dtype=np.str_)}
+    evaluation = evaluate(family, points[start:stop], figures, model)
+    faults = np.array(evaluation.faults, dtype=np.str_)
+    return {"values": evaluation.values, "fault": faults}
 
 
 def _by_base_sample(values: Array, figures: Sequence[Figure], family: Family) -> Array:
-    """Return values of points that belong together (N, d + 2, F); what is rounding as zero."""
-    zero = np.array([figure.shown.zero for figure in figures])
+    """Return values by base sample (N, d + 2, F), with rounding errors as zero."""
+    zero = np.array([figure.display.zero for figure in figures])
     values = np.where(np.abs(values) < zero, 0.0, values)
     return values.reshape(-1, len(family.variables) + 2, len(figures))

@@ -1,4 +1,4 @@
-"""What the workshop makes of a stage: figures of a whole lot, its yield, and what spreads them."""
+"""Monte Carlo tolerance analysis: scatter of figures, yield, and contributions to the variance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,15 +18,15 @@ from flexstage.files.result import Result
 from flexstage.hinges.registry import with_neck_thickness
 from flexstage.stage import Stage
 from flexstage.studies.explore.batches import Job
-from flexstage.studies.explore.deviations import KINDS, draw, drawn_kinds, flat, parts
+from flexstage.studies.explore.deviations import KINDS, active_kinds, draw, flat, parts
 from flexstage.studies.explore.family import batched_figures
 from flexstage.studies.explore.figures import Figure, Requirement
-from flexstage.studies.explore.made_stages import (
+from flexstage.studies.explore.manufactured_samples import (
     THINNEST,
     TOLERANCE,
     Process,
-    lot_figures,
     process_of,
+    sample_figures,
 )
 from flexstage.studies.explore.spread import (
     Shares,
@@ -40,82 +40,83 @@ from flexstage.studies.explore.workers import Workers
 from flexstage.studies.models import analyse_model
 from flexstage.virtual.imperfections import Scatter
 
-#: Samples of a batch: some tenths of a second of work.
+#: Samples of a batch, for a computing time of a few tenths of a second.
 BATCH = 2500
-#: Samples that the shares of the variance are found from, at most: enough for two digits.
+#: Largest number of samples for the shares of the variance: enough for two digits.
 FITTED = 20_000
 
-# standard deviations of the step by which another model says what necks do: mesh and iteration
-# leave less of it
+# step of the neck thickness for the derivative by another model, in standard deviations: small
+# steps are affected by mesh and iteration
 _STEP = 2.0
-# quantities that a peak of stress on a mesh is in
+# quantities that depend on the stress peak of a mesh
 _OF_STRESS = ("max_stress", "safety_factor", "fatigue_safety")
 
-#: What the figures of a lot rest on.
+#: Assumptions of the analysis.
 VALIDITY: tuple[str, ...] = (
-    "The lumped model says how figures change from stage to stage. Against superelement analyses "
-    "of stages with other necks it follows frequencies to a few per cent of their spread; of what "
-    "necks do to ratio and stroke, some tenths of a per cent, it sees a third to a half, and of "
-    "what they do to the coupling nothing, as that is bending of bodies (--follow-necks mends it).",
-    "Deviations are normal and independent of each other, but for what all necks share.",
-    "Outlines of bodies, and the places where notches begin, stay as drawn, and so does Poisson's "
-    "ratio. A wire offset changes the necks alone: the mass that it takes from outlines would make "
-    "up for 2 to 5 % of what it does to frequencies.",
-    "Temperature expands the plate; Young's modulus and drives do not follow it.",
-    "The plane model knows no lean of notches, nor where along its normal a drive pushes.",
+    "The lumped model gives the changes of figures between samples. Compared with superelement "
+    "analyses of other necks, its changes of frequencies are within a few per cent of their "
+    "scatter. It gives a third to a half of the effect of necks on ratio and stroke, which is a "
+    "few tenths of a per cent, and none of that on the coupling, which is bending of bodies "
+    "(--follow-necks corrects it).",
+    "Deviations are normal and independent, except for the common part of all necks.",
+    "Outlines of bodies, positions of notch ends, and Poisson's ratio are nominal. A wire offset "
+    "changes the necks alone: the removed mass of the outlines would compensate for 2 to 5 % of "
+    "its effect on frequencies.",
+    "Temperature expands the plate; Young's modulus and drives do not depend on it.",
+    "The plane model includes neither tilt of notches nor out-of-plane offsets of drives.",
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lot:
-    """The stages that a process makes, and what is computed of each."""
+class MonteCarloSamples:
+    """Manufactured samples of a stage, and the figures to compute."""
 
     process: Process
-    """The stage and its scatter."""
+    """The nominal stage with its scatter."""
     seed: int
-    """Seed of its random numbers."""
+    """Seed of the random numbers."""
     figures: tuple[Figure, ...]
-    """What is computed."""
+    """The figures."""
     factor: Array
-    """What each figure of the lumped model is multiplied by [1], shape (figures,)."""
+    """Factor on each figure of the lumped model [1], shape (figures,)."""
     added: Array
-    """What is added to it then, in the unit of the figure, shape (figures,)."""
+    """Offset of each figure, in its unit, shape (figures,)."""
     per_neck: Array
-    """What is added for each metre by which all necks are off alike, shape (figures,)."""
+    """Correction per metre of common neck offset, in the unit of the figure, shape (figures,)."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of deviations that there are."""
-        return drawn_kinds(self.process.stage, self.process.scatter)
+        """The active kinds of deviations."""
+        return active_kinds(self.process.stage, self.process.scatter)
 
     def numbers(self, start: int, stop: int) -> dict[str, Array]:
-        """Return the deviations of samples, standard normal."""
+        """Return the standard normal deviations of samples."""
         return draw(self.process.stage, self.kinds, start, stop, seed=self.seed)
 
     def nominal(self) -> Array:
-        """Return the figures of the stage as drawn, shape (figures,)."""
-        return self.corrected(lot_figures(self.process, {}, 1, self.figures)[0])[0]
+        """Return the figures of the nominal stage, shape (figures,)."""
+        return self.corrected(sample_figures(self.process, {}, 1, self.figures)[0])[0]
 
     def values(
         self, samples: int, workers: Workers, keep: Path | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the figures of samples, shape (samples, figures), and which are no stage.
+        """Return the figures of samples, shape (samples, figures), and which are impossible.
 
-        A figure is NaN of what is no stage.
+        Figures of impossible samples are NaN.
         """
-        # what is kept is the work alone: a correction may differ in its last bit
+        # stored batches are uncorrected, as a correction may differ in its last bit
         payload = (self.process, self.kinds, self.seed, self.figures)
         job = Job(name="tolerance", work=_batch, payload=payload, count=samples, batch=BATCH)
-        found = workers.run(job, keep)
-        values = self.corrected(found["values"])
+        columns = workers.run(job, keep)
+        values = self.corrected(columns["values"])
         if self.per_neck.any():
             stage, scatter = self.process.stage, self.process.scatter
-            alike = draw(stage, ("neck_common",), 0, samples, seed=self.seed)["neck_common"]
-            values += scatter.neck_common * alike[:, :, 0] * self.per_neck
-        return values, found["gone"]
+            numbers = draw(stage, ("neck_common",), 0, samples, seed=self.seed)["neck_common"]
+            values += scatter.neck_common * numbers[:, :, 0] * self.per_neck
+        return values, columns["impossible"]
 
     def corrected(self, values: Array) -> Array:
-        """Return figures of the lumped model as they are shown, but for what necks alike add."""
+        """Return corrected figures of the lumped model, without the correction for necks."""
         return values * self.factor + self.added
 
 
@@ -124,109 +125,108 @@ def _batch(
 ) -> dict[str, NDArray[Any]]:
     process, kinds, seed, figures = payload
     numbers = draw(process.stage, kinds, start, stop, seed=seed)
-    values, gone = lot_figures(process, numbers, stop - start, figures)
-    return {"values": values, "gone": gone}
+    values, impossible = sample_figures(process, numbers, stop - start, figures)
+    return {"values": values, "impossible": impossible}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToleranceChoice:
-    """Tolerances by which a share of all stages meets what is required, at the least cost."""
+    """The cheapest tolerances with a required yield."""
 
     target: float
-    """The share of good stages that was asked for [1]."""
+    """Required yield [1]."""
     reached: bool
-    """Whether the lower end of the interval of the yield is at the target or above it."""
-    usual: Scatter
-    """The scatter that the choice began with."""
-    chosen: Scatter
-    """The scatter that was found; the finest one that is thought of where none reaches the target.
-    """
+    """True if the lower end of the interval of the yield reaches the target."""
+    initial: Scatter
+    """Scatter at the start of the search."""
+    selected: Scatter
+    """The selected scatter; the finest considered one if none reaches the target."""
     kinds: tuple[str, ...]
-    """The fields of `Scatter` that were chosen."""
+    """The varied fields of `Scatter`."""
     cost: float
-    """Cost of the chosen scatter in parts of that of the usual one [1]."""
+    """Cost of the selected scatter relative to that of the initial one [1]."""
     before: tuple[Yield, ...]
-    """Yields with the usual scatter: of every requirement, and of all together."""
+    """Yields with the initial scatter: of each requirement, then of all together."""
     after: tuple[Yield, ...]
-    """Yields with the chosen scatter."""
-    verdict: str
-    """What came out, in a sentence."""
+    """Yields with the selected scatter."""
+    conclusion: str
+    """The result in words."""
 
     def data(self) -> dict[str, Any]:
-        """Return what was chosen as plain data."""
+        """Return the result as plain data."""
         return {
-            **picked(self, "target", "reached", "verdict", "cost"),
-            "scatter": picked(self.chosen, *self.kinds),
-            "yields": [one.data() for one in self.after],
+            **picked(self, "target", "reached", "conclusion", "cost"),
+            "scatter": picked(self.selected, *self.kinds),
+            "yields": [y.data() for y in self.after],
         }
 
     @property
-    def found(self) -> bool:
-        """Whether there is a scatter to show: not where the stage as drawn is not good."""
-        return self.reached or self.chosen != self.usual
+    def available(self) -> bool:
+        """True if a scatter was selected; False if the nominal stage is not good."""
+        return self.reached or self.selected != self.initial
 
     def factor(self, kind: str) -> float:
-        """Return the chosen scatter of a kind in parts of the usual one [1]."""
-        return getattr(self.chosen, kind) / getattr(self.usual, kind)
+        """Return the ratio of selected and initial scatter of a kind [1]."""
+        return getattr(self.selected, kind) / getattr(self.initial, kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToleranceStudy(Result):
-    """What the workshop makes of a stage."""
+    """Result of a Monte Carlo tolerance analysis."""
 
     table_key: ClassVar[str] = "figures"
 
-    lot: Lot
-    """The stages that were drawn."""
+    monte_carlo: MonteCarloSamples
+    """The samples."""
     samples: int
-    """Number of them."""
+    """Number of samples."""
     values: Array
-    """Their figures, NaN where one is no stage, shape (samples, figures)."""
+    """Figures of the samples, NaN for impossible ones, shape (samples, figures)."""
     spreads: tuple[Spread, ...]
-    """How each figure is spread."""
+    """Scatter of each figure."""
     shares: tuple[Shares, ...]
-    """Where the variance of each comes from that varies; empty where there are too few samples."""
+    """Contributions to the variance of each varying figure; empty with too few samples."""
     yields: tuple[Yield, ...]
-    """Of every requirement, and of all together; empty where there is none."""
+    """Yield of each requirement, then of all together; empty without requirements."""
     model: str
-    """What the figures were computed with, in a sentence."""
+    """Models of the figures, in words."""
     notes: tuple[str, ...]
-    """What to know of the result."""
+    """Remarks on the result."""
     provenance: Provenance
-    """Where it comes from."""
+    """Origin of the result."""
     choice: ToleranceChoice | None = None
-    """The tolerances that reach a yield, where they were asked for."""
+    """Tolerances with a required yield, if requested."""
 
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        found = {
-            **picked(self, "stage=stage.name", "samples", "seed=lot.seed", "model"),
+        data = {
+            **picked(self, "stage=stage.name", "samples", "seed=monte_carlo.seed", "model"),
             "scatter": picked(self.scatter, *(kind.name for kind in KINDS)),
             "figures": [spread.data() for spread in self.spreads],
-            "variance": [of.data() for of in self.shares],
-            "yields": [one.data() for one in self.yields],
+            "variance": [shares.data() for shares in self.shares],
+            "yields": [y.data() for y in self.yields],
             **picked(self, "notes", "provenance"),
         }
-        return found if self.choice is None else found | {"tighten": self.choice.data()}
+        return data if self.choice is None else data | {"tighten": self.choice.data()}
 
     @property
     def stage(self) -> Stage:
-        """The stage as it was drawn."""
-        return self.lot.process.stage
+        """The nominal stage."""
+        return self.monte_carlo.process.stage
 
     @property
     def scatter(self) -> Scatter:
-        """How the process misses it."""
-        return self.lot.process.scatter
+        """Scatter of the process."""
+        return self.monte_carlo.process.scatter
 
     @property
     def requirements(self) -> tuple[Requirement, ...]:
-        """What is required."""
+        """The requirements."""
         return tuple(y.requirement for y in self.yields if y.requirement is not None)
 
 
-def lot_of(
+def monte_carlo_of(
     stage: Stage,
     scatter: Scatter,
     figures: Sequence[Figure],
@@ -234,23 +234,22 @@ def lot_of(
     seed: int,
     model: str,
     follow_necks: bool = False,
-) -> tuple[Lot, str]:
-    """Return the lot of a stage, and in a sentence how its figures are computed.
+) -> tuple[MonteCarloSamples, str]:
+    """Return the samples of a stage, and the models of their figures in words.
 
-    By the ``lumped`` model alone, or with that of the stage as drawn corrected by another model:
-    by a factor, or by a sum for figures that may be zero, as the coupling. To `follow_necks` the
-    other model also says how figures change where all necks are off alike; but for stress, whose
-    peak on a mesh jitters by as much.
+    The model is ``lumped``, or another one corrects its nominal figures: by a factor, or by an
+    offset for figures that may be zero, such as the coupling. With `follow_necks` the other model
+    also gives the effect of a common neck offset, except on stress, whose peak on a mesh scatters.
 
     Raises
     ------
     ModelError
-        The process is so coarse that a notch cannot be made, or the stage lacks a figure.
+        The scatter is so large that a notch is impossible, or the stage lacks a figure.
     """
     process = process_of(stage, scatter)
     factor, added = np.ones(len(figures)), np.zeros(len(figures))
     per_neck = np.zeros(len(figures))
-    plain = Lot(
+    samples = MonteCarloSamples(
         process=process,
         seed=seed,
         figures=tuple(figures),
@@ -258,40 +257,38 @@ def lot_of(
         added=added,
         per_neck=per_neck,
     )
-    own = lot_figures(process, {}, 1, plain.figures)[0][0]
+    lumped = sample_figures(process, {}, 1, samples.figures)[0][0]
     if model == "lumped":
-        return plain, "lumped model"
+        return samples, "lumped model"
 
-    def others(dt: float) -> Array:
-        made = stage
-        if dt:
-            made = with_necks(stage, dt)
-        analysis = analyse_model(made, model, near=stage)
+    def corrective(offset: float) -> Array:
+        analysis = analyse_model(with_necks(stage, offset) if offset else stage, model, near=stage)
         rows = {(c.quantity, c.axis): c.value for c in analysis.characteristics}
-        # what only the lumped model knows stays as it is
-        return np.array([rows.get(f.key, own[i]) for i, f in enumerate(figures)])
+        # figures of the lumped model alone are not corrected
+        return np.array([rows.get(f.key, lumped[i]) for i, f in enumerate(figures)])
 
-    here = others(0.0)
+    nominal = corrective(0.0)
     for i, figure in enumerate(figures):
-        other = float(here[i])
-        if figure.shown.zero > 0.0 or own[i] == 0.0:
-            added[i] = other - own[i]
+        value = float(nominal[i])
+        if figure.display.zero > 0.0 or lumped[i] == 0.0:
+            added[i] = value - lumped[i]
         else:
-            factor[i] = other / own[i]
-    how = f"lumped model, each corrected by that of the {model} model of the drawing"
+            factor[i] = value / lumped[i]
+    words = f"lumped model, each corrected by the nominal one of the {model} model"
     if not (follow_necks and scatter.neck_common):
-        return plain, how
+        return samples, words
     step = _STEP * scatter.neck_common
-    change = (others(step) - others(-step)) / (2.0 * step)
+    change = (corrective(step) - corrective(-step)) / (2.0 * step)
     sides = np.array([[[-_STEP]], [[_STEP]]])
-    lumped = plain.corrected(lot_figures(process, {"neck_common": sides}, 2, plain.figures)[0])
+    values = sample_figures(process, {"neck_common": sides}, 2, samples.figures)[0]
+    at_sides = samples.corrected(values)
     smooth = [figure.quantity not in _OF_STRESS for figure in figures]
-    per_neck[:] = np.where(smooth, change - (lumped[1] - lumped[0]) / (2.0 * step), 0.0)
-    return plain, f"{how}, and its change where all necks are off alike"
+    per_neck[:] = np.where(smooth, change - (at_sides[1] - at_sides[0]) / (2.0 * step), 0.0)
+    return samples, f"{words}, with its effect of a common neck offset"
 
 
 def with_necks(stage: Stage, change: float) -> Stage:
-    """Return a stage whose necks are all thicker by so much [m]."""
+    """Return a stage with a change of the thickness of all necks [m]."""
     return replace(
         stage,
         hinges=tuple(
@@ -317,85 +314,86 @@ def tolerance(
     workers: Workers | None = None,
     keep: Path | None = None,
 ) -> ToleranceStudy:
-    """Return what a process makes of a stage: the spread of its figures, its yield.
+    """Run a Monte Carlo tolerance analysis: scatter of figures and yield of manufactured stages.
 
-    Every sample is the stage with its own necks, radii, positions of notches, plate, material,
-    temperature and drives (`flexstage.studies.explore.made_stages`), analysed by the lumped model
-    in batches.
+    A sample has random necks, radii, positions of notches, plate, material, temperature and drives
+    (`flexstage.studies.explore.manufactured_samples`). The lumped model analyses samples in
+    batches.
 
     Parameters
     ----------
     stage : Stage
-        The stage as drawn.
+        The nominal stage.
     scatter : Scatter, optional
-        How the process misses it; the usual scatter of wire erosion where not given.
+        Scatter of the process; by default typical wire erosion.
     figures : sequence of Figure
-        What is looked at, beside what is required.
+        Figures to compute, in addition to those of the requirements.
     requirements : sequence of Requirement
-        What makes a stage good.
+        Requirements on a good stage.
     samples : int
-        Number of stages that are drawn.
+        Number of samples.
     seed : int
-        Seed; the sample of an index is the same whatever their number.
+        Random seed; a sample does not depend on the number of samples.
     model : str
-        ``lumped``, or the model by which its figures of the drawing are corrected.
+        ``lumped``, or the model that corrects its nominal figures.
     follow_necks : bool
-        Whether that model says as well how figures follow an offset of all necks, by two more
-        analyses.
+        True to correct the effect of a common neck offset as well, by two more analyses.
     workers : Workers, optional
-        Who computes; this process where not given.
+        Workers; by default this process.
     keep : Path, optional
-        Folder in which finished batches are kept, so that an interrupted run goes on.
+        Folder for finished batches, so that an interrupted run can be resumed.
 
     Returns
     -------
     ToleranceStudy
-        Spreads, yields, shares of the variance.
+        Scatter, yields and shares of the variance.
 
     Raises
     ------
     ModelError
-        There is nothing to look at, no sample, or the process is too coarse.
+        There are no figures, too few samples, or the scatter is too large.
 
     Notes
     -----
-    Validity: that of the lumped model for what changes, which is more exact than its figures; the
-    deviations are normal and independent, and the scatter is that of the user's machine.
+    Validity: changes of figures are those of the lumped model, which are more accurate than its
+    figures. Deviations are normal and independent; their scatter is that of the user's machine.
 
     Examples
     --------
     >>> from flexstage.stage.designs import design
     >>> from flexstage.studies.explore.figures import Figure
     >>> frequency = Figure(quantity="natural_frequency_hz", axis="x")
-    >>> found = tolerance(design("parallelogram"), figures=[frequency], samples=500, model="lumped")
-    >>> spread = found.spreads[0]
+    >>> study = tolerance(design("parallelogram"), figures=[frequency], samples=500, model="lumped")
+    >>> spread = study.spreads[0]
     >>> print(f"{spread.nominal:.1f} Hz, standard deviation {spread.standard_deviation:.1f} Hz")
     193.7 Hz, standard deviation 2.3 Hz
     """
     process = scatter or Scatter()
     every = tuple(dict.fromkeys((*figures, *(r.figure for r in requirements))))
     if not every:
-        raise ModelError("there is nothing to look at: name a figure or a requirement")
+        raise ModelError("there is no figure to compute: name a figure or a requirement")
     if samples < 2:
         raise ModelError(f"there must be at least 2 samples, got {samples}")
-    with subtask(0.0, 0.0):  # so that the share that is done is that of the batches
-        lot, how = lot_of(stage, process, every, seed=seed, model=model, follow_necks=follow_necks)
-    hand_over(lot)
-    values, gone = lot.values(samples, workers or Workers(1), keep)
-    nominal = lot.nominal()
+    with subtask(0.0, 0.0):  # the progress is that of the batches
+        monte_carlo, words = monte_carlo_of(
+            stage, process, every, seed=seed, model=model, follow_necks=follow_necks
+        )
+    hand_over(monte_carlo)
+    values, impossible = monte_carlo.values(samples, workers or Workers(1), keep)
+    nominal = monte_carlo.nominal()
     spreads = tuple(
         spread_of(figure, float(nominal[i]), values[:, i]) for i, figure in enumerate(every)
     )
-    shares, lacking = _shares(lot, spreads, values)
+    shares, share_notes = _shares(monte_carlo, spreads, values)
     return ToleranceStudy(
-        lot=lot,
+        monte_carlo=monte_carlo,
         samples=samples,
         values=values,
         spreads=spreads,
         shares=shares,
         yields=yields_of(every, requirements, values),
-        model=how,
-        notes=(*_notes(lot, spreads, values, gone), *lacking),
+        model=words,
+        notes=(*_notes(monte_carlo, spreads, values, impossible), *share_notes),
         provenance=provenance(stage),
     )
 
@@ -403,7 +401,7 @@ def tolerance(
 def yields_of(
     figures: Sequence[Figure], requirements: Sequence[Requirement], values: Array
 ) -> tuple[Yield, ...]:
-    """Return the yield of every requirement, and that of all together at the end."""
+    """Return the yield of each requirement, then that of all together."""
     if not requirements:
         return ()
     met = [r.met(values[:, figures.index(r.figure)]) for r in requirements]
@@ -412,53 +410,57 @@ def yields_of(
 
 
 def _shares(
-    lot: Lot, spreads: Sequence[Spread], values: Array
+    samples: MonteCarloSamples, spreads: Sequence[Spread], values: Array
 ) -> tuple[tuple[Shares, ...], tuple[str, ...]]:
-    moved = [i for i, spread in enumerate(spreads) if not spread.still]
-    if not lot.kinds or not moved:
+    varying = [i for i, spread in enumerate(spreads) if not spread.constant]
+    if not samples.kinds or not varying:
         return (), ()
-    named = parts(lot.process.stage, lot.kinds)
+    sources = parts(samples.process.stage, samples.kinds)
     count = min(len(values), FITTED)
-    figures = [lot.figures[i] for i in moved]
+    figures = [samples.figures[i] for i in varying]
+    numbers = flat(samples.numbers(0, count))
     try:
-        found = shares_of(figures, named, flat(lot.numbers(0, count)), values[:count, moved])
+        return shares_of(figures, sources, numbers, values[:count, varying]), ()
     except ModelError as error:
-        return (), (f"what spreads the figures is not told: {error}",)
-    return found, ()
+        return (), (f"contributions to the variance are unknown: {error}",)
 
 
 def _notes(
-    lot: Lot, spreads: Sequence[Spread], values: Array, gone: NDArray[np.bool_]
+    samples: MonteCarloSamples,
+    spreads: Sequence[Spread],
+    values: Array,
+    impossible: NDArray[np.bool_],
 ) -> list[str]:
     notes = []
-    if gone.any():
+    if impossible.any():
         notes.append(
-            f"{gone.sum()} of {len(values)} samples are no stage, as a neck has less than "
+            f"{impossible.sum()} of {len(values)} samples are impossible, as a neck has less than "
             f"{100 * THINNEST:.0f} % of its thickness or cannot be made; they count as not good"
         )
-    if other := int((np.isnan(values).any(axis=1) & ~gone).sum()):
+    if other := int((np.isnan(values).any(axis=1) & ~impossible).sum()):
         notes.append(
             f"{other} of {len(values)} samples lack a figure, as one of their drives moves another "
-            "axis by more than half of what it moves its own; they count as not good"
+            "axis by more than half of its own motion; they count as not good"
         )
     for spread in spreads:
-        if spread.apart:
+        if spread.outliers:
             notes.append(
-                f"{spread.figure.name}: {spread.apart} of {spread.count} samples lie more than 8 "
-                "robust standard deviations from the median, as where another mode takes over; "
-                "look at its distribution before you trust its standard deviation"
+                f"{spread.figure.name}: {spread.outliers} of {spread.count} samples are more than "
+                "8 robust standard deviations from the median, for example after a change of the "
+                "mode; check the distribution before you trust the standard deviation"
             )
-    stage = lot.process.stage
+    process, stage = samples.process, samples.process.stage
     axes = {axis.name for axis in stage.axes}
     if axes.isdisjoint(axis for _, axis in batched_figures(stage)):
         notes.append(
-            "more drives than axes move this stage: the strokes of its axes, and what hangs on "
-            "them, are a search in each sample, and no figures of a lot"
+            "this stage has more drives than axes: the strokes of its axes, and figures that "
+            "depend on them, need an optimisation for each sample and are not computed"
         )
-    if lot.process.error > TOLERANCE:
+    if process.error > TOLERANCE:
         notes.append(
-            f"springs of notches are interpolated to {lot.process.error:.0e} of their largest value"
+            f"the interpolation error of notch stiffness is {process.error:.0e}, relative to its "
+            "largest value"
         )
-    if lot.process.scatter.temperature and stage.material.thermal_expansion is None:
-        notes.append("the material gives no thermal_expansion: the temperature changes nothing")
+    if process.scatter.temperature and stage.material.thermal_expansion is None:
+        notes.append("the material has no thermal_expansion: temperature has no effect")
     return notes

@@ -1,6 +1,6 @@
-"""Who computes the batches of a job: this process, or worker processes at the end of pipes.
+"""Workers for the batches of a job: this process, local processes, or a cluster.
 
-Workers compute where the work is long enough: processes of this machine, or those of a cluster.
+Local processes and clusters are used for long computations only.
 """
 
 import multiprocessing
@@ -27,8 +27,8 @@ from flexstage.studies.explore.batches import (
     ONE_THREAD,
     FinishedBatch,
     Job,
-    KeptBatches,
-    deadly,
+    StoredBatches,
+    crash_error,
     joined,
 )
 
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
     from flexstage.studies.explore.cluster import Cluster
 
 
-#: Time in which worker processes must start [s].
-_STARTS = 60.0
+#: Timeout for the start of worker processes [s].
+_START_TIMEOUT = 60.0
 
-#: Processes that a batch may end before it is to blame.
-_TRIES = 3
+#: Number of crashes after which a batch is not repeated.
+_CRASHES = 3
 
 
 class _Worker:
-    """A process that computes one batch at a time."""
+    """A worker process, which computes one batch at a time."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.connection, remote = context.Pipe()
+        self.process = context.Process(target=_serve, args=(remote,), daemon=True)
         self.process.start()
-        theirs.close()
+        remote.close()
         self.number: int | None = None
 
     def end(self, *, at_once: bool = True) -> None:
-        """End it, amid its work if it has some."""
+        """End the process, by default without waiting for its batch."""
         self.connection.close()
         if at_once:
             self.process.kill()
@@ -63,19 +63,19 @@ class _Worker:
 
 
 def _serve(connection: Connection) -> None:
-    """Compute what is asked for until the other end is closed, be it that its process was lost."""
+    """Compute requested batches until the connection is closed."""
     job: Job | None = None
     with suppress(EOFError, OSError):
         connection.send((True, None))
         while True:
-            told = connection.recv()
-            if isinstance(told, bytes):
-                job = pickle.loads(told)
+            message = connection.recv()
+            if isinstance(message, bytes):
+                job = pickle.loads(message)
                 continue
             assert job is not None
             try:
-                answer: tuple[bool, Any] = (True, job.compute(told))
-            except Exception as error:  # noqa: BLE001 - it goes on in the process that asked
+                answer: tuple[bool, Any] = (True, job.compute(message))
+            except Exception as error:  # noqa: BLE001 - raised again in the parent process
                 if not isinstance(error, FlexstageError):
                     error.add_note(traceback.format_exc())
                 answer = (False, error)
@@ -83,128 +83,128 @@ def _serve(connection: Connection) -> None:
 
 
 class Pool:
-    """Worker processes of this machine, which are there for one job after another."""
+    """Worker processes of this machine, for several jobs."""
 
     def __init__(self) -> None:
         self._workers: list[_Worker] = []
 
     def start(self, count: int | None, batches: int) -> None:
-        """Start processes where there are fewer than a number (every core), or than batches.
+        """Start processes up to a number (by default all cores), at most one for each batch.
 
-        Those that are still at the work of a job that failed or was left are ended first, as their
-        answers would be taken for those of the next job.
+        Processes that still compute batches of a former job are ended first, as their answers would
+        be mistaken for those of the next job.
         """
         for worker in [w for w in self._workers if w.number is not None]:
             worker.end()
             self._workers.remove(worker)
         missing = min(count or cores(), batches) - len(self._workers)
-        self._workers += self._started(max(0, missing))
+        self._workers += self._new_workers(max(0, missing))
 
     def finished(
         self, job: Job, numbers: Sequence[int], wait_for: Callable[[str], None]
     ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-        """Yield batches of a job as they are finished; `wait_for` is told why nothing goes on."""
-        packed = pickle.dumps(job)
-        left = list(reversed(numbers))
-        ended: Counter[int] = Counter()  # processes, by the batch that each had
+        """Yield batches of a job when they are finished; `wait_for` gets the reason for a delay."""
+        job_bytes = pickle.dumps(job)
+        remaining = list(reversed(numbers))
+        crashes: Counter[int] = Counter()  # by batch
         for worker in self._workers:
-            self._give(worker, left, packed)
+            self._assign(worker, remaining, job_bytes)
         while busy := {w.connection: w for w in self._workers if w.number is not None}:
             for connection in wait(list(busy)):
                 worker = busy[connection]  # type: ignore[index]
                 number, worker.number = worker.number, None
                 assert number is not None
                 try:
-                    came, found = worker.connection.recv()
+                    successful, answer = worker.connection.recv()
                 except (EOFError, OSError):
-                    ended[number] += 1
-                    if ended[number] == _TRIES:
-                        raise deadly(job, number, _TRIES) from None
-                    left.append(number)
+                    crashes[number] += 1
+                    if crashes[number] == _CRASHES:
+                        raise crash_error(job, number, _CRASHES) from None
+                    remaining.append(number)
                     wait_for("a worker ended, starting another one")
                     worker.end()
                     self._workers.remove(worker)
-                    self._workers += self._started(1)
-                    self._give(self._workers[-1], left, packed)
+                    self._workers += self._new_workers(1)
+                    self._assign(self._workers[-1], remaining, job_bytes)
                     continue
-                if not came:
-                    raise found
-                # it works on while this process keeps what it found
-                self._give(worker, left)
-                yield number, found
+                if not successful:
+                    raise answer
+                # the worker continues while this process stores its batch
+                self._assign(worker, remaining)
+                yield number, answer
 
     def close(self, *, at_once: bool = False) -> None:
-        """End the processes; `at_once` amid their work."""
+        """End the processes; `at_once` without waiting for their batches."""
         for worker in self._workers:
             worker.end(at_once=at_once)
         self._workers = []
 
-    def _give(self, worker: _Worker, left: list[int], packed: bytes | None = None) -> None:
-        """Give a worker the next batch, if there is one, of a job that it may not know yet."""
-        if left:
-            worker.number = left.pop()
-            with suppress(OSError):  # it has ended, which is found where its answer is awaited
-                if packed is not None:
-                    worker.connection.send(packed)
+    def _assign(
+        self, worker: _Worker, remaining: list[int], job_bytes: bytes | None = None
+    ) -> None:
+        """Assign the next batch, if any, to a worker; with the job if that is new to it."""
+        if remaining:
+            worker.number = remaining.pop()
+            with suppress(OSError):  # a worker that ended is noticed when its answer is read
+                if job_bytes is not None:
+                    worker.connection.send(job_bytes)
                 worker.connection.send(worker.number)
 
-    def _started(self, count: int) -> list[_Worker]:
-        with _for_workers():
-            made = [_Worker() for _ in range(count)]
-        deadline = time.monotonic() + _STARTS
+    def _new_workers(self, count: int) -> list[_Worker]:
+        with _environment_of_workers():
+            workers = [_Worker() for _ in range(count)]
+        deadline = time.monotonic() + _START_TIMEOUT
         try:
-            for worker in made:
+            for worker in workers:
                 if not worker.connection.poll(max(0.0, deadline - time.monotonic())):
                     raise EOFError
                 worker.connection.recv()
         except (EOFError, OSError):
-            for worker in made:
+            for worker in workers:
                 worker.end()
             raise WorkerError(
-                "the worker processes do not start: compute with one worker, and put what a "
-                'program does under `if __name__ == "__main__":`, as each of them imports it'
+                "the worker processes do not start: compute with one worker, and put the code "
+                'of a program under `if __name__ == "__main__":`, as each process imports it'
             ) from None
-        return made
+        return workers
 
 
 @contextmanager
-def _for_workers() -> Iterator[None]:
-    """Have processes that are started in this block use one thread each, and ignore Ctrl-C.
+def _environment_of_workers() -> Iterator[None]:
+    """Let processes that start in this block use one thread each, and ignore Ctrl-C.
 
-    A terminal sends it to all processes, and only this one knows what is to be kept.
+    A terminal sends Ctrl-C to all processes; this one alone handles it.
     """
     before = dict(os.environ)
     os.environ.update(ONE_THREAD)
-    masks = sys.platform != "win32"
-    heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
+    posix = sys.platform != "win32"
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if posix else set()
     try:
         yield
     finally:
-        if masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, heard)
+        if posix:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name in ONE_THREAD:
             del os.environ[name]
         os.environ.update({k: v for k, v in before.items() if k in ONE_THREAD})
 
 
-#: Work that takes this process longer than that, with what it has taken already, is shared [s]:
-#: workers take some two seconds to start.
+#: Total computing time from which work is shared [s]; workers need about two seconds to start.
 _WORTH_SHARING = 4.0
 
-#: Time that this process works before it judges how long the rest takes: a first batch may compile
-#: what the next ones find [s].
-_TRIED = 1.0
+#: Time before the remaining time is estimated: the first batch may compile code [s].
+_FIRST_ESTIMATE = 1.0
 
 
 class Workers:
-    """Workers that are started when a job is long enough, and are there for the next ones.
+    """Workers, started on the first long job, and used for later ones.
 
     Parameters
     ----------
     count
-        Number of processes; every core where it is None.
+        Number of processes; by default one for each core.
     scheduler
-        Address of the scheduler of a Dask cluster, which then does all the work.
+        Address of the scheduler of a Dask cluster, which then computes all batches.
     """
 
     def __init__(self, count: int | None = None, scheduler: str | None = None) -> None:
@@ -212,85 +212,86 @@ class Workers:
             raise ModelError(f"the number of workers must be 1 or more, got {count}")
         if count is not None and scheduler is not None:
             raise ModelError(
-                "a cluster has the workers that joined it: give a number of workers or the "
-                "address of a scheduler, not both"
+                "a cluster defines its number of workers: give a number of workers or the address "
+                "of a scheduler, not both"
             )
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise WorkerError(
-                'a program that shares work does so under `if __name__ == "__main__":`, as each '
-                "worker process imports it"
+                'a program must use workers under `if __name__ == "__main__":`, as each worker '
+                "process imports it"
             )
         if scheduler is not None:
             require_extra("explore", "distributed", "work on a cluster", WorkerError)
         self._count, self._scheduler = count, scheduler
-        # a process that another program shares work with may start none
+        # a worker process of another program cannot start workers
         self._alone = count == 1 or multiprocessing.current_process().daemon
         self._others: Cluster | Pool | None = None
-        self._worked = 0.0  # what this process has computed itself [s]
+        self._worked = 0.0  # computing time of this process [s]
 
     def run(self, job: Job, keep: Path | None = None) -> dict[str, np.ndarray]:
-        """Return the arrays of a job, the rows of all batches in order.
+        """Return the arrays of a job, with the rows of all batches in order.
 
-        Each finished batch is kept in the folder `keep` at once; those that are there already, of
-        the same job, are not computed again.
+        Each finished batch is stored in the folder `keep`; stored batches of the same job are not
+        computed again.
 
         Raises
         ------
         WorkerError
-            Workers or scheduler were lost for good, or a batch ended every worker that tried it.
+            Workers or scheduler were lost, or a batch crashed several workers.
         RecordError
-            The folder holds batches of another job.
+            The folder has batches of another job.
         """
-        kept = None if keep is None else KeptBatches(keep, job)
+        store = None if keep is None else StoredBatches(keep, job)
         parts: dict[int, dict[str, np.ndarray]] = {}
-        for number in range(job.batches) if kept else ():
-            found = kept.read(number) if kept else None
-            if found is not None:
-                parts[number] = found
-                _hand_over(job, number, found)
+        for number in range(job.batches) if store else ():
+            arrays = store.read(number) if store else None
+            if arrays is not None:
+                parts[number] = arrays
+                _hand_over(job, number, arrays)
         progress = _Progress(job, len(parts))
         try:
-            for number, found in self._computed(job, parts, progress):
-                if kept:
-                    kept.keep(number, found)
-                parts[number] = found
-                _hand_over(job, number, found)
-                progress.show(len(parts))
+            for number, arrays in self._computed(job, parts, progress):
+                if store:
+                    store.store(number, arrays)
+                parts[number] = arrays
+                _hand_over(job, number, arrays)
+                progress.report(len(parts))
         except WorkerError as error:
             if not parts:
                 raise
-            raise WorkerError(f"{error}; {_what_is_kept(job, kept, len(parts))}") from error
+            raise WorkerError(f"{error}; {_stored_note(job, store, len(parts))}") from error
         return joined(parts.pop(number) for number in range(job.batches))
 
     def close(self, *, at_once: bool = False) -> None:
-        """End the workers that were started, or leave the cluster; `at_once` amid their work."""
+        """End the workers or disconnect from the cluster; `at_once` without waiting for batches."""
         if self._others is not None:
             self._others.close(at_once=at_once)
             self._others = None
 
     def _computed(
-        self, job: Job, done: dict[int, dict[str, np.ndarray]], progress: "_Progress"
+        self, job: Job, finished: dict[int, dict[str, np.ndarray]], progress: "_Progress"
     ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-        """Yield the batches of a job that are not done, in the order in which they are finished."""
-        left = [number for number in range(job.batches) if number not in done]
-        progress.show(len(done))
+        """Yield the remaining batches of a job, in the order in which they are finished."""
+        remaining = [number for number in range(job.batches) if number not in finished]
+        progress.report(len(finished))
         each = float("inf")
-        while left and not self._worth_sharing(each, len(left)):
+        while remaining and not self._worth_sharing(each, len(remaining)):
             began = time.perf_counter()
-            found = job.compute(left[0])
-            took = time.perf_counter() - began
-            each, self._worked = min(each, took), self._worked + took
-            yield left.pop(0), found
-        if left:
+            arrays = job.compute(remaining[0])
+            seconds = time.perf_counter() - began
+            each, self._worked = min(each, seconds), self._worked + seconds
+            yield remaining.pop(0), arrays
+        if remaining:
             if self._others is None:
-                joins = self._scheduler is not None
-                progress.wait("joining the cluster" if joins else "starting workers")
-            yield from self._shared(len(left)).finished(job, left, progress.wait)
+                cluster = self._scheduler is not None
+                progress.wait("joining the cluster" if cluster else "starting workers")
+            yield from self._shared(len(remaining)).finished(job, remaining, progress.wait)
 
-    def _worth_sharing(self, each: float, left: int) -> bool:
+    def _worth_sharing(self, each: float, batches: int) -> bool:
         if self._alone or self._scheduler is not None or self._others is not None:
             return not self._alone
-        return self._worked > _TRIED and left > 1 and self._worked + left * each > _WORTH_SHARING
+        total = self._worked + batches * each
+        return self._worked > _FIRST_ESTIMATE and batches > 1 and total > _WORTH_SHARING
 
     def _shared(self, batches: int) -> "Cluster | Pool":
         if self._scheduler is not None:
@@ -303,14 +304,14 @@ class Workers:
         return self._others
 
 
-def _hand_over(job: Job, number: int, found: dict[str, np.ndarray]) -> None:
-    # a dictionary of its own: what is joined is taken out of the other
-    hand_over(FinishedBatch(job=job.name, start=job.span(number)[0], arrays=dict(found)))
+def _hand_over(job: Job, number: int, arrays: dict[str, np.ndarray]) -> None:
+    # a copy of the dictionary, as `joined` empties the other
+    hand_over(FinishedBatch(job=job.name, start=job.span(number)[0], arrays=dict(arrays)))
 
 
 @contextmanager
 def open_workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
-    """Give workers for the jobs in this block; they end with it, at once where it fails.
+    """Yield workers for the jobs in this block; they end with it, at once after an error.
 
     Examples
     --------
@@ -331,57 +332,56 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
 
 
 class _Progress:
-    """How many batches are finished, and how long the others will take."""
+    """Progress of a job: number of finished batches, and remaining time."""
 
     def __init__(self, job: Job, done: int) -> None:
         self._job, self._before = job, done
         self._began = time.monotonic()
         self._done = done
 
-    def show(self, done: int) -> None:
+    def report(self, done: int) -> None:
+        """Report the number of finished batches and the remaining time."""
         self._done = done
-        computed, left = done - self._before, self._job.batches - done
-        after = ""
-        if computed and left:
-            taken = time.monotonic() - self._began
-            after = f", {duration(taken / computed * left)} left"
-        self._tell(after)
+        computed, remaining = done - self._before, self._job.batches - done
+        note = ""
+        if computed and remaining:
+            seconds = time.monotonic() - self._began
+            note = f", {duration(seconds / computed * remaining)} left"
+        self._update(note)
 
     def wait(self, reason: str) -> None:
-        """Say why nothing goes on."""
-        self._tell(f", {reason}")
+        """Report the reason for a delay."""
+        self._update(f", {reason}")
 
-    def _tell(self, after: str) -> None:
+    def _update(self, note: str) -> None:
         job = self._job
-        update(
-            f"{job.name}, {self._done} of {job.batches} batches{after}", self._done / job.batches
-        )
+        update(f"{job.name}, {self._done} of {job.batches} batches{note}", self._done / job.batches)
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words, in its two largest units.
+    """Return a duration as text, in its two largest units.
 
     Examples
     --------
     >>> duration(7.4), duration(70.0), duration(7500.0), duration(266400.0)
     ('7 s', '1 min 10 s', '2 h 5 min', '3 d 2 h')
     """
-    left = round(seconds)
-    if left < 60:
-        return f"{left} s"
+    remainder = round(seconds)
+    if remainder < 60:
+        return f"{remainder} s"
     units = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
-    at = next(i for i, (_, size) in enumerate(units) if left >= size)
-    words = []
-    for name, size in units[at : at + 2]:
-        number, left = divmod(left, size)
-        words.append(f"{number} {name}")
-    return " ".join(words)
+    first = next(i for i, (_, size) in enumerate(units) if remainder >= size)
+    parts = []
+    for name, size in units[first : first + 2]:
+        number, remainder = divmod(remainder, size)
+        parts.append(f"{number} {name}")
+    return " ".join(parts)
 
 
-def _what_is_kept(job: Job, kept: KeptBatches | None, done: int) -> str:
-    if kept is None:
-        return "nothing was kept, as no folder for finished batches was given"
+def _stored_note(job: Job, store: StoredBatches | None, done: int) -> str:
+    if store is None:
+        return "no batch is stored, as there is no folder for finished batches"
     return (
-        f"{done} of {job.batches} batches are kept in {kept.folder}, and the same run goes on "
-        "from them"
+        f"{done} of {job.batches} batches are stored in {store.folder}: run the same command again "
+        "to resume"
     )

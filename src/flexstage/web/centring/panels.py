@@ -7,7 +7,7 @@ from nicegui import ui
 
 from flexstage.centring import ARCSEC
 from flexstage.centring.requests import MAGNET
-from flexstage.quantities.quantity import beside, number
+from flexstage.quantities.quantity import number, value_and_uncertainty
 from flexstage.quantities.table import Table, table
 from flexstage.web.bench.readouts import shown_number
 from flexstage.web.centring.state import CentringState, Source
@@ -103,7 +103,7 @@ _KINDS = {"start": "start", "trial": "trial move", "move": "move"}
 
 def with_uncertainty(value: float, uncertainty: float, factor: float) -> str:
     """Return a value with its standard uncertainty, in the unit of a factor from SI."""
-    return display_text(" ± ".join(beside(factor * value, factor * uncertainty)))
+    return display_text(" ± ".join(value_and_uncertainty(factor * value, factor * uncertainty)))
 
 
 def position_text(at: tuple[float, float], preferences: Preferences) -> str:
@@ -121,7 +121,7 @@ def figures(
     rows: list[tuple[str, str, str]] = []
     if (e := turn.get("eccentricity")) is not None:
         uncertainty = factor * e["uncertainty"]
-        low, high = (beside(factor * end, uncertainty)[0] for end in e["interval"])
+        low, high = (value_and_uncertainty(factor * end, uncertainty)[0] for end in e["interval"])
         value = f"{with_uncertainty(e['value'], e['uncertainty'], factor)} {unit}"
         rows.append(("Eccentricity", value, f"95 %: {low} to {high} {unit}"))
     if (first := once_per_set_column_kind(turn, radius)) is not None:

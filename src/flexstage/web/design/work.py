@@ -17,7 +17,7 @@ from flexstage.report.tables import percent
 from flexstage.stage import Issue
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import Family
-from flexstage.studies.explore.figures import USUAL, Figure
+from flexstage.studies.explore.figures import DEFAULT_QUANTITIES, Figure
 from flexstage.studies.explore.sensitivity import Sensitivities, sensitivities
 from flexstage.studies.explore.variables import every_variable
 from flexstage.studies.models import analyse_model, stage_export
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 #: Figures of the table, of every axis and of the whole stage.
 TABLE_FIGURES = (
-    *USUAL, "natural_frequency_with_stack_hz", "safety_factor", "resolution", "parasitic_rotation",
-    "mass", "smallest_neck",
+    *DEFAULT_QUANTITIES, "natural_frequency_with_stack_hz", "safety_factor", "resolution",
+    "parasitic_rotation", "mass", "smallest_neck",
 )  # fmt: skip
 #: Figures next to the sliders, with the headings of their columns.
 SLIDER_FIGURES = {
@@ -145,7 +145,7 @@ def export_variant(variant: Variant, formats: Sequence[str]) -> tuple[str, bytes
     from flexstage.export.request import ExportRequest, in_folders
 
     export = stage_export(variant.stage(), ExportRequest(to=tuple(formats)))
-    files = in_folders(export.files(leave_out=len(formats) > 1))
+    files = in_folders(export.files(skip_unsuitable=len(formats) > 1))
     if len(files) == 1:
         ((name, content),) = files.items()
         return Path(name).name, content, export.notes

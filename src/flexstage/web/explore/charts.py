@@ -11,8 +11,8 @@ from flexstage.base.arrays import Array
 from flexstage.report.figures.style import CYCLE
 from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.figures import Figure
-from flexstage.studies.explore.optimise.optimum import Trace
-from flexstage.studies.explore.tolerance import Lot
+from flexstage.studies.explore.optimise.optimum import HistoryEntry
+from flexstage.studies.explore.tolerance import MonteCarloSamples
 from flexstage.web.explore.samples_table import DOMINATED, ON_FRONT, SamplesColumn, SamplesTable
 from flexstage.web.explore.state import ExploreRun
 from flexstage.web.figures import chart
@@ -261,7 +261,7 @@ def _numbers(values: Any) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in values]
 
 
-def draw_history(columns: Sequence[SamplesColumn], trace: Sequence[Trace]) -> Chart:
+def draw_history(columns: Sequence[SamplesColumn], trace: Sequence[HistoryEntry]) -> Chart:
     """Draw the goal of a search over the evaluations, a line for each of its starts.
 
     Hollow points violate a constraint.
@@ -311,7 +311,7 @@ class ToleranceChart:
     def show(self) -> None:
         """Show the samples so far."""
         partial_results = self._run.job.partial_results
-        lot = next((each for each in partial_results if isinstance(each, Lot)), None)
+        lot = next((each for each in partial_results if isinstance(each, MonteCarloSamples)), None)
         batches = [each for each in partial_results if isinstance(each, FinishedBatch)]
         if lot is None or not batches:
             return
@@ -349,7 +349,7 @@ class ToleranceChart:
 
 def histogram(figure: Figure, values: Array, preferences: Preferences) -> Chart:
     """Return the histogram of a figure; infeasible samples are excluded."""
-    quantity = preferences.displayed(figure.shown)
+    quantity = preferences.displayed(figure.display)
     finite = values[np.isfinite(values)] * quantity.factor
     counts, edges = np.histogram(finite, bins=_BINS) if finite.size else (np.zeros(1), np.zeros(2))
     bars = {

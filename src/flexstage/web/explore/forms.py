@@ -10,7 +10,7 @@ from flexstage.files.request import request_fields
 from flexstage.quantities.comparison import MODEL_WORDS
 from flexstage.report.tolerance import scatter_text
 from flexstage.studies.explore.deviations import KINDS as DEVIATIONS
-from flexstage.studies.explore.optimise.ladder import SearchOptions
+from flexstage.studies.explore.optimise.multi_fidelity import SearchOptions
 from flexstage.studies.explore.requests import (
     ExploreRequest,
     OptimiseRequest,
@@ -19,7 +19,7 @@ from flexstage.studies.explore.requests import (
     ToleranceRequest,
 )
 from flexstage.studies.explore.sampling import usual_plan
-from flexstage.studies.explore.sweep import usual_cost
+from flexstage.studies.explore.sweep import typical_seconds
 from flexstage.studies.explore.variables import Variable, variables_of
 from flexstage.studies.explore.workers import duration
 from flexstage.virtual.imperfections import Scatter
@@ -57,7 +57,7 @@ class FormFields:
         """Return the headings of figures, with their units."""
         figures = self.summary.figures
         return {
-            name: figures[name].heading_in(self.preferences.displayed(figures[name].shown))
+            name: figures[name].heading_in(self.preferences.displayed(figures[name].display))
             for name in names
         }
 
@@ -190,7 +190,7 @@ class FormFields:
         rebuild: Callable[[], None],
         on_remove: Callable[[RequirementInput], None] | None,
     ) -> None:
-        quantity = self.preferences.displayed(self.summary.figures[row.figure].shown)
+        quantity = self.preferences.displayed(self.summary.figures[row.figure].display)
 
         def choose_figure(event: Any) -> None:
             row.figure, row.value = event.value, self.summary.values[event.value]
@@ -251,7 +251,7 @@ def work_estimate(request: ExploreRequest, summary: StageSummary) -> str:
             points = len(
                 usual_plan(variables, request.model, samples=request.samples).points(variables)
             )
-            seconds = max(1.0, points * usual_cost(request.model))
+            seconds = max(1.0, points * typical_seconds(request.model))
             return f"{points} points, about {duration(seconds)}"
         case OptimiseRequest():
             search = SearchOptions(evaluations=request.evaluations)
@@ -327,7 +327,7 @@ def _sweep(form: ExploreForm, fields: FormFields) -> None:
 
     show()
     fields.figures(form, summary.figures)
-    fields.model(form, f"more accurate, about {usual_cost('superelement'):g} s per point")
+    fields.model(form, f"more accurate, about {typical_seconds('superelement'):g} s per point")
 
 
 def _optimise(form: ExploreForm, request: OptimiseRequest, fields: FormFields) -> None:

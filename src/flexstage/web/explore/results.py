@@ -204,7 +204,7 @@ class Results:
             assert isinstance(self._definition, Problem)
             is_done = run.job.state == "done"
             steps = (each for each in run.job.partial_results if isinstance(each, SearchStep))
-            trace = run.job.result.result.trace if is_done else [step.trace for step in steps]
+            trace = run.job.result.result.history if is_done else [step.entry for step in steps]
             history = samples_table.history_columns(self._definition, trace, self._page.preferences)
             return charts.draw_history(history, trace)
         x_column = table.varied[0] if run.chart == charts.CURVE else table.column(run.x_column)

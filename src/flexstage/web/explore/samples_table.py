@@ -14,7 +14,7 @@ from flexstage.studies.explore.batches import FinishedBatch
 from flexstage.studies.explore.family import Family
 from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.front import Front, Generation, non_dominated
-from flexstage.studies.explore.optimise.optimum import Optimum, SearchStep, Trace
+from flexstage.studies.explore.optimise.optimum import HistoryEntry, Optimum, SearchStep
 from flexstage.studies.explore.optimise.problem import Problem
 from flexstage.studies.explore.sampling import SweepPlan
 from flexstage.studies.explore.sweep import Sweep
@@ -120,9 +120,9 @@ def _varied(variable: Variable, values: Array) -> SamplesColumn:
 def _outcome(
     figure: Figure, values: Array, described: float, preferences: Preferences
 ) -> SamplesColumn:
-    quantity = preferences.displayed(figure.shown)
+    quantity = preferences.displayed(figure.display)
     sizes = np.abs(values[np.isfinite(values)])
-    if quantity == figure.shown and sizes.size:
+    if quantity == figure.display and sizes.size:
         quantity = quantity.fitting(float(sizes.max()))
     axis = "" if figure.axis == WHOLE_STAGE else figure.axis
     unit = f"[{quantity.shown_unit}]" if quantity.shown_unit else ""
@@ -157,7 +157,7 @@ def _table(
 
 def of_sweep(sweep: Sweep, preferences: Preferences) -> SamplesTable:
     """Return the samples of a sweep, with the figures that vary."""
-    order = list(sweep.moving) or list(range(len(sweep.figures)))
+    order = list(sweep.varying) or list(range(len(sweep.figures)))
     table = _table(
         sweep.variables,
         [sweep.figures[k] for k in order],
@@ -200,7 +200,7 @@ def of_front(front: Front, preferences: Preferences) -> SamplesTable:
         preferences,
     )
     labels = [ON_FRONT] * len(front.points)
-    labels[front.chosen] = "selected"
+    labels[front.selected] = "selected"
     return replace(table, labels=(*labels, "selected, refined"))
 
 
@@ -233,10 +233,10 @@ class SearchedFront:
         if generations:
             count = len(self._points)
             self._points = np.vstack(
-                (self._points, *(each.points[each.kept] for each in generations))
+                (self._points, *(each.points[each.feasible] for each in generations))
             )
             self._values = np.vstack(
-                (self._values, *(each.values[each.kept] for each in generations))
+                (self._values, *(each.values[each.feasible] for each in generations))
             )
             rows = np.concatenate((self._front, np.arange(count, len(self._points))))
             self._front = rows[non_dominated(self._costs(rows))]
@@ -274,13 +274,13 @@ def of_steps(
     return SamplesTable(
         variables=tuple(v.name for v in problem.family.variables),
         points=points,
-        columns=(*history_columns(problem, [s.trace for s in steps], preferences), *varied),
+        columns=(*history_columns(problem, [s.entry for s in steps], preferences), *varied),
         computed=len(steps),
     )
 
 
 def history_columns(
-    problem: Problem, trace: Sequence[Trace], preferences: Preferences
+    problem: Problem, trace: Sequence[HistoryEntry], preferences: Preferences
 ) -> tuple[SamplesColumn, ...]:
     """Return the history of a search: evaluations, goal and constraint violation."""
     objective = np.array([step.objective for step in trace])

@@ -5,8 +5,12 @@ from dataclasses import dataclass, field
 
 from flexstage.stage.designs import StageTemplate
 from flexstage.studies.explore.family import batched_figures, known_figures
-from flexstage.studies.explore.figures import Figure, Requirement, usual_figures
-from flexstage.studies.explore.optimise.usual import CHECK, usual_requirements, usual_variables
+from flexstage.studies.explore.figures import Figure, Requirement, default_figures
+from flexstage.studies.explore.optimise.default_requirements import (
+    CHECK,
+    default_requirements,
+    default_variables,
+)
 from flexstage.studies.explore.variables import Variable, every_variable
 from flexstage.web.design.state import SHARE, Variant
 
@@ -76,10 +80,10 @@ def summarise_stage(variant: Variant) -> StageSummary:
     return StageSummary(
         template=template,
         variables={v.name: v for v in every_variable(template, SHARE)},
-        flexure=frozenset(v.name for v in usual_variables(template)),
+        flexure=frozenset(v.name for v in default_variables(template)),
         figures=figures,
         values={name: known_values[figure.key] for name, figure in figures.items()},
-        default_figures=tuple(f.name for f in usual_figures(known_values)),
+        default_figures=tuple(f.name for f in default_figures(known_values)),
         tolerance_figures=frozenset(n for n, figure in figures.items() if figure.key in batched),
-        requirements=usual_requirements(stage, known_values, ()),
+        requirements=default_requirements(stage, known_values, ()),
     )

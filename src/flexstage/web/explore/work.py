@@ -127,7 +127,7 @@ def _of_sweep(sweep_result: Sweep) -> _Output:
 
     files, omitted = sweep_files(sweep_result)
     title = "All figures that change over the varied parameters"
-    pictures = {} if sweep_result.still.all() else {title: sweep_result.plot}
+    pictures = {} if sweep_result.constant.all() else {title: sweep_result.plot}
     notes = (*sweep.sweep_notes(sweep_result), *omitted)
     return _Output(files, sweep.range_tables(sweep_result), notes, pictures)
 
@@ -140,23 +140,23 @@ def _of_tolerance(study: ToleranceStudy) -> _Output:
     tables = [tolerance.yield_table(study.yields)] if study.yields else []
     tables.append(tolerance.spread_table(study))
     pictures: dict[str, Callable[[], Drawing]] = {"Distribution of every figure": study.plot}
-    if choice is not None and choice.found:
+    if choice is not None and choice.available:
         tables.append(tolerance.choice_table(choice))
     if study.shares:
         tables.append(tolerance.share_table(study))
         pictures["Contributions to the variance of every figure"] = partial(study.plot, "shares")
-    assessment = () if choice is None else (choice.verdict,)
+    assessment = () if choice is None else (choice.conclusion,)
     notes = (*assessment, f"figures by the {study.model}", *study.notes)
     return _Output(tolerance_files(study, every=True), tables, notes, pictures)
 
 
 def _of_sensitivities(result: Sensitivities) -> _Output:
     from flexstage.report.result_files import sensitivity_files
-    from flexstage.report.sensitivity import left_out_notes, sensitivity_table
+    from flexstage.report.sensitivity import sensitivity_table, skipped_notes
 
     pictures = {"Changes of the figures": result.plot}
     tables = [sensitivity_table(result)]
-    return _Output(sensitivity_files(result), tables, left_out_notes(result), pictures)
+    return _Output(sensitivity_files(result), tables, skipped_notes(result), pictures)
 
 
 def _of_optimum(optimum: Optimum) -> _Output:

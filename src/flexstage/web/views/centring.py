@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from flexstage.files.write import write_whole
-from flexstage.quantities.quantity import beside
+from flexstage.quantities.quantity import value_and_uncertainty
 from flexstage.records import FORMATS
 from flexstage.web.bench.state import bench_of
 from flexstage.web.centring.panels import (
@@ -271,7 +271,7 @@ class CentringView:
         unit, factor = preferences.length_unit()
         for axis, move in zip("xy", centre["move_from_last"], strict=True):
             uncertainty = centre[f"uncertainty_{axis}"]
-            step = beside(factor * move, factor * uncertainty)[0]
+            step = value_and_uncertainty(factor * move, factor * uncertainty)[0]
             value = f"{with_uncertainty(centre[axis], uncertainty, factor)} {unit}"
             stays = abs(move) <= state.noise["xy".index(axis)]
             note = "no move: below the noise of the sensor" if stays else f"by {step} {unit}"

@@ -1,1 +1,1 @@
-"""The best stage of a family: local search by slopes, a ladder of models, Pareto fronts."""
+"""Optimisation of a stage: local and multi-fidelity search, Pareto fronts."""

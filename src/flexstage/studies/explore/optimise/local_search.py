@@ -1,4 +1,4 @@
-"""Search from a start for the best point nearby, by slopes, and how far a stage is possible."""
+"""Local search: sequential quadratic programming in a trust region, with feasibility boundaries."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,155 +8,156 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
-from flexstage.studies.explore.optimise.quadratic import bounded_step
 
 Bools = NDArray[np.bool_]
 
-#: How far inside a wall a search stays, in parts of the bounds.
+#: Distance that a search keeps from a boundary, as a share of the bounds.
 MARGIN = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Wall:
-    """Points with normal . x <= offset are possible; those beyond are not."""
+class Boundary:
+    """A linear boundary of the possible points: normal . x <= offset."""
 
     normal: Array
-    """Unit vector across the wall, out of what is possible, shape (d,)."""
+    """Unit vector out of the possible region, shape (d,)."""
     offset: float
-    """Its distance from the origin along the normal, less `MARGIN`."""
+    """Distance from the origin along the normal, less `MARGIN`."""
     beyond: Array
-    """A point just beyond it, shape (d,), which says why it is impossible."""
+    """An impossible point just beyond the boundary, shape (d,)."""
 
 
-def find_wall(possible: Callable[[Array], Bools], inside: Array, step: Array) -> Wall | None:
-    """Return the wall between a possible point and an impossible one.
+def find_boundary(
+    possible: Callable[[Array], Bools], inside: Array, step: Array
+) -> Boundary | None:
+    """Return the boundary between a possible point and an impossible one.
 
-    The distance to the wall along each variable gives its normal: exactly where the wall is plane,
-    as it is where dimensions in a row must fit between two faces.
+    The distances along each variable give the normal. It is exact for a plane boundary, such as
+    that of dimensions in a row between two faces.
 
     Parameters
     ----------
     possible : callable
-        Which of the points (S, d) are possible.
+        Function that returns which of the points (S, d) are possible.
     inside : array
         A possible point, from 0 to 1, shape (d,).
     step : array
-        What leads from it to an impossible one, shape (d,).
+        Step to an impossible point, shape (d,).
 
     Returns
     -------
-    Wall or None
-        None where no variable alone leads across it.
+    Boundary or None
+        None where no single variable crosses the boundary.
 
     Notes
     -----
-    Validity: components of the normal below a thirtieth of the largest are not seen.
+    Validity: components of the normal below a thirtieth of the largest are taken as zero.
 
     Examples
     --------
     >>> inside, step = np.array([0.5, 0.2]), np.array([0.4, 0.4])
-    >>> wall = find_wall(lambda x: x @ [3.0, 4.0] <= 3.5, inside, step)
-    >>> np.round(wall.normal, 3), round(wall.offset, 3)
+    >>> boundary = find_boundary(lambda x: x @ [3.0, 4.0] <= 3.5, inside, step)
+    >>> np.round(boundary.normal, 3), round(boundary.offset, 3)
     (array([0.6, 0.8]), 0.7)
     """
-    # how near to a wall its normal is measured, and how far is looked for it along each variable:
-    # less than the margin from other walls, which are not to be taken for this one
-    near_wall, reach, halvings = 2e-6, 6e-5, 18
+    # distance from the boundary at which the normal is measured, and search distance along each
+    # variable: less than the margin, so that other boundaries are not found
+    distance, reach, halvings = 2e-6, 6e-5, 18
     length = float(np.linalg.norm(step))
-    if length < near_wall:
+    if length < distance:
         return None
     low, high = 0.0, 1.0
-    while (high - low) * length > 0.02 * near_wall:
+    while (high - low) * length > 0.02 * distance:
         middle = 0.5 * (low + high)
         ok = bool(possible((inside + middle * step)[None])[0])
         low, high = (middle, high) if ok else (low, middle)
-    at, outside = inside + low * step, inside + high * step
-    before = inside + max(low - near_wall / length, 0.0) * step
+    crossing, outside = inside + low * step, inside + high * step
+    before = inside + max(low - distance / length, 0.0) * step
     d = len(inside)
-    ways = np.vstack([np.eye(d), -np.eye(d)]) * reach
-    stopped = np.flatnonzero(~possible(before + ways))
-    if not len(stopped):
+    directions = np.vstack([np.eye(d), -np.eye(d)]) * reach
+    blocked = np.flatnonzero(~possible(before + directions))
+    if not len(blocked):
         return None
-    near, far = np.zeros(len(stopped)), np.ones(len(stopped))
+    near, far = np.zeros(len(blocked)), np.ones(len(blocked))
     for _ in range(halvings):
         middle = 0.5 * (near + far)
-        ok = possible(before + middle[:, None] * ways[stopped])
+        ok = possible(before + middle[:, None] * directions[blocked])
         near, far = np.where(ok, middle, near), np.where(ok, far, middle)
     slope = np.zeros(2 * d)
-    slope[stopped] = 2.0 / (near + far)
+    slope[blocked] = 2.0 / (near + far)
     normal = slope[:d] - slope[d:]
     size = float(np.linalg.norm(normal))
     if size == 0.0 or float(normal @ step) <= 0.0:
         return None
     normal = normal / size
-    return Wall(normal=normal, offset=float(normal @ at) - MARGIN, beyond=outside)
+    return Boundary(normal=normal, offset=float(normal @ crossing) - MARGIN, beyond=outside)
 
 
-def inside(possible: Callable[[Array], Bools], point: Array) -> Array:
-    """Return a point beside a possible one that keeps `MARGIN` from walls along every variable.
+def interior_point(possible: Callable[[Array], Bools], point: Array) -> Array:
+    """Return a point near a possible one, at `MARGIN` from boundaries along every variable.
 
-    On a wall, or where two meet, what lies beyond tells none of them from another. It is the point
-    itself where no way leads from all of them.
+    Boundaries cannot be distinguished at a point where two of them meet. The point is returned
+    unchanged where no step leads away from all of them.
     """
-    ways = np.vstack([np.eye(len(point)), -np.eye(len(point))]) * MARGIN
-    for _ in range(4):  # steps of the margin each
-        stopped = ways[~possible(np.clip(point + ways, 0.0, 1.0))]
-        there = np.clip(point - 1.1 * stopped.sum(axis=0), 0.0, 1.0)
-        if not np.any(there != point) or not possible(there[None])[0]:
+    directions = np.vstack([np.eye(len(point)), -np.eye(len(point))]) * MARGIN
+    for _ in range(4):  # steps of one margin
+        blocked = directions[~possible(np.clip(point + directions, 0.0, 1.0))]
+        candidate = np.clip(point - 1.1 * blocked.sum(axis=0), 0.0, 1.0)
+        if not np.any(candidate != point) or not possible(candidate[None])[0]:
             break
-        point = there
+        point = candidate
     return point
 
 
-def joined(walls: tuple[Wall, ...], wall: Wall) -> tuple[Wall, ...]:
-    """Return walls with another one, which replaces what was measured of it further away."""
-    # two whose normals are within 2.6 degrees are one
-    others = (w for w in walls if float(wall.normal @ w.normal) <= 0.999)
-    return (*others, wall)
+def with_boundary(boundaries: tuple[Boundary, ...], boundary: Boundary) -> tuple[Boundary, ...]:
+    """Return boundaries with a further one, which replaces an older measurement of the same."""
+    # two with normals within 2.6 degrees are one
+    others = (b for b in boundaries if float(boundary.normal @ b.normal) <= 0.999)
+    return (*others, boundary)
 
 
-#: Violation that counts as none.
+#: Violation up to which a constraint counts as satisfied.
 FEASIBLE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _TrustRegion:
-    """How far a step goes, in parts of the bounds, and what it must bring."""
+    """Settings of the trust region; lengths are shares of the bounds."""
 
-    first: float = 0.15
-    """Half width at first."""
+    initial: float = 0.15
+    """Initial half width."""
     largest: float = 0.5
-    """Half width at most."""
+    """Largest half width."""
     smallest: float = 1e-6
-    """Half width below which a search has ended."""
-    wider: float = 2.0
-    """What a good step widens it by."""
-    narrower: float = 0.4
-    """What a bad step leaves of it."""
-    accepted: float = 1e-4
-    """Share of the predicted gain that a step must bring."""
+    """Half width below which a search has converged."""
+    growth: float = 2.0
+    """Factor on the half width after a good step."""
+    reduction: float = 0.4
+    """Factor on the half width after a bad step."""
+    acceptance: float = 1e-4
+    """Least ratio of actual to predicted gain of an accepted step."""
     good: float = 0.7
-    """Share of it, and of the half width, beyond which the region grows."""
-    walls: int = 3
-    """Walls that are looked for in one step, before it is made shorter."""
+    """Ratio of actual to predicted gain, and share of the half width, of a good step."""
+    boundaries: int = 3
+    """Number of boundaries that are located in one step, before the region is reduced."""
     idle: int = 4
-    """Steps without a change of the objective after which a search has ended."""
+    """Number of steps without a change of the objective after which a search has converged."""
 
 
 _REGION = _TrustRegion()
 
 
 class Program(Protocol):
-    """Minimise the first value where the others keep their limits, over variables from 0 to 1."""
+    """Objective and constraints over variables from 0 to 1; the objective is minimised."""
 
     @property
     def low(self) -> Array:
-        """Least allowed value of each constraint, shape (m,); minus infinity for none."""
+        """Lower limit of each constraint, shape (m,); minus infinity for none."""
         ...
 
     @property
     def high(self) -> Array:
-        """Largest allowed value of each constraint, shape (m,)."""
+        """Upper limit of each constraint, shape (m,); infinity for none."""
         ...
 
     def values(self, points: Array) -> Array:
@@ -167,45 +168,45 @@ class Program(Protocol):
         ...
 
     def slopes(self, point: Array) -> tuple[Array, Array]:
-        """Return the values at a point (d,), shape (1 + m,), and their slopes (1 + m, d)."""
+        """Return the values at a point (d,), shape (1 + m,), and their gradients (1 + m, d)."""
         ...
 
     def possible(self, points: Array) -> Bools:
-        """Return which points (S, d) are possible at all."""
+        """Return which points (S, d) are possible."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Iterate:
-    """One accepted point of a search."""
+    """An accepted point of a search."""
 
     point: Array
     """The variables, from 0 to 1, shape (d,)."""
     values: Array
-    """Objective and constraints there, shape (1 + m,)."""
+    """Objective and constraints, shape (1 + m,)."""
     violation: float
-    """Sum of what the constraints are off their limits."""
+    """Sum of the constraint violations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LocalOptimum(Iterate):
-    """Where a local search ended."""
+    """End point of a local search."""
 
     slopes: Array
-    """Slopes of objective and constraints, shape (1 + m, d)."""
-    walls: tuple[Wall, ...] = ()
-    """Walls met on the way, beyond which points are impossible."""
+    """Gradients of objective and constraints, shape (1 + m, d)."""
+    boundaries: tuple[Boundary, ...] = ()
+    """Boundaries of the possible points that were located."""
     converged: bool
-    """Whether no better point is near; else the number of steps was used up."""
+    """True if no better point is near; False if the search used all its steps."""
 
     @property
     def feasible(self) -> bool:
-        """Whether every constraint is kept."""
+        """True if every constraint is satisfied."""
         return self.violation <= FEASIBLE * 10.0
 
 
 def violation_of(values: Array, low: Array, high: Array) -> Array:
-    """Return what each constraint is off its limits; values without the objective."""
+    """Return the violation of each constraint; `values` are without the objective."""
     return np.maximum(values - high, 0.0) + np.maximum(low - values, 0.0)
 
 
@@ -216,63 +217,65 @@ def local_search(
     steps: int = 60,
     tolerance: float = 1e-5,
     curvature: Array | None = None,
-    walls: tuple[Wall, ...] = (),
+    boundaries: tuple[Boundary, ...] = (),
     reach: float = 1.0,
-    told: Callable[[Iterate], None] = lambda _: None,
+    on_iterate: Callable[[Iterate], None] = lambda _: None,
 ) -> LocalOptimum | None:
     """Return the optimum near a start by sequential quadratic programming in a trust region.
 
     Each step minimises a quadratic model of the Lagrangian under linear models of the constraints
-    (`bounded_step`); it is taken where it lowers objective + mu x violation (an exact penalty
+    (`bounded_step`). It is accepted if it lowers objective + mu x violation (an exact penalty
     function: Han 1977; Nocedal, Wright 2006, Numerical Optimization, algorithm 18.3), else the
-    region shrinks. Curvature is gathered from the slopes (BFGS, damped as by Powell 1978). A step
-    to an impossible point finds the wall that it met (`find_wall`) and is taken again before it;
-    from a point that lies on one it steps inside first (`inside`).
+    region shrinks. The Hessian is updated from the gradients (BFGS, damped as by Powell 1978). A
+    step to an impossible point locates the boundary (`find_boundary`) and is repeated with it as a
+    constraint. A point on a boundary is moved inside first (`interior_point`).
 
     Parameters
     ----------
     program : Program
-        What is minimised.
+        Objective and constraints.
     start : array
-        Where to start, from 0 to 1, shape (d,).
+        Start point, from 0 to 1, shape (d,).
     steps : int
-        Largest number of slopes asked for.
+        Largest number of steps.
     tolerance : float
-        Gain in objective and violations at which it ends.
+        Predicted gain of the penalty function below which the search has converged.
     curvature : array, optional
-        Second derivatives of the objective where they are known, shape (d, d).
-    walls : tuple of Wall
-        Walls that are known.
+        Hessian of the objective if known, shape (d, d).
+    boundaries : tuple of Boundary
+        Known boundaries of the possible points.
     reach : float
-        How far a variable may go from the start, in parts of its bounds.
-    told : callable
-        Called with each accepted point.
+        Largest change of a variable from the start, as a share of its bounds.
+    on_iterate : callable
+        Callback for each accepted point.
 
     Returns
     -------
     LocalOptimum or None
-        None where the start is impossible.
+        None if the start is impossible.
 
     Notes
     -----
-    Validity: smooth functions; a local optimum, not the best of all. Where the constraints
-    contradict each other it ends where they are violated least.
+    Validity: smooth functions; a local optimum, not a global one. If the constraints contradict
+    each other, it is the point of least violation.
     """
     x = np.clip(np.asarray(start, dtype=float), 0.0, 1.0)
     values, slopes = program.slopes(x)
     if not _finite(values, slopes):
         return None
-    search = _Search(program, _Place(x, values, slopes), curvature, walls, tolerance)
-    search.least, search.most = np.maximum(x - reach, 0.0), np.minimum(x + reach, 1.0)
-    path = [_iterate(program, search.place)]
-    told(path[0])
+    search = _started(program, _Point(x, values, slopes), reach, tolerance)
+    search.boundaries = boundaries
+    if curvature is not None:
+        search.curvature, search.fixed_curvature = curvature, True
+    path = [_iterate(program, search.point)]
+    on_iterate(path[0])
     converged = False
     for _ in range(steps):
         if not search.step():
             converged = search.converged
             break
-        path.append(_iterate(program, search.place))
-        told(path[-1])
+        path.append(_iterate(program, search.point))
+        on_iterate(path[-1])
         if _stalled(path, tolerance):
             converged = True
             break
@@ -281,14 +284,14 @@ def local_search(
         point=last.point,
         values=last.values,
         violation=last.violation,
-        slopes=search.place.slopes,
-        walls=search.walls,
+        slopes=search.point.slopes,
+        boundaries=search.boundaries,
         converged=converged,
     )
 
 
-class _Place(NamedTuple):
-    """A point with its values and slopes."""
+class _Point(NamedTuple):
+    """A point with its values and gradients."""
 
     x: Array
     values: Array
@@ -296,7 +299,7 @@ class _Place(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A step that a model proposes, what it promises and what it brought."""
+    """A step of the quadratic model, its predicted gain and its actual gain."""
 
     p: Array
     multipliers: Array
@@ -304,151 +307,177 @@ class _Trial(NamedTuple):
     gain: float
 
 
+@dataclass(slots=True, kw_only=True, eq=False)
 class _Search:
-    """The state of a local search between two steps."""
+    """State of a local search between two steps."""
 
-    def __init__(
-        self,
-        program: Program,
-        place: _Place,
-        curvature: Array | None,
-        walls: tuple[Wall, ...],
-        tolerance: float,
-    ) -> None:
-        self.program, self.place, self.walls, self.tolerance = program, place, walls, tolerance
-        self.low, self.high = program.low, program.high
-        self.known = curvature is not None
-        steep = max(float(np.linalg.norm(place.slopes[0])), 1e-3)
-        self.B: Array = np.eye(len(place.x)) * steep if curvature is None else curvature
-        self.region, self.penalty, self.converged = _REGION.first, 1.0, False
-        self.least, self.most = np.zeros(len(place.x)), np.ones(len(place.x))
+    program: Program
+    """Objective and constraints."""
+    low: Array
+    """Lower limits of the constraints, shape (m,)."""
+    high: Array
+    """Upper limits of the constraints, shape (m,)."""
+    least: Array
+    """Lower bounds of the variables, shape (d,)."""
+    most: Array
+    """Upper bounds of the variables, shape (d,)."""
+    tolerance: float
+    """Predicted gain below which the search has converged."""
+    point: _Point
+    """The current point."""
+    curvature: Array
+    """Hessian of the Lagrangian, shape (d, d)."""
+    fixed_curvature: bool = False
+    """True if the Hessian is exact and is not updated."""
+    region: float = _REGION.initial
+    """Half width of the trust region."""
+    penalty: float = 1.0
+    """Weight of the violation in the penalty function."""
+    boundaries: tuple[Boundary, ...] = ()
+    """Boundaries of the possible points that were located."""
+    converged: bool = False
+    """True if no step lowers the penalty function."""
 
     def step(self) -> bool:
-        """Take a step that lowers the penalty function; False where there is none."""
+        """Accept a step that lowers the penalty function; False if there is none."""
         while self.region > _REGION.smallest:
             trial = self._trial()
             if trial is None:
                 return False
-            x = self.place.x + trial.p
+            x = self.point.x + trial.p
             values, slopes = self.program.slopes(x)
             if not _finite(values, slopes):
-                self.region *= _REGION.narrower  # possible by itself, yet not around it
+                self.region *= _REGION.reduction  # the point is possible, its neighbours are not
                 continue
             longest = float(np.max(np.abs(trial.p)))
             if trial.gain > _REGION.good * trial.predicted and longest > _REGION.good * self.region:
-                self.region = min(_REGION.wider * self.region, _REGION.largest)
-            if not self.known:
-                turned = (slopes - self.place.slopes).T @ np.append(1.0, trial.multipliers)
-                self.B = _updated(self.B, trial.p, turned)
-            self.place = _Place(x, values, slopes)
+                self.region = min(_REGION.growth * self.region, _REGION.largest)
+            if not self.fixed_curvature:
+                change = (slopes - self.point.slopes).T @ np.append(1.0, trial.multipliers)
+                self.curvature = _updated(self.curvature, trial.p, change)
+            self.point = _Point(x, values, slopes)
             return True
         self.converged = True
         return False
 
     def _trial(self) -> _Trial | None:
-        """Return a step that brings what it promises; None at an optimum."""
-        met = 0
+        """Return a step with a sufficient gain; None at an optimum."""
+        blocked = 0
         while self.region > _REGION.smallest:
-            found = self._model()
-            if found is None:
-                self.region *= _REGION.narrower
+            model = self._model()
+            if model is None:
+                self.region *= _REGION.reduction
                 continue
-            p, multipliers, predicted, _ = found
-            if predicted <= self.tolerance * min(1.0, self.region / _REGION.first):
+            p, multipliers, predicted, _ = model
+            if predicted <= self.tolerance * min(1.0, self.region / _REGION.initial):
                 break
-            taken = self._taken(p, predicted)
-            if taken is None and not met and self._stepped_inside(p):
-                met += 1
+            step = self._best_step(p, predicted)
+            if step is None and not blocked and self._moved_inside(p):
+                blocked += 1
                 continue
-            if taken is None:  # impossible there
-                wall = (
-                    find_wall(self.program.possible, self.place.x, p)
-                    if met < _REGION.walls
+            if step is None:  # the point is impossible
+                boundary = (
+                    find_boundary(self.program.possible, self.point.x, p)
+                    if blocked < _REGION.boundaries
                     else None
                 )
-                met += 1
-                if wall is None:
-                    self.region *= _REGION.narrower
+                blocked += 1
+                if boundary is None:
+                    self.region *= _REGION.reduction
                 else:
-                    self.walls = joined(self.walls, wall)
+                    self.boundaries = with_boundary(self.boundaries, boundary)
                 continue
-            q, gain = taken
-            if gain >= _REGION.accepted * predicted:
+            q, gain = step
+            if gain >= _REGION.acceptance * predicted:
                 return _Trial(q, multipliers, predicted, gain)
-            self.region = _REGION.narrower * min(self.region, float(np.max(np.abs(q))))
+            self.region = _REGION.reduction * min(self.region, float(np.max(np.abs(q))))
         self.converged = True
         return None
 
-    def _stepped_inside(self, p: Array) -> bool:
-        """Go away from walls where one is nearer than it should be along a step, if that is so."""
-        x = self.place.x
+    def _moved_inside(self, p: Array) -> bool:
+        """Move the point inside if a step meets a boundary within the margin; return if it did."""
+        x = self.point.x
         near = x + min(MARGIN / float(np.max(np.abs(p))), 1.0) * p
         if bool(self.program.possible(near[None])[0]):
             return False
-        there = np.clip(inside(self.program.possible, x), self.least, self.most)
-        values, slopes = self.program.slopes(there)
-        if not np.any(there != x) or not _finite(values, slopes):
+        interior = np.clip(interior_point(self.program.possible, x), self.least, self.most)
+        values, slopes = self.program.slopes(interior)
+        if not np.any(interior != x) or not _finite(values, slopes):
             return False
-        self.place = _Place(there, values, slopes)
+        self.point = _Point(interior, values, slopes)
         return True
 
     def _model(self) -> _Trial | None:
         """Return the step of the quadratic model, and set the penalty by its multipliers."""
-        x, values, slopes = self.place
-        W = np.array([wall.normal for wall in self.walls]).reshape(-1, len(x))
-        beyond = np.array([wall.offset for wall in self.walls]) - W @ x
+        x, values, slopes = self.point
+        W = np.array([boundary.normal for boundary in self.boundaries]).reshape(-1, len(x))
+        room = np.array([boundary.offset for boundary in self.boundaries]) - W @ x
         A, g = slopes[1:], slopes[0]
-        found = bounded_step(
-            self.B,
+        model = bounded_step(
+            self.curvature,
             g,
             np.vstack([A, W]),
             np.append(self.low - values[1:], np.full(len(W), -np.inf)),
-            # what is nearer to a wall than it should be goes away from it
-            np.append(self.high - values[1:], np.maximum(beyond, -0.3 * self.region)),
+            # a point within the margin of a boundary moves away from it
+            np.append(self.high - values[1:], np.maximum(room, -0.3 * self.region)),
             np.maximum(-self.region, self.least - x),
             np.minimum(self.region, self.most - x),
             hard=len(W),
         )
-        if found is None:
+        if model is None:
             return None
-        p, multipliers = found.step, found.multipliers[: len(self.low)]
-        was = self._off(values[1:])
-        less = was - self._off(values[1:] + A @ p)
-        model = -float(g @ p + 0.5 * p @ self.B @ p)
-        wanted = 0.0 if found.relaxed else 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
-        self.penalty = max(self.penalty, wanted) if was > FEASIBLE else max(wanted, 1e-6)
-        if less > FEASIBLE:  # the step must gain in the penalty function
-            self.penalty = max(self.penalty, -2.0 * model / less)
-        return _Trial(p, multipliers, model + self.penalty * less, 0.0)
+        p, multipliers = model.step, model.multipliers[: len(self.low)]
+        violation = self._violation(values[1:])
+        reduction = violation - self._violation(values[1:] + A @ p)
+        descent = -float(g @ p + 0.5 * p @ self.curvature @ p)
+        penalty = 0.0 if model.relaxed else 1.5 * float(np.max(np.abs(multipliers), initial=0.0))
+        self.penalty = max(self.penalty, penalty) if violation > FEASIBLE else max(penalty, 1e-6)
+        if reduction > FEASIBLE:  # the step must lower the penalty function
+            self.penalty = max(self.penalty, -2.0 * descent / reduction)
+        return _Trial(p, multipliers, descent + self.penalty * reduction, 0.0)
 
-    def _off(self, constraints: Array) -> float:
+    def _violation(self, constraints: Array) -> float:
         return float(violation_of(constraints, self.low, self.high).sum())
 
-    def _merit(self, found: Array) -> float:
-        return float(found[0] + self.penalty * self._off(found[1:]))
+    def _merit(self, values: Array) -> float:
+        return float(values[0] + self.penalty * self._violation(values[1:]))
 
-    def _taken(self, p: Array, predicted: float) -> tuple[Array, float] | None:
-        """Return the step, bent along the constraints where that is better, and its gain."""
-        x, values, slopes = self.place
-        here = self._merit(values)
-        there = self.program.values((x + p)[None])[0]
-        if not _finite(there):
+    def _best_step(self, p: Array, predicted: float) -> tuple[Array, float] | None:
+        """Return the step, with a second-order correction if better, and its gain."""
+        x, values, slopes = self.point
+        merit = self._merit(values)
+        trial = self.program.values((x + p)[None])[0]
+        if not _finite(trial):
             return None
-        gain = here - self._merit(there)
+        gain = merit - self._merit(trial)
         if gain >= 0.1 * predicted:
             return p, gain
-        # second-order correction: the linear models, shifted to what the constraints are at x + p
-        over = np.maximum(there[1:] - self.high, 0.0) - np.maximum(self.low - there[1:], 0.0)
-        active = over != 0.0
+        # second-order correction: the linear models, shifted to the constraints at x + p
+        excess = np.maximum(trial[1:] - self.high, 0.0) - np.maximum(self.low - trial[1:], 0.0)
+        active = excess != 0.0
         if not active.any():
             return p, gain
-        more = -np.linalg.pinv(slopes[1:][active], rcond=1e-8) @ over[active]
-        q = np.clip(x + p + more, self.least, self.most) - x
+        correction = -np.linalg.pinv(slopes[1:][active], rcond=1e-8) @ excess[active]
+        q = np.clip(x + p + correction, self.least, self.most) - x
         if float(np.max(np.abs(q))) > 1.5 * self.region:
             return p, gain
-        bent = self.program.values((x + q)[None])[0]
-        better = here - self._merit(bent) if _finite(bent) else -np.inf
-        return (q, better) if better > gain else (p, gain)
+        corrected = self.program.values((x + q)[None])[0]
+        corrected_gain = merit - self._merit(corrected) if _finite(corrected) else -np.inf
+        return (q, corrected_gain) if corrected_gain > gain else (p, gain)
+
+
+def _started(program: Program, point: _Point, reach: float, tolerance: float) -> _Search:
+    steepness = max(float(np.linalg.norm(point.slopes[0])), 1e-3)
+    return _Search(
+        program=program,
+        low=program.low,
+        high=program.high,
+        least=np.maximum(point.x - reach, 0.0),
+        most=np.minimum(point.x + reach, 1.0),
+        tolerance=tolerance,
+        point=point,
+        curvature=np.eye(len(point.x)) * steepness,
+    )
 
 
 def _finite(*arrays: Array) -> bool:
@@ -456,7 +485,7 @@ def _finite(*arrays: Array) -> bool:
 
 
 def _stalled(path: list[Iterate], tolerance: float) -> bool:
-    """Whether the last steps, all of which keep the limits, changed the objective by nothing."""
+    """Return whether the last steps were feasible without a change of the objective."""
     last = path[-_REGION.idle :]
     same = float(np.ptp([one.values[0] for one in last])) < tolerance
     return (
@@ -464,20 +493,200 @@ def _stalled(path: list[Iterate], tolerance: float) -> bool:
     )
 
 
-def _iterate(program: Program, place: _Place) -> Iterate:
-    off = violation_of(place.values[1:], program.low, program.high)
-    return Iterate(point=place.x, values=place.values, violation=float(off.sum()))
+def _iterate(program: Program, point: _Point) -> Iterate:
+    violation = violation_of(point.values[1:], program.low, program.high)
+    return Iterate(point=point.x, values=point.values, violation=float(violation.sum()))
 
 
-def _updated(B: Array, p: Array, turned: Array) -> Array:
-    """Return the curvature with what a step showed of it, kept positive definite."""
+def _updated(B: Array, p: Array, change: Array) -> Array:
+    """Return the damped BFGS update of a Hessian, kept positive definite.
+
+    `change` is the change of the gradient of the Lagrangian over the step p.
+    """
     Bp = B @ p
-    curved, seen = float(p @ Bp), float(p @ turned)
-    if curved <= 1e-14:
+    expected, observed = float(p @ Bp), float(p @ change)
+    if expected <= 1e-14:
         return B
-    share = 1.0 if seen >= 0.2 * curved else 0.8 * curved / (curved - seen)
-    r = share * turned + (1.0 - share) * Bp
-    updated = B - np.outer(Bp, Bp) / curved + np.outer(r, r) / float(p @ r)
-    # rounding must not make it indefinite, nor a kink make it stiff beyond all measure
+    share = 1.0 if observed >= 0.2 * expected else 0.8 * expected / (expected - observed)
+    r = share * change + (1.0 - share) * Bp
+    updated = B - np.outer(Bp, Bp) / expected + np.outer(r, r) / float(p @ r)
+    # rounding errors must not make it indefinite, nor a kink arbitrarily stiff
     spectrum, basis = np.linalg.eigh(updated)
     return (basis * np.clip(spectrum, 1e-6, 1e6)) @ basis.T
+
+
+# tolerance of an equation, so that its two inequalities have a common point
+_EQUATION_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuadraticStep:
+    """The minimum of a quadratic function under linear inequalities."""
+
+    step: Array
+    """The step, shape (d,)."""
+    multipliers: Array
+    """Lagrange multiplier of each inequality, at least 0, shape (m,)."""
+    relaxed: bool = False
+    """True if limits were relaxed; their multipliers are meaningless then."""
+
+
+def smallest_quadratic(B: Array, g: Array, G: Array, h: Array) -> QuadraticStep | None:
+    """Return the minimum of p·B·p/2 + g·p where G p >= h; None if no p satisfies that.
+
+    With B = L Lᵀ and z = Lᵀ p + L⁻¹ g it is the point z nearest to 0 within the inequalities, by
+    non-negative least squares (Lawson, Hanson 1974, Solving Least Squares Problems, ch. 23).
+
+    Parameters
+    ----------
+    B : array
+        Positive definite, shape (d, d).
+    g : array
+        Shape (d,).
+    G, h : array
+        Shapes (m, d) and (m,).
+
+    Returns
+    -------
+    QuadraticStep or None
+        The minimum and the multipliers, for which B p + g = Gᵀ multipliers.
+
+    Notes
+    -----
+    Validity: dozens of variables and inequalities. Multipliers are not unique where the active
+    inequalities are linearly dependent.
+
+    Examples
+    --------
+    The nearest point to (3, 0) where x <= 1 and x + y >= 2:
+
+    >>> G, h = np.array([[-1.0, 0.0], [1.0, 1.0]]), np.array([-1.0, 2.0])
+    >>> minimum = smallest_quadratic(np.eye(2), np.array([-3.0, 0.0]), G, h)
+    >>> np.round(minimum.step, 9), np.round(minimum.multipliers, 9)
+    (array([1., 1.]), array([3., 1.]))
+    """
+    from scipy.linalg import cho_factor, solve_triangular
+    from scipy.optimize import nnls
+
+    L = np.tril(cho_factor(B, lower=True)[0])
+    inner = solve_triangular(L, g, lower=True)
+    rows = solve_triangular(L, G.T, lower=True).T
+    size = np.linalg.norm(rows, axis=1)
+    # an inequality that no step changes is either satisfied or not
+    movable = size > 1e-12 * float(size.max(initial=0.0))
+    if np.any(h[~movable] > _EQUATION_TOLERANCE):
+        return None
+    size = size[movable]
+    rows, limit = rows[movable] / size[:, None], (h[movable] + rows[movable] @ inner) / size
+    # scale all inequalities so that the step is of the order of 1
+    unit = max(float(np.max(np.abs(limit), initial=0.0)), 1e-300)
+    system = np.vstack([rows.T, limit[None] / unit])
+    target = np.zeros(len(g) + 1)
+    target[-1] = 1.0
+    try:
+        dual, _ = nnls(system, target, maxiter=50 * (len(g) + len(h)))
+    except RuntimeError:
+        return None
+    residual = system @ dual - target
+    if -residual[-1] < 1e-7:  # the inequalities contradict each other
+        return None
+    z = -unit * residual[:-1] / residual[-1]
+    step = solve_triangular(L.T, z - inner)
+    multipliers = np.zeros(len(h))
+    multipliers[movable] = -unit * dual / residual[-1] / size
+    return QuadraticStep(step=step, multipliers=multipliers)
+
+
+def bounded_step(
+    B: Array,
+    g: Array,
+    A: Array,
+    low: Array,
+    high: Array,
+    least: Array,
+    most: Array,
+    *,
+    hard: int = 0,
+) -> QuadraticStep | None:
+    """Return the minimum of p·B·p/2 + g·p where low <= A p <= high and least <= p <= most.
+
+    If no p satisfies all of them, low and high are relaxed by their least violation (Omojokun 1989;
+    Nocedal, Wright 2006, Numerical Optimization, 18.5).
+
+    Parameters
+    ----------
+    B, g : array
+        Shapes (d, d) and (d,).
+    A : array
+        Shape (m, d).
+    low, high : array
+        Shape (m,); infinite where there is no limit, equal for an equation.
+    least, most : array
+        Shape (d,), finite.
+    hard : int
+        Number of last rows that are relaxed after all others.
+
+    Returns
+    -------
+    QuadraticStep or None
+        The minimum with multipliers, shape (m + d,), of the rows, then of the variables: positive
+        at an upper limit, negative at a lower one. None where the numbers are too badly scaled.
+
+    Examples
+    --------
+    >>> one = np.array([1.0])
+    >>> bounded_step(np.eye(1), -one, np.eye(1), 2 * one, 3 * one, -one, 0.5 * one).step
+    array([0.5])
+    """
+    d = len(g)
+    for relaxed in (False, True):
+        if relaxed:
+            weight = np.ones(len(A))
+            weight[len(A) - hard :] = 1e4  # weight of their violation
+            over, under = _least_violation(
+                weight[:, None] * A, weight * low, weight * high, 0.8 * least, 0.8 * most
+            )
+            over, under = over / weight, under / weight
+            # and by a tenth of the reduction, so that more than one point is possible
+            high = high + over + 0.1 * np.maximum(np.maximum(-high, 0.0) - over, 0.0)
+            low = low - under - 0.1 * np.maximum(np.maximum(low, 0.0) - under, 0.0)
+        room = _EQUATION_TOLERANCE * (1.0 + np.where(np.isfinite(high), np.abs(high), 0.0))
+        rows = np.vstack([A, np.eye(d)])
+        upper, lower = np.append(high + room, most), np.append(low - room, least)
+        above, below = np.isfinite(upper), np.isfinite(lower)
+        G = np.vstack([-rows[above], rows[below]])
+        h = np.concatenate([-upper[above], lower[below]])
+        minimum = smallest_quadratic(B, g, G, h)
+        if minimum is None:
+            continue
+        multipliers = np.zeros(len(rows))
+        multipliers[above] += minimum.multipliers[: above.sum()]
+        multipliers[below] -= minimum.multipliers[above.sum() :]
+        step = np.clip(minimum.step, least, most)
+        return QuadraticStep(step=step, multipliers=multipliers, relaxed=relaxed)
+    return None
+
+
+def _least_violation(
+    A: Array, low: Array, high: Array, least: Array, most: Array
+) -> tuple[Array, Array]:
+    """Return the excess of A p over high, and below low, of least total violation."""
+    from scipy.optimize import lsq_linear
+
+    # slacks s within the limits, as far as A p can reach: A p - s, and A p - low for equations
+    reach = 1.0 + np.abs(A) @ np.maximum(np.abs(least), np.abs(most))
+    bottom = np.clip(low, -reach, reach)
+    top = np.maximum(np.clip(high, -reach, reach), bottom)
+    free = bottom < top
+    slack = -np.eye(len(low))[:, free]
+    fixed = np.where(free, 0.0, bottom)
+    variable = most > least
+    solution = lsq_linear(
+        np.hstack([A[:, variable], slack]),
+        fixed,
+        (np.append(least[variable], bottom[free]), np.append(most[variable], top[free])),
+        method="bvls",
+        tol=1e-12,
+    )
+    values = A[:, variable] @ solution.x[: variable.sum()]
+    return np.maximum(values - high, 0.0), np.maximum(low - values, 0.0)

@@ -1,9 +1,9 @@
-"""The best stage that was found: its figures by each model, and what holds it."""
+"""Result of an optimisation: figures by each model, active constraints and multipliers."""
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,103 +14,104 @@ from flexstage.files.plain import picked, plain
 from flexstage.files.result import Result
 from flexstage.quantities.quantity import number
 from flexstage.stage import Stage
-from flexstage.studies.explore.figures import Figure, Requirement
+from flexstage.studies.explore.figures import Figure
 from flexstage.studies.explore.optimise.local_search import LocalOptimum
 from flexstage.studies.explore.optimise.problem import Goal, Problem, Scale, StageProgram
 
 Side = Literal["low", "high"]
 
-#: Share of its limit by which a figure may be beyond it and still count as kept [1].
+#: Violation up to which a requirement counts as met, as a share of its limit [1].
 TOLERANCE = 2e-3
-# how the name of an optimised stage ends, and what its title is told by
-_OPTIMISED, _SOUGHT = re.compile(r"(.+)-optimised(?:-(\d+))?"), ", optimised: "
+# ending of the name, and addition to the title, of an optimised stage
+_NAME, _TITLE_ADDITION = re.compile(r"(.+)-optimised(?:-(\d+))?"), ", optimised: "
 
 
 def new_names(problem: Problem) -> tuple[str, str]:
-    """Return name and title of the best stage, which tell it from the one that it was made of."""
+    """Return name and title of the optimised stage, which differ from those of the original."""
     stage = problem.family.template.stage()
-    before = _OPTIMISED.fullmatch(stage.name)
-    name, count = (before[1], int(before[2] or 1) + 1) if before else (stage.name, 1)
+    previous = _NAME.fullmatch(stage.name)
+    name, count = (previous[1], int(previous[2] or 1) + 1) if previous else (stage.name, 1)
     ending = "-optimised" + (f"-{count}" if count > 1 else "")
-    goals = (*problem.goals, *(held.goal for held in problem.exchanged))
-    sought = ", ".join(goal.text for goal in goals)
+    goals = (*problem.goals, *(other.goal for other in problem.other_goals))
+    aim = ", ".join(goal.text for goal in goals)
     if not goals:
-        asked = list(problem.requirements)
-        targets = [r for r in asked if r.low == r.high] or asked
-        more = f" and {len(targets) - 1} more" if len(targets) > 1 else ""
-        sought = f"{targets[0].text}{more}"
-    title = (stage.title or name).partition(_SOUGHT)[0].rstrip(". ")
+        requirements = list(problem.requirements)
+        targets = [r for r in requirements if r.low == r.high] or requirements
+        others = f" and {len(targets) - 1} more" if len(targets) > 1 else ""
+        aim = f"{targets[0].text}{others}"
+    title = (stage.title or name).partition(_TITLE_ADDITION)[0].rstrip(". ")
     # names have 80 characters at most
-    return name[: 80 - len(ending)] + ending, f"{title}{_SOUGHT}{sought}"
+    return name[: 80 - len(ending)] + ending, f"{title}{_TITLE_ADDITION}{aim}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """A limit that the best stage is at, and what it would give to move it."""
+class ActiveConstraint:
+    """An active constraint, and the sensitivity of the goal to it."""
 
-    kind: Literal["requirement", "bound", "wall", "goal"]
-    """``requirement`` of a figure, ``bound`` of a variable, ``wall``: no stage beyond; or another
-    ``goal`` of a front, held at the chosen point: then `rate` is what the two goals exchange.
+    kind: Literal["requirement", "bound", "feasibility", "goal"]
+    """``requirement`` of a figure, ``bound`` of a variable, ``feasibility``: stages beyond are
+    impossible; or another ``goal`` of a front, fixed at the selected point: then `rate` is the
+    trade-off of the two goals.
     """
     name: str
-    """Name of the figure or of the variable; empty for a wall."""
+    """Name of the figure or of the variable; empty for feasibility."""
     side: Side
-    """Whether it is the lower or the upper limit."""
+    """Lower or upper limit."""
     limit: float
-    """The limit, in the unit of the figure or in SI; of a wall 0."""
+    """The limit, in the unit of the figure or in SI; 0 for feasibility."""
     rate: float
-    """Change of the goal for a change of the limit by one unit of it; of a wall 0."""
+    """Change of the goal per unit change of the limit; 0 for feasibility."""
     text: str
-    """It in a sentence."""
+    """The constraint and its sensitivity in words."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Level:
-    """The figures of start and best stage by one model."""
+    """Figures of start and optimum by one model."""
 
     model: str
     """The model."""
     start: Array
-    """Those of the start, in the units of the quantities; NaN where it is no stage."""
+    """Figures of the start, in the units of the quantities; NaN if it is impossible."""
     best: Array
-    """Those of the best stage."""
+    """Figures of the optimum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rung:
-    """One turn of the ladder: an optimum of the searched model, and what a finer one says of it."""
+class Iteration:
+    """An iteration of the multi-fidelity search: an optimum by the corrected and a finer model."""
 
     model: str
     """The finer model."""
     point: Array
-    """The optimum of the searched model, corrected so far, in SI."""
-    expected: Array
-    """Figures that the corrected model expects there."""
-    found: Array
+    """The optimum of the corrected model, in SI."""
+    predicted: Array
+    """Figures by the corrected model."""
+    computed: Array
     """Figures by the finer model."""
     evaluations: int
-    """Evaluations of the searched model until then."""
+    """Number of evaluations of the lumped model so far."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trace:
-    """One accepted step of a local search."""
+class HistoryEntry:
+    """An accepted step of a local search."""
 
     search: int
-    """Which search, counted from 0."""
+    """Number of the search, from 0."""
     evaluations: int
-    """Evaluations of the searched model until then."""
+    """Number of evaluations of the lumped model so far."""
     objective: float
-    """Figure of the goal; without a goal the distance from the start, in parts of the bounds."""
+    """Figure of the goal; without a goal the distance from the start, as a share of the bounds."""
     violation: float
-    """Sum of what the requirements are violated by, in parts of their limits."""
+    """Sum of the violations of the requirements, as shares of their limits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchStep:
-    """An accepted step of a search that goes on, as it is handed over to who watches."""
+    """An accepted step of a running search, for a progress listener."""
 
-    trace: Trace
+    entry: HistoryEntry
     """The step."""
     point: Array
     """The variables, in SI, shape (d,)."""
@@ -118,47 +119,47 @@ class SearchStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Optimum(Result):
-    """The best stage that was found."""
+    """Result of an optimisation with one goal or none."""
 
     table_key: ClassVar[str] = "variables"
 
     problem: Problem
-    """What was sought."""
+    """The problem."""
     stage: Stage
-    """The stage."""
+    """The optimised stage."""
     text: str
-    """The same as a stage file."""
+    """Stage file of the optimised stage."""
     start: Array
-    """Where the search began, in SI, shape (d,)."""
+    """Start point of the search, in SI, shape (d,)."""
     point: Array
-    """The variables of the best stage, in SI, shape (d,)."""
+    """Variables of the optimum, in SI, shape (d,)."""
     levels: tuple[Level, ...]
-    """Figures of start and best, the searched model first, the finest last."""
-    held: tuple[Held, ...]
-    """The limits that it is at, those that matter most first."""
-    free: int
-    """Directions in which it can be changed and meets its limits still: variables less limits."""
-    unexplained: float
-    """Share of the slope of the goal that the limits do not balance; 0 at an exact optimum."""
-    rungs: tuple[Rung, ...]
-    """The turns of the ladder."""
-    trace: tuple[Trace, ...] = field(repr=False)
-    """The steps of all searches."""
+    """Figures of start and optimum by each model, from the lumped to the finest one."""
+    active_constraints: tuple[ActiveConstraint, ...]
+    """Active constraints, the most important first."""
+    free_directions: int
+    """Number of variables less that of independent active constraints."""
+    stationarity_residual: float
+    """Share of the gradient of the goal that the constraints do not balance; 0 at an optimum."""
+    iterations: tuple[Iteration, ...]
+    """Iterations of the multi-fidelity search."""
+    history: tuple[HistoryEntry, ...] = field(repr=False)
+    """Steps of all local searches."""
     evaluations: Mapping[str, int]
-    """Evaluations by model; of ``geometry`` alone for what looked for walls."""
+    """Number of evaluations by model; ``geometry`` for feasibility checks."""
     seconds: Mapping[str, float]
-    """Time that they took, by model [s]."""
+    """Computing time by model [s]."""
     seed: int
     """Seed of the starts."""
     notes: tuple[str, ...]
-    """What is to be known of it."""
+    """Remarks on the result."""
     provenance: Provenance
-    """Where it comes from."""
+    """Origin of the result."""
 
     __repr__ = short_repr
 
     def data(self) -> dict[str, Any]:
-        problem, named = self.problem, self.problem.named
+        problem, by_name = self.problem, self.problem.by_name
         return {
             **problem.data(),
             **picked(self, "met", "gain"),
@@ -173,33 +174,32 @@ class Optimum(Result):
                 )
             ],
             "figures": [
-                {"model": level.model, "start": named(level.start), "best": named(level.best)}
+                {"model": level.model, "start": by_name(level.start), "best": by_name(level.best)}
                 for level in self.levels
             ],
             "excess": {
                 r.text: plain(e) for r, e in zip(problem.all_requirements, self.excess, strict=True)
             },
-            "held": [plain(held) for held in self.held if held.kind != "goal"],
-            "rates_of_exchange": [
+            "active_constraints": [plain(c) for c in self.active_constraints if c.kind != "goal"],
+            "trade_offs": [
                 {
-                    "goal": held.goal.text,
-                    "value": held.value,
-                    "rate": 0.0 if rate is None else rate.rate,
+                    "goal": other.goal.text,
+                    "value": other.value,
+                    "rate": 0.0 if constraint is None else constraint.rate,
                     "of": problem.goals[0].figure.name,
                 }
-                for held, rate in zip(problem.exchanged, self.exchange, strict=True)
+                for other, constraint in zip(problem.other_goals, self.trade_offs, strict=True)
             ],
-            "ladder": [
+            "iterations": [
                 {
-                    **picked(rung, "model", "evaluations", "point"),
-                    "expected": named(rung.expected),
-                    "found": named(rung.found),
+                    **picked(iteration, "model", "evaluations", "point"),
+                    "predicted": by_name(iteration.predicted),
+                    "computed": by_name(iteration.computed),
                 }
-                for rung in self.rungs
+                for iteration in self.iterations
             ],
-            "history": plain(self.trace),
-            **picked(self, "free", "unexplained", "evaluations", "seconds", "seed", "notes"),
-            **picked(self, "provenance"),
+            **picked(self, "history", "free_directions", "stationarity_residual", "evaluations"),
+            **picked(self, "seconds", "seed", "notes", "provenance"),
         }
 
     @property
@@ -208,26 +208,26 @@ class Optimum(Result):
         return self.problem.figures
 
     @property
-    def exchange(self) -> tuple[Held | None, ...]:
-        """What each other goal of a front exchanges for the first; None where it costs nothing."""
-        rates = {held.name: held for held in self.held if held.kind == "goal"}
-        return tuple(rates.get(held.goal.figure.name) for held in self.problem.exchanged)
+    def trade_offs(self) -> tuple[ActiveConstraint | None, ...]:
+        """Trade-off of each other goal of a front with the first; None if it is not active."""
+        constraints = {c.name: c for c in self.active_constraints if c.kind == "goal"}
+        return tuple(constraints.get(o.goal.figure.name) for o in self.problem.other_goals)
 
     @property
     def excess(self) -> Array:
-        """What each requirement is exceeded by at the finest level, in parts of its limit."""
+        """Excess of each requirement by the finest model, as a share of its limit."""
         best = dict(zip(self.figures, self.levels[-1].best, strict=True))
-        asked = self.problem.all_requirements
-        return np.array([float(r.excess(np.array(best[r.figure]))) for r in asked])
+        requirements = self.problem.all_requirements
+        return np.array([float(r.excess(np.array(best[r.figure]))) for r in requirements])
 
     @property
     def met(self) -> bool:
-        """Whether every requirement is kept, within `TOLERANCE`, by the finest model."""
+        """True if the finest model meets every requirement within `TOLERANCE`."""
         return bool(np.all(self.excess <= TOLERANCE))
 
     @property
     def gain(self) -> float | None:
-        """Relative change of the goal from start to best by the finest model; None without."""
+        """Relative change of the goal from start to optimum by the finest model, if any."""
         if not self.problem.goals:
             return None
         last = self.levels[-1]
@@ -235,25 +235,25 @@ class Optimum(Result):
 
 
 def balance(slope: Array, normals: Array) -> tuple[Array, float]:
-    """Return the multipliers of the limits that hold an optimum, and what they leave unbalanced.
+    """Return the Lagrange multipliers of active constraints, and the stationarity residual.
 
-    At an optimum the slope of the objective is balanced by those of the limits that hold it, each
-    with a multiplier of at least 0: slope + multipliers · normals = 0 (Karush 1939; Kuhn, Tucker
-    1951). The multiplier is what the objective falls by for a limit that is moved outwards by one.
+    At an optimum the gradients of the active constraints balance that of the objective, each with a
+    multiplier of at least 0: slope + multipliers · normals = 0 (Karush 1939; Kuhn, Tucker 1951).
+    The multiplier is the decrease of the objective per unit relaxation of the limit.
 
     Parameters
     ----------
     slope : array
-        Slope of the objective that is minimised, shape (d,).
+        Gradient of the minimised objective, shape (d,).
     normals : array
-        Slopes of the active limits, outwards, shape (m, d).
+        Outward gradients of the active constraints, shape (m, d).
 
     Returns
     -------
     multipliers : array
         Shape (m,).
-    unbalanced : float
-        Length of what is left, in parts of the slope.
+    residual : float
+        Norm of the residual, as a share of that of the gradient.
 
     Examples
     --------
@@ -265,64 +265,87 @@ def balance(slope: Array, normals: Array) -> tuple[Array, float]:
     size = float(np.linalg.norm(slope))
     if size == 0.0 or not len(normals):
         return np.zeros(len(normals)), float(size > 0.0)
-    found, left = nnls(normals.T, -slope)
-    return found, float(left) / size
+    multipliers, residual = nnls(normals.T, -slope)
+    return multipliers, float(residual) / size
 
 
-def held_by(program: StageProgram, optimum: LocalOptimum) -> tuple[tuple[Held, ...], int, float]:
-    """Return what holds an optimum, how many directions are free, and what stays unbalanced."""
+def find_active_constraints(
+    program: StageProgram, optimum: LocalOptimum
+) -> tuple[tuple[ActiveConstraint, ...], int, float]:
+    """Return active constraints, number of free directions and stationarity residual."""
     problem, x, slopes = program.problem, optimum.point, optimum.slopes
+    limits = _active_limits(program, optimum)
+    normals = np.array([limit.normal for limit in limits]).reshape(-1, len(x))
+    multipliers, residual = balance(slopes[0], normals)
+    share = multipliers * np.linalg.norm(normals, axis=1)
+    per_objective = _goal_per_objective(program, float(optimum.values[0]))
+    least = _LEAST_SHARE * float(np.linalg.norm(slopes[0]))
+    constraints = []
+    for n in np.argsort(-share, kind="stable"):
+        limit = limits[n]
+        if share[n] <= least and problem.goals:
+            continue
+        # a value to match is always active
+        if limit.equation and not problem.goals:
+            continue
+        multiplier = per_objective * float(multipliers[n])
+        if limit.kind == "requirement":
+            constraints.append(_requirement(program, limit, multiplier))
+        elif limit.kind == "bound":
+            constraints.append(_bound(program, limit, multiplier))
+        else:
+            beyond = optimum.boundaries[limit.number].beyond
+            reason = program.fault(beyond) or "the stage fails a check"
+            constraints.append(_feasibility(reason))
+    rank = int(np.linalg.matrix_rank(normals, tol=1e-6)) if limits else 0
+    return tuple(constraints), len(x) - rank, residual if problem.goals else 0.0
+
+
+#: Distance from a limit at which it is active, as a share of the limit or, for a boundary of
+#: feasibility, of the bounds.
+_NEAR = 2e-3
+#: Norm of a gradient over all bounds below which no variable changes the figure.
+_FLAT = 1e-3
+#: Share of the gradient of the goal below which an active constraint is not reported.
+_LEAST_SHARE = 1e-3
+
+
+class _Limit(NamedTuple):
+    """An active limit of a requirement, variable or boundary."""
+
+    kind: Literal["requirement", "bound", "feasibility"]
+    number: int
+    side: Side
+    normal: Array
+    """Outward gradient, shape (d,)."""
+    equation: bool = False
+
+
+def _active_limits(program: StageProgram, optimum: LocalOptimum) -> list[_Limit]:
+    x, slopes = optimum.point, optimum.slopes
     values, low, high = optimum.values[1:], program.low, program.high
-    near = 2e-3  # how near a limit is held, in parts of it; a wall in parts of the bounds
-    sides: list[tuple[str, int, Side, Array]] = []
+    limits = []
     for i in range(len(values)):
-        room = near * max(abs(values[i]), 1e-3)
-        if values[i] >= high[i] - room or low[i] == high[i]:
-            sides.append(("requirement", i, "high", slopes[1 + i]))
-        if values[i] <= low[i] + room or low[i] == high[i]:
-            sides.append(("requirement", i, "low", -slopes[1 + i]))
-    # a slope of less, over all bounds: nothing that is varied moves the figure
-    sides = [side for side in sides if float(np.linalg.norm(side[3])) > 1e-3]
+        room, equation = _NEAR * max(abs(values[i]), 1e-3), bool(low[i] == high[i])
+        if values[i] >= high[i] - room or equation:
+            limits.append(_Limit("requirement", i, "high", slopes[1 + i], equation))
+        if values[i] <= low[i] + room or equation:
+            limits.append(_Limit("requirement", i, "low", -slopes[1 + i], equation))
+    limits = [limit for limit in limits if float(np.linalg.norm(limit.normal)) > _FLAT]
     unit = np.eye(len(x))
     for j in range(len(x)):
         if x[j] <= 1e-6:
-            sides.append(("bound", j, "low", -unit[j]))
+            limits.append(_Limit("bound", j, "low", -unit[j]))
         if x[j] >= 1.0 - 1e-6:
-            sides.append(("bound", j, "high", unit[j]))
-    for k, wall in enumerate(optimum.walls):
-        if wall.offset - wall.normal @ x < near:
-            sides.append(("wall", k, "high", wall.normal))
-    normals = np.array([side[3] for side in sides]).reshape(-1, len(x))
-    multipliers, left = balance(slopes[0], normals)
-    share = multipliers * np.linalg.norm(normals, axis=1)
-    per = _per_objective(program, float(optimum.values[0]))
-    order = np.argsort(-share, kind="stable")
-    least = 1e-3 * float(np.linalg.norm(slopes[0]))  # of the slope of the goal, what counts
-    held = []
-    for n in order:
-        kind, i, side, _ = sides[n]
-        if share[n] <= least and problem.goals:
-            continue
-        # values to match hold it by nature
-        if kind == "requirement" and low[i] == high[i] and not problem.goals:
-            continue
-        if kind == "requirement":
-            of_goal = i >= len(problem.all_requirements)
-            asked = problem.limits[i]
-            rate = per * float(multipliers[n])
-            held.append(_requirement(program, asked, side, rate, of_goal=of_goal))
-        elif kind == "bound":
-            held.append(_bound(program, i, side, per * float(multipliers[n])))
-        else:
-            why = program.fault(optimum.walls[i].beyond) or "the stage is at fault"
-            text = f"at the edge of what can be built; a step further: {why}"
-            held.append(Held(kind="wall", name="", side="high", limit=0.0, rate=0.0, text=text))
-    free = len(x) - int(np.linalg.matrix_rank(normals, tol=1e-6)) if sides else len(x)
-    return tuple(held), free, left if problem.goals else 0.0
+            limits.append(_Limit("bound", j, "high", unit[j]))
+    for k, boundary in enumerate(optimum.boundaries):
+        if boundary.offset - boundary.normal @ x < _NEAR:
+            limits.append(_Limit("feasibility", k, "high", boundary.normal))
+    return limits
 
 
-def _per_objective(program: StageProgram, objective: float) -> float:
-    """Return by how much the figure of the goal changes for a change of the objective by one."""
+def _goal_per_objective(program: StageProgram, objective: float) -> float:
+    """Return the change of the figure of the goal per unit change of the objective."""
     if not program.problem.goals:
         return 0.0
     best = np.array(program.goal_figure(objective))
@@ -330,48 +353,64 @@ def _per_objective(program: StageProgram, objective: float) -> float:
     return program.problem.goals[0].sign / float(scale.slope(best))
 
 
-def _requirement(
-    program: StageProgram, asked: Requirement, side: Side, multiplier: float, *, of_goal: bool
-) -> Held:
-    limit = asked.high if side == "high" else asked.low
+def _requirement(program: StageProgram, active: _Limit, multiplier: float) -> ActiveConstraint:
+    side = active.side
+    of_goal = active.number >= len(program.problem.all_requirements)
+    requirement = program.problem.limits[active.number]
+    limit = requirement.high if side == "high" else requirement.low
     assert limit is not None
     outwards = 1.0 if side == "high" else -1.0
-    # the objective falls by the multiplier for each unit by which the scaled limit moves out
-    rate = -outwards * multiplier * float(Scale.of(asked).slope(np.array(limit)))
-    shown = asked.figure.shown
-    step = round_step(abs(limit) * shown.factor) / shown.factor
-    text = f"held by {asked.figure.name} {'<=' if side == 'high' else '>='} "
-    text += asked.figure.text(limit)
+    # the multiplier is the decrease of the objective per unit relaxation of the scaled limit
+    rate = -outwards * multiplier * float(Scale.of(requirement).slope(np.array(limit)))
+    figure = requirement.figure
+    step = round_step(abs(limit) * figure.display.factor) / figure.display.factor
+    text = f"active constraint {figure.name} {'<=' if side == 'high' else '>='} "
+    text += figure.text(limit)
     if of_goal:
-        text = f"rate of exchange at {asked.figure.name} {asked.figure.text(limit)}"
+        text = f"trade-off at {figure.name} {figure.text(limit)}"
     if program.problem.goals:
-        text += _relaxed(program.problem.goals[0], asked.figure.text(step), rate * outwards * step)
-    kind: Literal["goal", "requirement"] = "goal" if of_goal else "requirement"
-    return Held(kind=kind, name=asked.figure.name, side=side, limit=limit, rate=rate, text=text)
+        text += _relaxed(program.problem.goals[0], figure.text(step), rate * outwards * step)
+    return ActiveConstraint(
+        kind="goal" if of_goal else "requirement",
+        name=figure.name,
+        side=side,
+        limit=limit,
+        rate=rate,
+        text=text,
+    )
 
 
-def _bound(program: StageProgram, i: int, side: Side, multiplier: float) -> Held:
-    variable = program.problem.family.variables[i]
+def _feasibility(reason: str) -> ActiveConstraint:
+    text = f"manufacturability limit: {reason}"
+    return ActiveConstraint(
+        kind="feasibility", name="", side="high", limit=0.0, rate=0.0, text=text
+    )
+
+
+def _bound(program: StageProgram, active: _Limit, multiplier: float) -> ActiveConstraint:
+    variable, side = program.problem.family.variables[active.number], active.side
     limit = variable.high if side == "high" else variable.low
     outwards = 1.0 if side == "high" else -1.0
-    text = f"held by the bound {variable.name} {'<=' if side == 'high' else '>='} "
+    text = f"active bound {variable.name} {'<=' if side == 'high' else '>='} "
     text += variable.text(limit)
     rate = -outwards * multiplier / (variable.high - variable.low)
     if program.problem.goals:
         step = round_step((variable.high - variable.low) * variable.factor) / variable.factor
         text += _relaxed(program.problem.goals[0], variable.text(step), rate * outwards * step)
-    return Held(kind="bound", name=variable.name, side=side, limit=limit, rate=rate, text=text)
+    return ActiveConstraint(
+        kind="bound", name=variable.name, side=side, limit=limit, rate=rate, text=text
+    )
 
 
-def _relaxed(goal: Goal, step: str, gain: float) -> str:
-    shown = goal.figure.shown
-    sign = "+" if gain >= 0.0 else "−"
-    value = f"{sign}{number(abs(gain) * shown.factor, 2)} {shown.shown_unit}".strip()
-    return f"; relaxing it by {step} would give {value} of {goal.figure.name}"
+def _relaxed(goal: Goal, step: str, change: float) -> str:
+    quantity = goal.figure.display
+    sign = "+" if change >= 0.0 else "−"
+    value = f"{sign}{number(abs(change) * quantity.factor, 2)} {quantity.shown_unit}".strip()
+    return f"; relaxing it by {step} changes {goal.figure.name} by {value}"
 
 
 def round_step(size: float) -> float:
-    """Return a round hundredth of a size: 1, 2 or 5 times a power of ten."""
+    """Return about a hundredth of a size: 1, 2 or 5 times a power of ten."""
     if size == 0.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(0.02 * size))
