@@ -94,7 +94,7 @@ def _print_centre(found: dict[str, Any], move: dict[str, Any]) -> None:
     )
 
 
-_UNITS = {"in proportion": "µm", "as the square": "µm²"}
+_UNITS = {"linear": "µm", "quadratic": "µm²"}
 
 
 def _place(row: dict[str, Any], axis: str) -> str:
@@ -112,22 +112,22 @@ def print_trial(result: dict[str, Any]) -> None:
     rows = []
     for row in result["orders"]:
         gain = ""
-        if row["follows"] is not None:
-            power = 2 if row["follows"] == "as the square" else 1
-            gain = f"{row['gain'] / size * 1e-6**power:.4g} {unit}/{_UNITS[row['follows']]}"
-        sizes = (f"{row[key] / size:.4g}" for key in ("change", "left"))
+        if row["relation"] is not None:
+            power = 2 if row["relation"] == "quadratic" else 1
+            gain = f"{row['gain'] / size * 1e-6**power:.4g} {unit}/{_UNITS[row['relation']]}"
+        sizes = (f"{row[key] / size:.4g}" for key in ("change", "residual"))
         places = (_place(row, axis) for axis in ("x", "y"))
-        rows.append((row["order"], *sizes, row["follows"] or "no", gain, *places))
+        rows.append((row["order"], *sizes, row["relation"] or "none", gain, *places))
     heads = (
         "order",
         f"change, {unit}",
-        f"~left, {unit}",
-        "<follows",
+        f"~residual, {unit}",
+        "<relation",
         "<gain",
         "centre x, µm",
         "y, µm",
     )
-    title = f"what follows {len(result['positions'])} positions of the stage"
+    title = f"response to {len(result['positions'])} positions of the stage"
     print_table(screen, title, heads, rows)
     if "centre" in result:
         c = result["centre"]

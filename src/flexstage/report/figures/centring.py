@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 
 def draw_centred(found: "CentredRecords") -> "Figure":
-    """Draw the settings of a scale one after the other, as their first heads read them."""
-    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.settings), strict=True)
+    """Draw the setups of a scale one after the other, as their first heads read them."""
+    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in found.setups), strict=True)
     return draw_polar(fits, angles)
 
 

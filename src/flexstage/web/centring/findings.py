@@ -79,7 +79,7 @@ def rows_of(state: CentringState, preferences: Preferences) -> Table:
         "turn", f"stage x [{unit}]", f"y [{unit}]", f"eccentricity [{unit}]", "direction [°]",
         "once per turn [arcsec]", "rest, rms",
     )  # fmt: skip
-    found = state.found.settings if state.found is not None and state.up_to_date else []
+    found = state.found.setups if state.found is not None and state.up_to_date else []
     rows = []
     for i, each in enumerate(state.measured):
         at = [shown_number(preferences.shown(POSITION), v) for v in each.at]

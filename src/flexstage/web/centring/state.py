@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.base.errors import FlexstageError
-from flexstage.centring.procedure import trial_length, trial_position
+from flexstage.centring.calibration_moves import calibration_length, calibration_position
 from flexstage.centring.requests import MAGNET, CentreRequest
 from flexstage.records.likely_columns import LikelyTurn
 from flexstage.web.centring.work import (
@@ -169,12 +169,12 @@ class CentringState:
             )
             return x, y
         axis, to = len(self.measured) - 1, list(self.measured[-1].at)
-        to[axis] = trial_position(to[axis], self.limits[axis], self._trial_length())
+        to[axis] = calibration_position(to[axis], self.limits[axis], self._trial_length())
         return to[0], to[1]
 
     def _trial_length(self) -> float:
         """Length of a trial move [m], to two digits; 20 µm of a scale without a radius."""
-        found = self.found.settings[0].get("eccentricity") if self.found else None
+        found = self.found.setups[0].get("eccentricity") if self.found else None
         if found is None:
             return 20e-6
-        return float(f"{trial_length(found['value'], found['uncertainty']):.1e}")
+        return float(f"{calibration_length(found['value'], found['uncertainty']):.1e}")

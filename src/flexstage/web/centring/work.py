@@ -51,16 +51,16 @@ class CentreFound:
     """Error over the turn of the first setting and the last, and its harmonics."""
 
     @property
-    def settings(self) -> list[dict[str, Any]]:
+    def setups(self) -> list[dict[str, Any]]:
         """What is said of each setting."""
-        return self.result.get("settings", [self.result])
+        return self.result.get("setups", [self.result])
 
 
 def evaluated(given: CentreFiles, key: str) -> CentreFound:
     """Evaluate records; `key` makes the ids of the picture its own in a page."""
     found = centre_files(given.files, given.request)
-    numbers = sorted({1, len(found.settings)})
-    ends = [found.settings[number - 1] for number in numbers]
+    numbers = sorted({1, len(found.setups)})
+    ends = [found.setups[number - 1] for number in numbers]
     svg = inline(
         lambda: draw_polar(
             [s.fits[0] for s in ends],

@@ -220,7 +220,7 @@ class CentringView:
     def _known_direction(self) -> None:
         """Offer the move that follows at once where the direction of the stage is known."""
         found = self._state.found
-        move = None if found is None else found.settings[-1].get("move")
+        move = None if found is None else found.setups[-1].get("move")
         if move is None:
             return
         unit, factor = self._page.preferences.length_unit()
@@ -264,7 +264,7 @@ class CentringView:
             self._place_fields()
             self._record_field()
         if self._moves and state.found is not None and state.up_to_date:
-            found = state.found.settings
+            found = state.found.setups
             self._left(found[0], found[-1])
 
     def _left(self, first: dict[str, Any], last: dict[str, Any]) -> None:
@@ -340,7 +340,7 @@ class CentringView:
         found = state.found if state.up_to_date else None
         if found is not None:
             with div("row-of-figures"):
-                for shown in figures(found.settings[-1], state.request.radius, preferences):
+                for shown in figures(found.setups[-1], state.request.radius, preferences):
                     figure(*shown)
             picture(found.svg)
         show_table(rows_of(state, preferences))
