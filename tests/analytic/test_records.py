@@ -18,8 +18,8 @@ from flexstage.quantities.units import si_unit
 from flexstage.records import (
     Channel,
     Record,
-    evened,
     read_record,
+    resample_uniform,
     resampled,
     saturation,
     write_record,
@@ -750,7 +750,7 @@ def test_uneven_samples_of_a_line_and_their_means() -> None:
     bent = Channel(name="y", values=np.sin(0.9 * time) + 0.2 * np.sin(31.0 * time))
     record = Record(channels=(line, bent), time=time)
     for rate in (None, 10.0, 3.3):
-        made = evened(record, rate)
+        made = resample_uniform(record, rate)
         require_uniform(made)
         np.testing.assert_allclose(made.channel("x").values, 0.7 * made.time - 3.0, atol=1e-11)
         assert made.numbers is not None
@@ -768,7 +768,9 @@ def test_uneven_samples_of_a_line_and_their_means() -> None:
 @pytest.mark.parametrize("rate", [10.4, 3.1])
 def test_what_resampling_says_is_lost(rate: float) -> None:
     time = uneven(0.2)
-    note = evened(Record(channels=(Channel(name="x", values=time),), time=time), rate).notes[-1]
+    note = resample_uniform(
+        Record(channels=(Channel(name="x", values=time),), time=time), rate
+    ).notes[-1]
     said = re.search(r"by ([\d.]+) % rms .* motion above ([\d.]+) Hz is lowered by more", note)
     assert said is not None
     # uniform steps of +-20 %
@@ -778,7 +780,7 @@ def test_what_resampling_says_is_lost(rate: float) -> None:
         Channel(name=n, values=np.sin(2.0 * np.pi * slow * (time - d)))
         for n, d in (("u", 0.0), ("y", late))
     )
-    made = evened(Record(channels=channels, time=time), rate)
+    made = resample_uniform(Record(channels=channels, time=time), rate)
     wave = np.exp(-2j * np.pi * slow * made.time)
     whole = np.arange(made.size) < int(np.floor(made.time[-1] * slow - 1) / slow * rate)
     u, y = (2.0 * np.mean((c.values * wave)[whole]) for c in made.channels)
@@ -803,10 +805,10 @@ def test_rates_and_gaps_that_cannot_be_evened(tmp_path: Path) -> None:
     time = uneven(0.2)
     record = Record(channels=(Channel(name="x", values=time),), time=time)
     with pytest.raises(RecordError, match=r"at 12 Hz, as its samples come at 10\.\d+ Hz"):
-        evened(record, 12.0)
+        resample_uniform(record, 12.0)
     for wrong in (0.0, -1.0, np.nan, 1e-9):
         with pytest.raises(RecordError):
-            evened(record, wrong)
+            resample_uniform(record, wrong)
     lost = "time (s),u\n0,1\n0.5,2\n1,3\n2.0,4\n2.5,5\n"
     refuse(text(tmp_path, lost), "make the times even by the option resample")
     assert read_record(text(tmp_path, lost), largest_step=LARGEST_UNEVEN_STEP).size == 5

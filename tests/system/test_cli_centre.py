@@ -368,7 +368,7 @@ def test_angle_and_error_are_taken_where_names_decide(run, tmp_path):
     path = write(tmp_path / "a.csv", *columns, header="Winkel [deg],Fehler [arcsec]")
     named = json.loads(run(path, "--angle", "0", "--error", "1", "--json")[1])
     plain = json.loads(run(path, "--json")[1])
-    assert "angle Winkel; error Fehler: taken by their names" in plain["notes"]
+    assert "angle Winkel; error Fehler: selected by their names" in plain["notes"]
     assert plain["harmonics"] == named["harmonics"]
     path = write(tmp_path / "b.csv", *columns, header="Winkel [deg],head [arcsec]")
     status, _, err = run(path)

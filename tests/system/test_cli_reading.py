@@ -234,7 +234,7 @@ def test_input_and_output_are_taken_where_the_file_decides(tmp_path, columns, na
     path = write(tmp_path / "a.csv", names, t, *((u, y) if order == "uy" else (y, u)))
     path.write_text(path.read_text().replace(",", ";"))
     (record,), driven, follows = read(path, columns=DriveColumns())
-    assert record.notes[0] == f"{said}: taken by units and names"
+    assert record.notes[0] == f"{said}: selected by units and names"
     np.testing.assert_allclose(record.channel(driven).values, u, rtol=1e-8)
     # one that is given is kept
     for given in ({"input": (driven,)}, {"output": (follows,)}):

@@ -18,7 +18,7 @@ from flexstage.centring.turns import unwrap_error
 from flexstage.files.result import Result
 from flexstage.quantities.units import si_unit
 from flexstage.records import Channel, Record
-from flexstage.records.likely_columns import taken_turn
+from flexstage.records.contents import default_turn_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
@@ -186,7 +186,7 @@ def centre_files(
     """Analyse files as `centre_records` does; without options, by their columns angle and error."""
     column_notes: list[str] = []
     if request.angle is None and not (request.error or request.reading or request.turns):
-        angle, errors, *column_notes = taken_turn(files[0], how)
+        angle, errors, *column_notes = default_turn_columns(files[0], how)
         request = replace(request, angle=angle, error=errors)
     _require_columns(request)
     read = read_files(files, request.columns, options=how, over="point")

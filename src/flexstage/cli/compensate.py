@@ -57,7 +57,7 @@ def compensate(
     from flexstage.hysteresis.compensation import compensate as run
     from flexstage.hysteresis.inversion import command_record
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.contents import default_drive_columns
     from flexstage.records.read import read_files
     from flexstage.records.write import record_bytes
     from flexstage.report.identification import command_in_words
@@ -65,7 +65,9 @@ def compensate(
     kind = record_format(out)
     file = read_model_file(model)
     if column_ is None:
-        _, (wanted,), _ = taken_drive(reference, (("none",), ()), how, options=("input", "column"))
+        _, (wanted,), _ = default_drive_columns(
+            reference, (("none",), ()), how, options=("input", "column")
+        )
     else:
         wanted = read_column(column_)
     (record,) = read_files([reference], [wanted], options=how, even=True)

@@ -24,7 +24,7 @@ from flexstage.records.read_options import ReadOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.measure.frf_result import DecayResult, FrfResult
+    from flexstage.measure.frf import DecayResult, FrfResult
 
 
 @from_docstring
@@ -69,7 +69,7 @@ def frf(
 
 def _written(out: Path | None, figure: Path | None, found: "FrfResult | DecayResult") -> list[Path]:
     """Write what was asked for, when all of it is computed and drawn."""
-    from flexstage.measure.frf_result import FrfResult
+    from flexstage.measure.frf import FrfResult
     from flexstage.records.write import record_bytes
 
     content, drawn = None, {}

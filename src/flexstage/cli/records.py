@@ -44,8 +44,7 @@ def records(
 
 
 def _print(screen: "Console", one: dict[str, Any], asked: list[str]) -> None:
-    from flexstage.records.contents import contents_table, length_in_words
-    from flexstage.records.likely_columns import next_job
+    from flexstage.records.contents import contents_table, length_in_words, next_job
 
     print_shown(screen, contents_table(one, one["file"]))
     print_text(screen, length_in_words(one))

@@ -1,4 +1,4 @@
-"""From measured records to the figures of a stage, each with its uncertainty."""
+"""Characteristics of a stage from measured records, each with its uncertainty."""
 
 from typing import TYPE_CHECKING
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
-from flexstage.records.likely_columns import taken_drive
+from flexstage.records.contents import default_drive_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import (
     DriveColumns,
@@ -342,7 +342,7 @@ def read_drive(
     if not columns.is_table:
         said: list[str] = []
         if not (input and output):
-            input, output, *said = taken_drive(files[0], (input, output), how)
+            input, output, *said = default_drive_columns(files[0], (input, output), how)
         wanted = [*input, *output]
         if len(wanted) != 2:
             raise RecordError("--input and --output name one column each, but of --curve columns")

@@ -288,7 +288,7 @@ def _interpolated(time: Array, old: Array, values: Array, kind: str, rate: float
     return np.asarray(make_interp_spline(old - old[0], values, k=3)(time - old[0]))
 
 
-def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
+def resample_uniform(record: Record, sample_rate_hz: float | None = None) -> Record:
     """Return a record whose samples came at uneven times at even ones, no finer than they were.
 
     Straight lines between the samples make no turning point that was not measured, as a spline
@@ -316,7 +316,7 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
     >>> from flexstage.records import Channel
     >>> t = np.array([0.0, 0.9, 2.1, 3.0])
     >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
-    >>> evened(r).channel("x").values.round(2)
+    >>> resample_uniform(r).channel("x").values.round(2)
     array([0. , 1.8, 3.6, 5.4])
     """
     steps = np.diff(record.time)

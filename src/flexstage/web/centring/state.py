@@ -8,7 +8,7 @@ from typing import Any, Literal
 from flexstage.base.errors import FlexstageError
 from flexstage.centring.calibration_moves import calibration_length, calibration_position
 from flexstage.centring.requests import MAGNET, CentreRequest
-from flexstage.records.likely_columns import LikelyTurn
+from flexstage.records.contents import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,

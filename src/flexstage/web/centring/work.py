@@ -15,8 +15,7 @@ from flexstage.centring import ARCSEC
 from flexstage.centring.from_records import centre_files
 from flexstage.centring.requests import CentreRequest
 from flexstage.records import Channel, Record, write_record
-from flexstage.records.contents import contents, read_whole
-from flexstage.records.likely_columns import LikelyTurn, likely_turn
+from flexstage.records.contents import LikelyTurn, contents, likely_turn, read_whole
 from flexstage.report.figures.centring import draw_polar
 from flexstage.virtual import VirtualTable, scale_errors
 from flexstage.web.pictures import inline
