@@ -306,7 +306,7 @@ def test_two_inputs_by_two_periodic_records() -> None:
     np.testing.assert_allclose(h.response[:, 0, 1], delayed, rtol=1e-7)
     with pytest.raises(RecordError, match="2 periodic inputs need at least 2 records"):
         estimate_response(records[0], ["a", "b"], "y", excitation="periodic")
-    with pytest.raises(RecordError, match="cannot be separated"):
+    with pytest.raises(RecordError, match="are not separable"):
         estimate_response([records[0]] * 2, ["a", "b"], "y", excitation="periodic")
 
 
@@ -662,7 +662,7 @@ def test_refusals_are_one_sentence() -> None:
     refused("a record over frequency, not over time", record(u, y, over="frequency"))
     refused("there is no column 'z'", outputs="z")
     refused("'u' is given twice", outputs=["y", "u"])
-    refused("needs a record, an input and an output", [], excitation="random")
+    refused("needs at least a record, an input and an output", [], excitation="random")
     refused("segment of 9000 samples is longer than the record of 8000", segment=9000,
             excitation="random")  # fmt: skip
     refused("8 samples or more, got 4", segment=4, excitation="random")

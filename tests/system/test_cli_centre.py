@@ -373,7 +373,7 @@ def test_angle_and_error_are_taken_where_names_decide(run, tmp_path):
     path = write(tmp_path / "b.csv", *columns, header="Winkel [deg],head [arcsec]")
     status, _, err = run(path)
     assert status == 2
-    assert "leaves open what is angle and error: name them" in err
+    assert "does not show the angle and its errors: name them" in err
     assert "(columns: 0: Winkel [rad], 1: head [" in err
 
 

@@ -436,7 +436,7 @@ def test_bad_options(capsys, struck, tmp_path):
         ("H1", (*named, "--estimator", "H7")),
         ("excitation", (*named, "--excitation", "jackhammer")),
         ("window", (*named, "--excitation", "random", "--window", "shutter")),
-        ("no window .exponental 5 %.", (*named, "--window", "exponental 5 %")),
+        ("window 'exponental 5 %' is unknown", (*named, "--window", "exponental 5 %")),
         ("'--near': must be", (*named, "--near", "300,-2")),
         ("differ", (*named, "--near", "137,250", "--fit-modes", "3")),
         ("lie in the band", (*named, "--near", "1900")),

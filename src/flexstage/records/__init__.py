@@ -1,4 +1,4 @@
-"""Measured and simulated data: records, the files they come from, and what is wrong with them."""
+"""Measured and simulated data: records, their file formats, and checks of their quality."""
 
 from typing import TYPE_CHECKING
 

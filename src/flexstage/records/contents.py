@@ -39,11 +39,11 @@ def read_whole(
     *,
     units: Mapping[str, str] | None = None,
 ) -> tuple[Record, str]:
-    """Read all columns of a file, with gaps and what is missing; by its rows where it has no times.
+    """Read all columns of a file, including incomplete ones; over its rows if it has no times.
 
-    Nothing is resampled. Returns the record, and why there are no times; empty where there are.
+    Nothing is resampled. Returns the record, and the reason why it has no times, else empty.
     """
-    # no column has to be complete, and gaps are told
+    # no column has to be complete, and gaps are reported
     every = partial(
         read_record, file, replace(options, resample=()), units=units, columns=[],
         largest_step=math.inf,
@@ -57,7 +57,7 @@ def read_whole(
 
 
 def contents(record: Record, without_times: str = "") -> dict[str, Any]:
-    """Return columns, their ranges, rate and gaps of what `read_whole` gives, as plain data."""
+    """Return columns, ranges, rate and gaps of a record of `read_whole`, as plain data."""
     channels = []
     for number, channel in enumerate(record.channels):
         finite = channel.values[np.isfinite(channel.values)]
@@ -89,7 +89,7 @@ def contents(record: Record, without_times: str = "") -> dict[str, Any]:
         try:
             table = responses_in_columns(record)
         except RecordError:
-            # a table without responses has points, unless times were to be found
+            # a table without responses is over points: report why it has no times
             result["notes"] += [without_times]
         else:
             result["responses"] = [
@@ -99,8 +99,8 @@ def contents(record: Record, without_times: str = "") -> dict[str, Any]:
     return result
 
 
-def _shown(channel: dict[str, Any]) -> tuple[str, float]:
-    """Return the unit in which a column is read easily, and how many of it one of its own is."""
+def _readable(channel: dict[str, Any]) -> tuple[str, float]:
+    """Return a readable unit of a column, and the size of its own unit in it."""
     ends = (channel["smallest"], channel["largest"])
     size = max((abs(end) for end in ends if end is not None), default=0.0)
     unit, factor = readable_unit(size, channel["unit"])
@@ -108,30 +108,29 @@ def _shown(channel: dict[str, Any]) -> tuple[str, float]:
 
 
 def column_label(channel: dict[str, Any]) -> str:
-    """Name a column of what `contents` returns as a person does: ``2: Weg [µm]``."""
-    unit = _shown(channel)[0]
+    """Return the label of a column of `contents`, such as ``2: Weg [µm]``."""
+    unit = _readable(channel)[0]
     return f"{channel['number']}: {channel['name']}" + (f" [{unit}]" if unit else "")
 
 
 def contents_table(one: dict[str, Any], caption: str = "") -> Table:
-    """Set out the columns of what `contents` returns, in units that are read easily."""
+    """Return a table of the columns of `contents`, in readable units."""
     heads = "no.", "<column", "<unit", "smallest", "largest", "missing"
     rows = []
     for channel in one["columns"]:
-        unit, factor = _shown(channel)
+        unit, factor = _readable(channel)
         ends = (channel["smallest"], channel["largest"])
         figures = ("" if e is None else f"{factor * e:.6g}".replace("-", "−") for e in ends)
-        named = channel["number"], channel["name"], unit
-        rows.append((*named, *figures, channel["missing"] or ""))
+        rows.append((channel["number"], channel["name"], unit, *figures, channel["missing"] or ""))
     return table(caption, heads, rows)
 
 
 def length_in_words(one: dict[str, Any]) -> str:
-    """Say how much there is of what `contents` returns, and over what."""
+    """Return a text with the length, rate and range of `contents`."""
     if one["over"] == "time":
-        even = "" if one["uniform"] else ", uneven"
+        uniform = "" if one["uniform"] else ", non-uniform"
         return (
-            f"{one['samples']} samples over time, {one['sample_rate_hz']:.6g} Hz{even}, from "
+            f"{one['samples']} samples over time, {one['sample_rate_hz']:.6g} Hz{uniform}, from "
             f"{one['from']:.6g} to {one['to']:.6g} s"
         )
     if "from" not in one:
@@ -142,38 +141,40 @@ def length_in_words(one: dict[str, Any]) -> str:
 
 
 def is_time(column: dict[str, Any]) -> bool:
-    """Say whether a column is of times, by its unit or its name."""
+    """Return whether a column contains times, by its unit or name."""
     return column["unit"] == "s" or str(column["name"]).casefold() in TIME_NAMES
 
 
-def moving_columns(found: dict[str, Any]) -> Columns:
-    """Return the columns of what `contents` returns that do not stand still, but for the times."""
-    columns = (c for c in found["columns"] if not is_time(c))
+def moving_columns(listing: dict[str, Any]) -> Columns:
+    """Return the columns of `contents` that change, except times."""
+    columns = (c for c in listing["columns"] if not is_time(c))
     return [c for c in columns if (c["smallest"] or 0.0) < (c["largest"] or 0.0)]
 
 
 def likely_drive(
-    moving: Columns, *, vibration: bool = False, driven: Columns | None = None
+    moving: Columns, *, vibration: bool = False, inputs: Columns | None = None
 ) -> tuple[Columns, Columns]:
     """Return the columns that may be the input of a drive, and those that may be the output.
 
-    Units tell; where several columns have one, or none has, their names do. Of a `vibration` the
-    input may be a force, and an output a velocity or an acceleration.
+    They are selected by their units, and by their names if several or no columns have the unit. The
+    input of a `vibration` may be a force, an output a velocity or an acceleration.
     """
-    if driven is None:
-        forced = vibration and any(c["unit"] == "N" for c in moving)
-        driven = _told(moving, ("N",) if forced else ("V",), _INPUTS)
-    rest = [c for c in moving if c not in driven]
-    follows = _told(rest, _VIBRATIONS if vibration else _MOTIONS, _OUTPUTS)
-    return driven, follows or [c for c in rest if len(rest) == 1 and not c["unit"]]
+    if inputs is None:
+        has_force = vibration and any(c["unit"] == "N" for c in moving)
+        inputs = _matching(moving, ("N",) if has_force else ("V",), _INPUTS)
+    others = [c for c in moving if c not in inputs]
+    outputs = _matching(others, _VIBRATIONS if vibration else _MOTIONS, _OUTPUTS)
+    return inputs, outputs or [c for c in others if len(others) == 1 and not c["unit"]]
 
 
-def _told(columns: Columns, units: Collection[str], words: Sequence[str]) -> Columns:
+def _matching(columns: Columns, units: Collection[str], words: Sequence[str]) -> Columns:
     fit = [c for c in columns if c["unit"] in units]
     if len(fit) == 1:
         return fit
-    named = (set(re.findall(r"[^\W\d_]+", str(c["name"]).casefold())) for c in fit or columns)
-    return [c for c, own in zip(fit or columns, named, strict=True) if own & set(words)] or fit
+    words_of = (set(re.findall(r"[^\W\d_]+", str(c["name"]).casefold())) for c in fit or columns)
+    return [
+        c for c, name_words in zip(fit or columns, words_of, strict=True) if name_words & set(words)
+    ] or fit
 
 
 def default_drive_columns(
@@ -184,41 +185,41 @@ def default_drive_columns(
     vibration: bool = False,
     options: tuple[str, str] = ("input", "output"),
 ) -> tuple[tuple[str | int, ...], tuple[str | int, ...], str]:
-    """Return input and outputs of a file, where they are not given, and a line that says so.
+    """Return input and outputs of a file, those in `columns` or else by default, and a note.
 
-    `options` ask for them. Columns that are found are their numbers, and none of responses that
-    exist. Raises a `RecordError` where units and names leave a choice.
+    `options` are the names of their options. Default columns are numbers; a measured response has
+    none. The function raises a `RecordError` if units and names are ambiguous.
     """
-    found = contents(*read_whole(file, how))
-    if vibration and found["over"] != "time" and not any(columns):
+    listing = contents(*read_whole(file, how))
+    if vibration and listing["over"] != "time" and not any(columns):
         return (), (), ""
-    names = [str(c["name"]) for c in found["columns"]]
-    known: set[int] = set()
-    for column in (column for given in columns for column in given):
-        with suppress(RecordError):  # one that there is not is refused where it is read
-            known.add(column_and_unit(names, column)[0])
-    left = [c for c in moving_columns(found) if c["number"] not in known]
-    chosen, said = list(columns), []
-    likely = likely_drive(left, vibration=vibration, driven=[] if columns[0] else None)
+    names = [str(c["name"]) for c in listing["columns"]]
+    used: set[int] = set()
+    for column in (column for selected in columns for column in selected):
+        with suppress(RecordError):  # reading refuses a column that does not exist
+            used.add(column_and_unit(names, column)[0])
+    moving = [c for c in moving_columns(listing) if c["number"] not in used]
+    selection, labels = list(columns), []
+    likely = likely_drive(moving, vibration=vibration, inputs=[] if columns[0] else None)
     for k, option in enumerate(options):
         if columns[k]:
             continue
         if len(likely[k]) != 1 and not (vibration and k and likely[k]):
-            raise _left_open(found, f"which column is the {option}: name it by --{option}")
-        chosen[k] = tuple(c["number"] for c in likely[k])
-        said.append(f"{option} {', '.join(map(column_label, likely[k]))}")
-    driven, follows = chosen
-    return driven, follows, f"{'; '.join(said)}: {COLUMNS_BY_NAME}"
+            raise _ambiguous(listing, f"which column is the {option}: name it by --{option}")
+        selection[k] = tuple(c["number"] for c in likely[k])
+        labels.append(f"{option} {', '.join(map(column_label, likely[k]))}")
+    inputs, outputs = selection
+    return inputs, outputs, f"{'; '.join(labels)}: {COLUMNS_BY_NAME}"
 
 
-def _left_open(found: dict[str, Any], what: str) -> RecordError:
-    columns = ", ".join(map(column_label, found["columns"][:20]))
-    return RecordError(f"'{found['file']}' leaves open {what} (columns: {columns})")
+def _ambiguous(listing: dict[str, Any], what: str) -> RecordError:
+    columns = ", ".join(map(column_label, listing["columns"][:20]))
+    return RecordError(f"'{listing['file']}' does not show {what} (columns: {columns})")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LikelyTurn:
-    """The columns of a record of a turn, and what they are likely to be."""
+    """Columns of a record over a turn, and their likely roles."""
 
     columns: tuple[str, ...]
     """All columns, by name."""
@@ -227,54 +228,54 @@ class LikelyTurn:
     errors: tuple[str, ...]
     """The likely errors, or readings."""
     has_units: bool
-    """Whether the file says their units."""
+    """Whether the file has their units."""
     is_sure: bool
-    """Whether one column is called an angle, and others are called errors."""
+    """Whether the names show one angle and its errors."""
 
 
-def likely_turn(found: dict[str, Any]) -> LikelyTurn:
-    """Return what columns of a turn are: the angle is the one called so, else the first."""
-    columns = {str(c["name"]): c for c in found["columns"]}
+def likely_turn(listing: dict[str, Any]) -> LikelyTurn:
+    """Return the likely roles of columns: the angle by its name, else the first column."""
+    columns = {str(c["name"]): c for c in listing["columns"]}
     if len(columns) < 2:
         raise RecordError(
-            f"'{Path(found['file']).name}' has {len(columns)} column: a record of a turn has the "
-            "angle and, for each head, its error"
+            f"'{Path(listing['file']).name}' has {len(columns)} column: a record over a turn needs "
+            "the angle and the error of each head"
         )
-    called = [n for n in columns if n.casefold().startswith(_ANGLES)]
-    angle = (called or list(columns))[0]
+    angles = [n for n in columns if n.casefold().startswith(_ANGLES)]
+    angle = (angles or list(columns))[0]
     others = [n for n in columns if n != angle and not is_time(columns[n])]
-    said = [n for n in others if n.casefold().startswith(_ERRORS)]
-    errors = tuple(said or others)
+    error_names = [n for n in others if n.casefold().startswith(_ERRORS)]
+    errors = tuple(error_names or others)
     return LikelyTurn(
         columns=tuple(columns),
         angle=angle,
         errors=errors,
         has_units=all(columns[n]["unit"] for n in (angle, *errors)),
-        is_sure=len(called) == 1 and bool(said),
+        is_sure=len(angles) == 1 and bool(error_names),
     )
 
 
 def default_turn_columns(file: Path, how: ReadOptions) -> tuple[str, tuple[str, ...], str]:
-    """Return angle and errors of a record of a turn, and a line that says so."""
-    found = contents(*read_whole(file, how))
-    turn = likely_turn(found)
+    """Return angle and errors of a record over a turn, and a note on them."""
+    listing = contents(*read_whole(file, how))
+    turn = likely_turn(listing)
     if not turn.is_sure:
-        raise _left_open(found, "what is angle and error: name them by --angle and --error")
-    said = f"angle {turn.angle}; error {','.join(turn.errors)}: taken by their names"
-    return turn.angle, turn.errors, said
+        raise _ambiguous(listing, "the angle and its errors: name them by --angle and --error")
+    note = f"angle {turn.angle}; error {','.join(turn.errors)}: selected by their names"
+    return turn.angle, turn.errors, note
 
 
-def next_job(found: dict[str, Any]) -> str:
-    """Return the command that goes on with a file; empty where units and names leave a choice."""
+def next_job(listing: dict[str, Any]) -> str:
+    """Return the command that analyses a file; empty if units and names are ambiguous."""
     job = ""
-    if found["over"] == "frequency" or "responses" in found:
+    if listing["over"] == "frequency" or "responses" in listing:
         job = "frf"
-    elif found["over"] == "point":
-        turn = likely_turn(found) if len(found["columns"]) > 1 else None
+    elif listing["over"] == "point":
+        turn = likely_turn(listing) if len(listing["columns"]) > 1 else None
         job = "centre" if turn is not None and turn.is_sure and turn.has_units else ""
     else:
         for name in ("frf", "identify"):
-            inputs, outputs = likely_drive(moving_columns(found), vibration=name == "frf")
+            inputs, outputs = likely_drive(moving_columns(listing), vibration=name == "frf")
             if len(inputs) == 1 and (len(outputs) == 1 or (outputs and name == "frf")):
                 job = name
     return job

@@ -18,7 +18,7 @@ _SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
 
 
 def is_gcs_array(head: str) -> bool:
-    r"""Say whether a text begins as an array file of a GCS controller does.
+    r"""Return whether a text begins like an array file of a GCS controller.
 
     Examples
     --------
@@ -46,14 +46,14 @@ def read_gcs_array(path: Path) -> FileColumns:
     """
     lines = text_lines(path)
     keys, first = _heading(lines)
-    width, count = _whole(keys, "DIM"), _whole(keys, "NDATA")
+    width, count = _positive_integer(keys, "DIM"), _positive_integer(keys, "NDATA")
     if width is None:
         raise RecordError("the heading has no '# DIM = ...', the number of columns: add it")
     values = _rows(lines, first, width, _separator(keys))
     if count is not None and len(values) != count:
         raise RecordError(
-            f"there are {len(values)} rows of numbers where the heading says NDATA = {count}: the "
-            "file is cut short or was put together; record it again"
+            f"there are {len(values)} rows of numbers, but the heading has NDATA = {count}: the "
+            "file is truncated or joined from several; record it again"
         )
     names = [keys.get(f"NAME{j}") or f"column {j}" for j in range(width)]
     interval = _sample_time(keys)
@@ -63,7 +63,7 @@ def read_gcs_array(path: Path) -> FileColumns:
         ),
         sample_rate_hz=None if interval is None else 1.0 / interval,
         rate_source="'SAMPLE_TIME'",
-        notes=() if count is not None else ("the heading does not say how many rows there are",),
+        notes=() if count is not None else ("the heading has no number of rows",),
         attributes={key: value for key, value in keys.items() if not key.startswith("NAME")},
     )
 
@@ -77,22 +77,22 @@ def _heading(lines: Sequence[str]) -> tuple[dict[str, str], int]:
             break
         if re.fullmatch(r"#\s*END_HEADER", text):
             return keys, number + 1
-        found = _KEY.fullmatch(text)
-        if found is not None:
-            key, value = found.groups()
+        entry = _KEY.fullmatch(text)
+        if entry is not None:
+            key, value = entry.groups()
             if keys.get(key, value) != value:
                 raise RecordError(
-                    f"line {number + 1} has {key} = {value}, and a line above {key} = {keys[key]}: "
+                    f"line {number + 1} has {key} = {value}, but a line above {key} = {keys[key]}: "
                     "the file joins several records; split it"
                 )
             keys[key] = value
     raise RecordError(
-        "the heading has no '# END_HEADER': the file is cut short or is no array file of a GCS "
-        "controller; read it by the format text, if it is another"
+        "the heading has no '# END_HEADER': the file is truncated or is not an array file of a GCS "
+        "controller; use the format text for other files"
     )
 
 
-def _whole(keys: Mapping[str, str], key: str) -> int | None:
+def _positive_integer(keys: Mapping[str, str], key: str) -> int | None:
     text = keys.get(key)
     if text is None:
         return None
@@ -101,17 +101,17 @@ def _whole(keys: Mapping[str, str], key: str) -> int | None:
     return number
 
 
-def _require(sound: bool, key: str, wanted: str, text: str) -> None:
+def _require(sound: bool, key: str, required: str, text: str) -> None:
     if not sound:
-        raise RecordError(f"{key} in the heading must be {wanted}, got '{text[:30]}'")
+        raise RecordError(f"{key} in the heading must be {required}, got '{text[:30]}'")
 
 
 def _separator(keys: Mapping[str, str]) -> str | None:
-    """Return what divides the columns; None is any white space."""
+    """Return the delimiter of the columns; None is any white space."""
     text = keys.get("SEPARATOR", "32")
     code = int(text) if re.fullmatch(r"\d{1,3}", text) else -1
-    wanted = "the code of space (32), tab (9), comma (44) or semicolon (59)"
-    _require(code in _SEPARATORS, "SEPARATOR", wanted, text)
+    required = "the code of space (32), tab (9), comma (44) or semicolon (59)"
+    _require(code in _SEPARATORS, "SEPARATOR", required, text)
     return _SEPARATORS[code]
 
 
@@ -141,11 +141,11 @@ def _rows(
             continue
         if len(fields) != width:
             raise RecordError(
-                f"line {number} has {len(fields)} columns where the heading says DIM = {width}: "
-                "the file is cut short or damaged; record it again"
+                f"line {number} has {len(fields)} columns, but the heading has DIM = {width}: the "
+                "file is truncated or damaged; record it again"
             )
         try:
-            # "1_000" and digits of other scripts are numbers to Python
+            # "1_000" and digits of other scripts are numbers for Python
             rows.append([float(field) for field in fields] if _is_plain(line) else [])
         except ValueError:
             rows.append([])
@@ -155,5 +155,5 @@ def _rows(
                 f"line {number}: '{bad[:30]}' is not a number: correct the line, or record it again"
             )
     if not rows:
-        raise RecordError("there are no rows of numbers below the heading: record it again")
+        raise RecordError("there are no numeric rows below the heading: record it again")
     return np.array(rows, dtype=np.float64)
