@@ -20,7 +20,11 @@ from flexstage.measure.spectra.averaging import (
     window_values,
 )
 from flexstage.measure.spectra.checks import HitOptions, PeriodOptions
-from flexstage.measure.spectra.estimate import ResponseOptions, estimate_response, recognise_excitation
+from flexstage.measure.spectra.estimate import (
+    ResponseOptions,
+    estimate_response,
+    recognise_excitation,
+)
 from flexstage.measure.spectra.repeated import find_period
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Channel, Record

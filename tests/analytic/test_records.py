@@ -560,7 +560,7 @@ def test_wrong_options(tmp_path: Path) -> None:
     refuse(path, "delimiter must be one character", text="delimiter=.", sample_rate=2.0)
     refuse(path, "skip must be a whole number from 0", text={"skip": -1}, sample_rate=2.0)
     refuse(path, "no column 'z'", columns=["z"], sample_rate=2.0)
-    refuse(path, "fewer than two", rows=(1, 2), sample_rate=2.0)
+    refuse(path, "at least two samples", rows=(1, 2), sample_rate=2.0)
     np.save(tmp_path / "a.npy", U)
     refuse(tmp_path / "a.npy", "not a text file", text="skip=2", sample_rate=2.0)
     savemat(tmp_path / "a.mat", {"u": U, "fs": 350.0})
@@ -793,7 +793,7 @@ def test_times_that_are_only_rounded(tmp_path: Path) -> None:
     rows = [f"{k / 300.0:.3f},{k % 7}" for k in range(60)]
     record = read_record(text(tmp_path, "\n".join(["time (s),u", *rows])))
     with pytest.raises(
-        RecordError, match=r"uniform except for the rounding .*: give the sample rate .*(299|300)\.\d+ Hz"
+        RecordError, match=r"uniform except for the rounding .* sample rate .*(299|300)\.\d+ Hz"
     ):
         require_uniform(record)
     time = uneven(0.2)

@@ -105,7 +105,7 @@ def test_channels_at_different_times_ask_for_one(tmp_path: Path) -> None:
     cells = "Y_Unit_Label\tVolts\t\tVolts\t\nX_Dimension\tTime\t\tTime\t"
     rows = [f"{0.01 * i:.6f}\t{i}\t{0.02 * i:.6f}\t{0.5 * i}\t" for i in range(4)]
     file = lvm(tmp_path, "Multi", cells, names, rows)
-    with pytest.raises(RecordError, match="select one by the option time, such as 'X_Value of drive'"):
+    with pytest.raises(RecordError, match="by the option time, such as 'X_Value of drive'"):
         read_record(file)
     assert read_record(file, time="X_Value of sensor").sample_rate_hz == pytest.approx(50.0)
 

@@ -276,7 +276,9 @@ FILES: dict[str, tuple[str, bytes, str]] = {
         replaced(REPORT, "UNITS=MM", "UNITS=IN"),
         "SPH1.X is in inch and in mm",
     ),
-    "cmm no dimension": ("a.txt", re.sub("DIM.*\n", "", REPORT).encode(), "without a dimension above it"),
+    "cmm no dimension": (
+        "a.txt", re.sub("DIM.*\n", "", REPORT).encode(), "without a dimension above it",
+    ),
     "cmm wrong heading": (
         "a.txt",
         replaced(REPORT, "-TOL        MEAS", "MEAS        -TOL"),

@@ -1,4 +1,4 @@
-"""Reads an uncertainty budget from a file: an equation, its influences and their correlations."""
+"""Uncertainty budgets: equation, influences and correlations from a file, and their evaluation."""
 
 import ast
 import math
@@ -10,7 +10,7 @@ from decimal import Decimal
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
 
@@ -35,9 +35,11 @@ from flexstage.files.expression import (
 )
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Mapping, Node, Scalar
+from flexstage.files.plain import picked, plain
 from flexstage.files.request import request_of
+from flexstage.files.result import Result
 from flexstage.measure.requests import UncertaintyRequest
-from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo
+from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo, validate
 from flexstage.measure.uncertainty.propagate import (
     Influence,
     Propagated,
@@ -275,12 +277,12 @@ class Budget:
         """Propagate to first order; the result is in SI."""
         return propagate(self._result, self.influences, self._coefficients(), unit=self.si)
 
-    def monte_carlo(self, request: UncertaintyRequest | None = None, **asked: Any) -> MonteCarlo:
+    def monte_carlo(self, request: UncertaintyRequest | None = None, **fields: Any) -> MonteCarlo:
         """Draw the result at random, in SI.
 
         Fields of `UncertaintyRequest` may be named in place of those of a request.
         """
-        request = request_of(UncertaintyRequest, request, asked)
+        request = request_of(UncertaintyRequest, request, fields)
         return monte_carlo(
             self._result,
             self.influences,
@@ -526,3 +528,96 @@ BUDGET_FILE = Format(
         _Quantity: Form(read=_read_quantity, schema=lambda _: {"type": ["string", "number"]}),
     },
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EvaluatedBudget(Result):
+    """Evaluation of an uncertainty budget by the GUM and by Monte Carlo."""
+
+    table_key: ClassVar[str] = "influences"
+
+    budget: Budget
+    """The budget."""
+    propagated: Propagated
+    """Result to first order, in SI."""
+    simulated: MonteCarlo
+    """Result by Monte Carlo, in SI."""
+
+    def data(self) -> dict[str, Any]:
+        budget, propagated, simulated = self.budget, self.propagated, self.simulated
+        agreement = validate(propagated, simulated)
+        scale = 1.0 / budget.factor
+
+        def scaled(ends: tuple[float, float]) -> list[float]:
+            return [scale * end for end in ends]
+
+        ends = propagated.interval(simulated.confidence)
+        u = propagated.uncertainty
+        return {
+            "quantity": budget.quantity,
+            "unit": budget.unit,
+            "equation": budget.equation.text,
+            "confidence": simulated.confidence,
+            "influences": [
+                {
+                    **picked(line, "name", "value", "standard_uncertainty=uncertainty"),
+                    **picked(line, "unit", "degrees_of_freedom", "distribution", "kind"),
+                    "sensitivity": scale * line.sensitivity,
+                    "contribution": scale * line.contribution,
+                    **picked(line, "share", "source"),
+                }
+                for line in propagated.lines
+            ],
+            "correlations": [
+                {"between": [first, second], "coefficient": r}
+                for first, second, r in budget.correlations
+            ],
+            "gum": {
+                "value": scale * propagated.value,
+                "standard_uncertainty": scale * u,
+                "degrees_of_freedom": plain(propagated.degrees_of_freedom),
+                "coverage_factor": 0.5 * (ends[1] - ends[0]) / u if u > 0.0 else None,
+                "expanded_uncertainty": scale * 0.5 * (ends[1] - ends[0]),
+                "interval": scaled(ends),
+            },
+            "monte_carlo": {
+                "value": scale * simulated.value,
+                "standard_uncertainty": scale * simulated.uncertainty,
+                "interval": scaled(simulated.symmetric),
+                "shortest_interval": scaled(simulated.shortest),
+                "trials": simulated.trials,
+                "seed": simulated.seed,
+                "tolerance": None if simulated.tolerance is None else scale * simulated.tolerance,
+            },
+            "agreement": {
+                "valid": agreement.valid,
+                "tolerance": scale * agreement.tolerance,
+                "low": scale * agreement.low,
+                "high": scale * agreement.high,
+            },
+            "notes": [*_constants(budget), *propagated.notes, *filter(None, [budget.notes])],
+        }
+
+
+def evaluate_budget(
+    budget: Budget, request: UncertaintyRequest | None = None, **fields: Any
+) -> EvaluatedBudget:
+    """Propagate a budget to first order and by Monte Carlo.
+
+    Fields of `UncertaintyRequest` may be named in place of those of a request.
+    """
+    request = request_of(UncertaintyRequest, request, fields)
+    return EvaluatedBudget(
+        request=request,
+        budget=budget,
+        propagated=budget.propagate(),
+        simulated=budget.monte_carlo(request),
+    )
+
+
+def _constants(budget: "Budget") -> list[str]:
+    exact = [i.name for i in budget.influences if i.standard_uncertainty == 0.0]
+    if not exact:
+        return []
+    are = "is assumed constant" if len(exact) == 1 else "are assumed constant"
+    return [f"{', '.join(exact)} {are} and exact"]

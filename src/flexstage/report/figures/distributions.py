@@ -37,7 +37,7 @@ _BARS = 12
 
 def draw_budget(
     propagated: Propagated,
-    drawn: MonteCarlo,
+    simulated: MonteCarlo,
     *,
     quantity: str = "result",
     unit: str = "",
@@ -51,7 +51,7 @@ def draw_budget(
     count = min(len(propagated.lines), _BARS + 1)
     high = max(3.4, 1.3 + 0.28 * count)
     figure, (left, right) = panels(_WIDTH, high, 2, 2, width_ratios=(1.35, 1.0))
-    _distribution(left, propagated, drawn, quantity, unit, factor)
+    _distribution(left, propagated, simulated, quantity, unit, factor)
     _budget(right, propagated)
     return figure
 

@@ -169,7 +169,7 @@ def _steps(axes: "Axes", found: Staircase, unit: str) -> None:
     at = np.arange(1, size.size + 1)
     looks = {"yes": (CYCLE[2], "o"), "undecided": (CYCLE[4], "D"), "no": (CYCLE[3], "x")}
     for verdict, (colour, marker) in looks.items():
-        here = np.array([step.told == verdict for step in found.steps])
+        here = np.array([step.resolved == verdict for step in found.steps])
         if here.any():
             axes.errorbar(
                 at[here], factor * size[here], factor * half[here], color=colour, linestyle="none",
