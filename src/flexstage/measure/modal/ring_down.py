@@ -62,8 +62,10 @@ class DecayFit:
         count = self.factors.shape[1]
         out = np.empty((self.theta.size // 2, count, count))
         for r in range(out.shape[0]):
-            own = slice(2 * r, 2 * r + 2)
-            out[r] = self.factors[own].T @ np.linalg.solve(square[own, own], self.factors[own])
+            columns = slice(2 * r, 2 * r + 2)
+            out[r] = self.factors[columns].T @ np.linalg.solve(
+                square[columns, columns], self.factors[columns]
+            )
         return out
 
 
@@ -137,7 +139,7 @@ def fit_decay(theta: Array, t: Array, values: Array, weights: Array) -> DecayFit
         if small:
             return now
     raise ConvergenceError(
-        f"the fit of {theta.size // 2} damped sines did not settle in {_ITERATIONS} iterations: "
+        f"the fit of {theta.size // 2} damped sines did not converge in {_ITERATIONS} iterations: "
         "fit fewer modes, or give the start of the decay"
     )
 
@@ -158,14 +160,14 @@ def decay_covariance(fit: DecayFit, mode: int) -> tuple[Array, float]:
     inverse = np.linalg.pinv(square, hermitian=True)
     # influence of each sample of each channel on theta, shape (c, n, p)
     on_theta = (free @ inverse) * fit.weights[:, None, None]
-    own = slice(2 * mode, 2 * mode + 2)
+    columns = slice(2 * mode, 2 * mode + 2)
     influence = np.zeros((count, fit.residual.shape[0], 2 + 2 * count))
-    influence[:, :, :2] = on_theta[:, :, own]
+    influence[:, :, :2] = on_theta[:, :, columns]
     for c in range(count):
-        follow = fit.inverse[:, own].T @ fit.jacobian[c]
+        follow = fit.inverse[:, columns].T @ fit.jacobian[c]
         at = slice(2 + 2 * c, 4 + 2 * c)
         influence[:, :, at] = -on_theta @ follow.T
-        influence[c, :, at] += fit.inverse[:, own]
+        influence[c, :, at] += fit.inverse[:, columns]
     lines = np.fft.rfft(influence, axis=1)
     density, width = _density(fit, free)
     # lines but the first, and the last of an even number, stand for two
@@ -209,13 +211,13 @@ def _density(fit: DecayFit, free: Array) -> tuple[Complex, int]:
     lines = residual.shape[1]
     width = int(np.clip(lines // _SHARE, min(_FEWEST, lines // 2), _MOST))
     # share of white noise that functions and poles take away from each line
-    taken = np.sum(np.abs(np.fft.rfft(fit.functions, axis=0)) ** 2, axis=1) / size
+    absorbed = np.sum(np.abs(np.fft.rfft(fit.functions, axis=0)) ** 2, axis=1) / size
     left = np.empty((count, residual.shape[1]))
     stacked = free.reshape(-1, free.shape[2])
     unit = np.linalg.qr(stacked)[0].reshape(free.shape)
     for c in range(count):
         poles = np.sum(np.abs(np.fft.rfft(unit[c], axis=0)) ** 2, axis=1) / size
-        left[c] = moving_mean(np.maximum(1.0 - taken - poles, 0.01), width)
+        left[c] = moving_mean(np.maximum(1.0 - absorbed - poles, 0.01), width)
     density = np.empty((count, count, residual.shape[1]), dtype=np.complex128)
     for a in range(count):
         for b in range(count):
@@ -311,7 +313,7 @@ def ring_down(
     ModelError
         An option is impossible, or fewer poles are found than modes were asked for.
     ConvergenceError
-        The fit did not settle.
+        The fit did not converge.
 
     Examples
     --------
@@ -326,11 +328,11 @@ def ring_down(
     """
     names = [channels] if isinstance(channels, str | int) else list(channels)
     if not names:
-        raise ModelError("a ring-down needs one channel at least, got none")
+        raise ModelError("a ring-down needs at least one channel, got none")
     if count is not None and count < 1:
         raise ModelError(f"the number of modes must be 1 or more, got {count!r}")
-    taken = [record.channel(name) for name in names]
-    t, values, rate = _samples(record, [c.values for c in taken], [c.name for c in taken])
+    columns = [record.channel(name) for name in names]
+    t, values, rate = _samples(record, [c.values for c in columns], [c.name for c in columns])
     if start is None:
         first = decay_start(values, rate)
     elif t[0] <= start <= t[-1]:
@@ -351,7 +353,7 @@ def ring_down(
     # samples in a period of the highest mode that are enough: more are averaged
     per_period = 12.0
     times = max(1, min(int(rate / (per_period * top)), t.size // 64))
-    values = values[: t.size // times * times].reshape(-1, times, len(taken)).mean(axis=1)
+    values = values[: t.size // times * times].reshape(-1, times, len(columns)).mean(axis=1)
     # from the middle of the first average
     offset = 0.5 * (times - 1) / rate
     clock = np.arange(values.shape[0]) * times / rate
@@ -362,7 +364,7 @@ def ring_down(
     residual = fit.residual if fit else values - values.mean(axis=0)
     return RingDown(
         modes=tuple(modes),
-        channels=tuple(c.name for c in taken),
+        channels=tuple(c.name for c in columns),
         start=begin,
         time=begin + offset + clock,
         measured=values,
@@ -389,7 +391,7 @@ def _fitted(clock: Array, values: Array, rate: float, count: int | None) -> Deca
     """Fit as many modes as asked for, or as are significant."""
     level = values - values[-values.shape[0] // 4 :].mean(axis=0)
     weights = 1.0 / np.sqrt(np.mean(level**2, axis=0))
-    # modes that are looked for where nobody says how many
+    # default number of modes to search for
     most = 8
     poles = subspace_poles(level * weights, rate, 2 * (most if count is None else count + 4) + 2)
     size = np.abs(poles) / (2.0 * math.pi)
@@ -398,7 +400,7 @@ def _fitted(clock: Array, values: Array, rate: float, count: int | None) -> Deca
     poles = distinct(poles, np.arange(poles.size)[::-1].astype(np.float64))
     if count is not None and poles.size < count:
         raise ModelError(
-            f"{count} modes were asked for but only {poles.size} decays found: ask for fewer"
+            f"{count} modes were requested, but only {poles.size} decays found: request fewer"
         )
     theta = np.stack([-poles.real, poles.imag], axis=1).ravel()
     needed = (2 * values.shape[1] + 2) * math.log(values.size)
@@ -462,18 +464,19 @@ def _mode(r: int, fit: DecayFit, times: int, rate: float, share: float) -> Decay
     )
 
 
-def _notes(modes: Sequence[DecayMode], clock: Array, found: bool, begin: float) -> list[str]:
+def _notes(
+    modes: Sequence[DecayMode], clock: Array, is_default_start: bool, begin: float
+) -> list[str]:
     notes = []
-    if found:
-        notes.append(f"the decay is taken to begin at {begin:.6g} s")
+    if is_default_start:
+        notes.append(f"the decay is assumed to begin at {begin:.6g} s")
     if not modes:
-        notes.append("no mode rises above the noise")
+        notes.append("no mode exceeds the noise")
     for mode in modes:
         f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
         if 2.0 * math.pi * f * zeta * clock[-1] < 0.2:
             notes.append(
-                f"the motion at {f:.5g} Hz hardly decays in the record: it may be a tone from "
-                "outside"
+                f"the motion at {f:.5g} Hz hardly decays in the record: it may be an external tone"
             )
     return notes
 

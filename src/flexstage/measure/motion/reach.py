@@ -18,7 +18,7 @@ from flexstage.quantities.estimate import Estimate
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
-    """How far an axis goes, and how well it does so again."""
+    """Stroke of an axis, and its repeatability."""
 
     stroke: Estimate
     """From the lower to the upper end of the command, averaged over both runs and all cycles [m].
@@ -29,16 +29,16 @@ class Stroke:
     """Standard deviation of the stroke from cycle to cycle [m]."""
     end_repeatability: tuple[Estimate, Estimate]
     """Standard deviations of the position at the lower and at the upper end from cycle to cycle,
-    drift taken off [m].
+    without drift [m].
     """
     gain: Estimate
     """Slope of the least-squares line of position over command [m/V, or 1 of a displacement]."""
     loop_width: Estimate
     """Largest distance of the forward from the backward run at equal command [m]."""
     drift_rate: Estimate | None
-    """Rate at which the position wanders [m/s]; None where it was not fitted."""
+    """Drift rate of the position [m/s]; None if it was not fitted."""
     curve: MotionCurve
-    """Position over command, from which all of this was taken."""
+    """Position over command, the source of these results."""
 
 
 def stroke(
@@ -50,7 +50,7 @@ def stroke(
     drift: bool = True,
     command_unit: str = "m",
 ) -> Stroke:
-    """Find the stroke of an axis, with hysteresis and drift told apart.
+    """Find the stroke of an axis, with hysteresis and drift separated.
 
     The position is fitted as a curve over the command (`fit_motion_curve`), forward and backward,
     and the stroke is the difference of its ends. So it is no largest value, which noise would
@@ -110,7 +110,7 @@ def stroke(
             curve.each_cycle(end) - end @ curve.coefficients.ravel(),
             unit="m",
             degrees_of_freedom=curve.cycles - lost,
-            note="drift taken off" if drift else "",
+            note="without drift" if drift else "",
         )
         for end in ends
     )
@@ -392,14 +392,14 @@ def rigid_motion(
             f"in the reference, got shapes {a.shape} and {b.shape}"
         )
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise RecordError("the points of a body must be finite: leave out those that are not known")
+        raise RecordError("the points of a body must be finite: omit unknown points")
     extent = np.linalg.svd(a - a.mean(0), compute_uv=False)
     # share of the extent of points below which they count as lying on a line
     on_a_line = 1e-9
     if not extent[1] > on_a_line * extent[0]:
         raise RecordError(
-            "the reference points lie on a line, so that the rotation about it stays unknown: add "
-            "a point beside it"
+            "the reference points are on a line, so that the rotation about it is unknown: add a "
+            "point off this line"
         )
     R, t = _kabsch(a, b)
     residuals = b - t[..., None, :] - a @ np.swapaxes(R, -1, -2)
