@@ -238,7 +238,7 @@ def test_guessed_modes_are_those_nearest():
     assert any("not requested" in note for note in fit.notes)
     nothing = fit_modes(response(1e-3), frequency_guess=[150.0])
     assert any("does not exceed the noise" in note for note in nothing.notes)
-    with pytest.raises(ModelError, match="lie in the band from 20 to"):
+    with pytest.raises(ModelError, match="be in the band from 20 to"):
         fit_modes(response(1e-3), frequency_guess=[900.0])
 
 
