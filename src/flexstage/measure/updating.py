@@ -201,7 +201,7 @@ def predict(
     ----------
     system : MechanicalSystem
         The model.
-    wanted : sequence of tuple of str
+    quantities : sequence of tuple of str
         Quantity, one of `UPDATABLE`, and name of an axis.
     drives : str
         Condition of the drives that frequencies and damping belong to; ratios and strokes are those

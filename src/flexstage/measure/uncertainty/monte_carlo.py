@@ -274,7 +274,7 @@ def validate(propagated: Propagated, simulated: MonteCarlo, *, digits: int = 2) 
     ----------
     propagated : Propagated
         The result to first order.
-    drawn : MonteCarlo
+    simulated : MonteCarlo
         The same result, drawn at random.
     digits : int
         Significant digits of the uncertainty that must be right.
