@@ -274,7 +274,7 @@ def test_order_follows_the_curve() -> None:
     assert sharp.basis.order == 12
     assert sharp.model_error > 100e-9
     assert any("upper limit" in note for note in sharp.notes)
-    assert any("in common" in note for note in sharp.notes)
+    assert any("common to all cycles" in note for note in sharp.notes)
     names = [part.name for part in curve_range(sharp).components]
     assert names == ["repeatability", "drift", "shape"]
 
