@@ -669,28 +669,28 @@ def test_refusals_are_one_sentence() -> None:
     refused("needs at least a record, an input and an output", [], excitation="random")
     refused("segment of 9000 samples is longer than the record of 8000", segment=9000,
             excitation="random")  # fmt: skip
-    refused("8 samples or more, got 4", segment=4, excitation="random")
-    refused("not for both", segment=100, resolution_hz=1.0, excitation="random")
-    refused("a resolution is positive", resolution_hz=-1.0, excitation="random")
+    refused("at least 8 samples, got 4", segment=4, excitation="random")
+    refused("not both", segment=100, resolution_hz=1.0, excitation="random")
+    refused("resolution must be positive", resolution_hz=-1.0, excitation="random")
     refused("too short for a frequency response", record(u[:60], y[:60]), excitation="random")
-    refused("an overlap is a share", overlap=1.0, excitation="random")
-    refused("there is no window 'kaiser'", window="kaiser", excitation="random")
+    refused("overlap must be from 0", overlap=1.0, excitation="random")
+    refused("window must be one of .*'kaiser'", window="kaiser", excitation="random")
     refused("a window for segments of 400 samples", window=np.ones(40), segment=400,
             excitation="random")  # fmt: skip
-    refused("an estimator is H1, H2 or Hv", estimator="H3")
-    refused("an excitation is one of", excitation="noise")
-    refused("ratio of the noise powers", noise_ratio=1.0)
-    refused("a share of the power", power_floor=1.0)
+    refused("estimator must be H1, H2 or Hv", estimator="H3")
+    refused("excitation must be one of", excitation="noise")
+    refused("ratio of noise powers", noise_ratio=1.0)
+    refused("power floor must be from 0", power_floor=1.0)
     refused("is not periodic", excitation="periodic")
-    refused("1.6 periods of 5000 samples in 'trial', and 2 are needed", excitation="periodic",
+    refused("'trial' has 1.6 periods of 5000 samples, but 2 are needed", excitation="periodic",
             periods=PeriodOptions(samples=5000))  # fmt: skip
     short = record(u[:6000], y[:6000])
-    refused("records of one length", [record(u, y), short], excitation="sweep")
+    refused("records of equal length", [record(u, y), short], excitation="sweep")
     faster = record(u, y, time=np.arange(8000.0) / 3000.0)
-    refused("need one sample rate", [record(u, y), faster])
+    refused("need equal sample rates", [record(u, y), faster])
     other = replace(record(u, y), channels=(Channel(name="u", values=u, unit="N"),
                                             Channel(name="y", values=y, unit="m")))  # fmt: skip
-    refused("need one unit", [record(u, y), other])
+    refused("need equal units", [record(u, y), other])
 
 
 def test_no_hit_is_left() -> None:
