@@ -458,7 +458,7 @@ def test_a_budget_file_is_read_in_si():
         ("d * p", "True", "line 4.*'True', which is not an influence"),
         ("d * p", "d * p - 3 mm", "line 4.*'mm', as an influence"),
         ("equation:", "formula:", "."),
-        ("- d * p", "- p", "line 4.*subtracts .*, a length, and p, a number, .* differ in dimension"),
+        ("- d * p", "- p", "line 4.*subtracts .*, a length, and p, a number, .*differ in dim"),
         ("l * (1 + c)", "l * (1 + c + t)", r"line 4.*adds 1 \+ c, a number, and t, a temperature"),
         ("l * (1 + c)", "1e-3 + l * (1 + c)", "adds 0.001, a number.*unit as an influence"),
         ("l * (1 + c)", "sin(l) * (1 + c)", "line 4.*takes sin of l, a length"),
