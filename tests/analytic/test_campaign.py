@@ -551,8 +551,8 @@ def test_columns_that_cannot_be_used() -> None:
         ("'yaw' does not give its unit, and 'yaw' needs a unit of angle", changed("yaw", unit="")),
         ("'command' is in N, and 'command' needs one of V, m", changed("command", unit="N")),
         ("dead or not connected", changed("roll", values=lambda v: 0.0 * v + 0.3)),
-        ("'along' is cut off at", changed("along", values=lambda v: np.minimum(v, 0.9 * v.max()))),
-        ("'pitch' is cut off at", changed("pitch", values=lambda v: np.maximum(v, 0.3 * v.max()))),
+        ("'along' is clipped at", changed("along", values=lambda v: np.minimum(v, 0.9 * v.max()))),
+        ("'pitch' is clipped at", changed("pitch", values=lambda v: np.maximum(v, 0.3 * v.max()))),
     ):
         with pytest.raises(RecordError, match=said):
             run(test, spoiled)

@@ -149,7 +149,7 @@ def test_run_out_reaches_the_rim():
         ({"eccentricity": (1e-6,)}, "must be x and y"),
         ({"eccentricity": (np.nan, 0.0)}, "must be x and y"),
         ({"radius": 0.0}, "radius of a scale"),
-        ({"kind": "cone"}, "one of disc, drum"),
+        ({"kind": "cone"}, "must be disc or drum"),
         ({"ellipticity": (1.2, 0.0)}, "ellipticity"),
         ({"tilt": (1.6, 0.0)}, "tilt"),
     ],

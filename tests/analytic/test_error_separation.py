@@ -361,7 +361,7 @@ def test_noise_of_the_virtual_table_is_seeded_and_of_the_size_given() -> None:
         ),
         (
             lambda t, y: calibrated(self_calibration, t, y, heads=HEADS[:3], orders=(1,)),
-            "3 heads, and readings",
+            "3 heads, but readings",
         ),
         (
             lambda t, y: calibrated(self_calibration, t[:90], y[:, :90], heads=HEADS, orders=(1,)),
@@ -397,18 +397,18 @@ def test_noise_of_the_virtual_table_is_seeded_and_of_the_size_given() -> None:
         ),
         (
             lambda t, y: calibrated(against_reference, t, y, heads=HEADS, orders=(1,)).harmonic(2),
-            "not asked",
+            "not requested",
         ),
         (lambda t, y: cross_calibration(t, y[:1], positions=[0.0], orders=(1,)), "two positions"),
         (
             lambda t, y: cross_calibration(t, y, positions=[0.1] * 4, orders=(1,)),
-            "cannot separate the scales",
+            "do not separate the scales",
         ),
         (
             lambda t, y: calibrated(
                 self_calibration, t, y[:2], heads=[0.0, np.pi], orders=(2, 4), axis_motion=False
             ),
-            "cannot see any",
+            "are blind to all orders",
         ),
         (
             lambda t, y: calibrated(

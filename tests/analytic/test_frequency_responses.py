@@ -23,7 +23,11 @@ from flexstage.measure.spectra.averaging import (
     window_values,
 )
 from flexstage.measure.spectra.checks import HitOptions, PeriodOptions
-from flexstage.measure.spectra.estimate import ResponseOptions, estimate_response, recognised
+from flexstage.measure.spectra.estimate import (
+    ResponseOptions,
+    estimate_response,
+    recognise_excitation,
+)
 from flexstage.measure.spectra.repeated import find_period
 from flexstage.measure.spectra.response import response_from_record
 from flexstage.records import Channel, Record
@@ -307,9 +311,9 @@ def test_two_inputs_by_two_periodic_records() -> None:
     np.testing.assert_allclose(h.response[:, 0, 0], truth, rtol=1e-7)
     delayed = 0.3 * truth * np.exp(-2j * np.pi * h.frequency_hz / RATE)
     np.testing.assert_allclose(h.response[:, 0, 1], delayed, rtol=1e-7)
-    with pytest.raises(RecordError, match="2 inputs that repeat together need as many records"):
+    with pytest.raises(RecordError, match="2 periodic inputs need at least 2 records"):
         estimate_response(records[0], ["a", "b"], "y", excitation="periodic")
-    with pytest.raises(RecordError, match="cannot be separated"):
+    with pytest.raises(RecordError, match="are not separable"):
         estimate_response([records[0]] * 2, ["a", "b"], "y", excitation="periodic")
 
 
@@ -329,7 +333,7 @@ def test_a_period_that_is_no_whole_number_is_refused(noise: float) -> None:
     t = np.arange(4000)
     x = sum(np.cos(2.0 * np.pi * k * t / 700.4 + k**2) for k in range(1, 60))
     x = x + noise * x.std() * np.random.default_rng(2).standard_normal(t.size)
-    with pytest.raises(RecordError, match=r"after 1400\.8\d* samples, which is not a whole number"):
+    with pytest.raises(RecordError, match=r"is 1400\.8\d* samples, not an integer number"):
         find_period(x)
 
 
@@ -342,7 +346,7 @@ def test_a_force_with_coarse_steps_is_not_cut_off() -> None:
     same = [int(np.sum(coarse[s : s + 120] == coarse[s : s + 120].max())) for s in starts]
     assert min(same) >= 3
     found = estimate_response(record(coarse, answer(force)), "u", "y", excitation="hammer")
-    assert (found.spectra.segments, found.left_out) == (3, ())
+    assert (found.spectra.segments, found.rejected) == (3, ())
 
 
 # ------------------------------------------------------------------------------ hits, steps, sweep
@@ -354,7 +358,7 @@ def test_hits_without_noise_are_exact() -> None:
     h = found.response
     assert found.excitation == "hammer"
     assert found.spectra.segments == starts.size
-    assert found.left_out == ()
+    assert found.rejected == ()
     assert found.added_damping_rate == 0.0
     scale = np.abs(h.response).max()
     np.testing.assert_allclose(
@@ -400,11 +404,11 @@ def test_double_and_clipped_hits_are_named_and_left_out() -> None:
     y[part] = np.clip(y[part], -0.1 * peak, 0.1 * peak)
     found = estimate_response(record(force, y), "u", "y")
     assert found.spectra.segments == starts.size - 3
-    words = "\n".join(found.left_out)
-    assert found.left_out[0] in found.response.notes[-1]
+    words = "\n".join(found.rejected)
+    assert found.rejected[0] in found.response.notes[-1]
     assert f"{0.3 + starts[1] / RATE:.6g} s: a double hit" in words
-    assert f"{0.3 + starts[4] / RATE:.6g} s: the force is cut off" in words
-    assert f"{0.3 + starts[5] / RATE:.6g} s: 'y' is cut off" in words
+    assert f"{0.3 + starts[4] / RATE:.6g} s: the force is clipped" in words
+    assert f"{0.3 + starts[5] / RATE:.6g} s: 'y' is clipped" in words
     h = found.response
     scale = np.abs(h.response).max()
     np.testing.assert_allclose(
@@ -433,7 +437,7 @@ def test_steps_without_noise_are_exact() -> None:
     found = estimate_response(record(u, y), "u", "y", power_floor=0.0)
     h = found.response
     assert (found.excitation, found.spectra.segments) == ("step", 3)
-    assert len(found.left_out) == 1
+    assert len(found.rejected) == 1
     scale = np.abs(h.response).max()
     np.testing.assert_allclose(
         h.response[:, 0, 0], exact(h.frequency_hz), rtol=0.0, atol=1e-8 * scale
@@ -461,12 +465,12 @@ def test_kinds_of_excitation_are_told_apart() -> None:
     step = np.where(np.arange(20_000) < 150, 0.1, 2.0)
     band = scipy.signal.lfilter([1.0], [1.0, -1.98, 0.9802], noise)
     t = np.arange(20_000) / RATE
-    assert recognised(noise) == "random"
-    assert recognised(band) == "random"
-    assert recognised(step + 1e-3 * noise) == "step"
-    assert recognised(hits()[0] + 0.01 * rng.standard_normal(40_000)) == "hammer"
-    assert recognised(np.tile(noise[:1700], 9)) == "periodic"
-    assert recognised(scipy.signal.chirp(t, 5.0, 10.0, 700.0) + 0.01 * noise) == "sweep"
+    assert recognise_excitation(noise) == "random"
+    assert recognise_excitation(band) == "random"
+    assert recognise_excitation(step + 1e-3 * noise) == "step"
+    assert recognise_excitation(hits()[0] + 0.01 * rng.standard_normal(40_000)) == "hammer"
+    assert recognise_excitation(np.tile(noise[:1700], 9)) == "periodic"
+    assert recognise_excitation(scipy.signal.chirp(t, 5.0, 10.0, 700.0) + 0.01 * noise) == "sweep"
 
 
 # ------------------------------------------------------------------------------- several channels
@@ -557,7 +561,7 @@ def test_bounds_of_a_density_cover_it() -> None:
         spread.append(found.density[2:-2])
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
     assert np.std(spread) / 1e-3 == pytest.approx(found.averages**-0.5, rel=0.04)
-    with pytest.raises(ModelError, match="confidence must lie between"):
+    with pytest.raises(ModelError, match="confidence must be between"):
         found.bounds(1.0)
 
 
@@ -601,14 +605,14 @@ def test_what_is_not_finite_is_named(excitation: str, at: int) -> None:
 
 def test_dead_and_clipped_channels_are_refused() -> None:
     u, y = random_pair(1, 8000)
-    with pytest.raises(RecordError, match=r"'y' of 'trial' never changes from 0\.7"):
+    with pytest.raises(RecordError, match=r"'y' of 'trial' is constant, 0\.7"):
         estimate_response(record(u, np.full(8000, 0.7)), "u", "y", excitation="random")
-    with pytest.raises(RecordError, match="'u' of 'trial' never changes"):
+    with pytest.raises(RecordError, match="'u' of 'trial' is constant"):
         estimate_response(record(np.full(8000, 0.7), y), "u", "y")
     cut = np.minimum(y, 0.6 * y.max())
-    with pytest.raises(RecordError, match="'y' of 'trial' is cut off at"):
+    with pytest.raises(RecordError, match="'y' of 'trial' is clipped at"):
         estimate_response(record(u, cut), "u", "y", excitation="random")
-    with pytest.raises(RecordError, match="'y' of 'trial' is cut off at"):
+    with pytest.raises(RecordError, match="'y' of 'trial' is clipped at"):
         estimate_response(record(np.tile(u[:800], 10), cut), "u", "y", excitation="periodic")
     allowed = estimate_response(record(u, cut), "u", "y", excitation="random", allow_clipped=True)
     assert allowed.response.coherence.min() < 0.99
@@ -619,7 +623,7 @@ def test_dead_and_clipped_channels_are_refused() -> None:
 
 def test_clipping_at_the_least_value_is_seen() -> None:
     u, y = random_pair(1, 8000)
-    with pytest.raises(RecordError, match="is cut off at"):
+    with pytest.raises(RecordError, match="is clipped at"):
         estimate_response(record(u, np.maximum(y, 0.6 * y.min())), "u", "y", excitation="random")
 
 
@@ -664,39 +668,39 @@ def test_refusals_are_one_sentence() -> None:
     refused("not evenly spaced", record(u, y, time=uneven))
     refused("a record over frequency, not over time", record(u, y, over="frequency"))
     refused("there is no column 'z'", outputs="z")
-    refused("'u' is named twice", outputs=["y", "u"])
-    refused("needs a record, an input and an output", [], excitation="random")
+    refused("'u' is given twice", outputs=["y", "u"])
+    refused("needs at least a record, an input and an output", [], excitation="random")
     refused("segment of 9000 samples is longer than the record of 8000", segment=9000,
             excitation="random")  # fmt: skip
-    refused("8 samples or more, got 4", segment=4, excitation="random")
-    refused("not for both", segment=100, resolution_hz=1.0, excitation="random")
-    refused("a resolution is positive", resolution_hz=-1.0, excitation="random")
+    refused("at least 8 samples, got 4", segment=4, excitation="random")
+    refused("not both", segment=100, resolution_hz=1.0, excitation="random")
+    refused("resolution must be positive", resolution_hz=-1.0, excitation="random")
     refused("too short for a frequency response", record(u[:60], y[:60]), excitation="random")
-    refused("an overlap is a share", overlap=1.0, excitation="random")
-    refused("there is no window 'kaiser'", window="kaiser", excitation="random")
+    refused("overlap must be from 0", overlap=1.0, excitation="random")
+    refused("window must be one of .*'kaiser'", window="kaiser", excitation="random")
     refused("a window for segments of 400 samples", window=np.ones(40), segment=400,
             excitation="random")  # fmt: skip
-    refused("an estimator is H1, H2 or Hv", estimator="H3")
-    refused("an excitation is one of", excitation="noise")
-    refused("ratio of the noise powers", noise_ratio=1.0)
-    refused("a share of the power", power_floor=1.0)
-    refused("does not repeat itself", excitation="periodic")
-    refused("1.6 periods of 5000 samples in 'trial', and 2 are needed", excitation="periodic",
+    refused("estimator must be H1, H2 or Hv", estimator="H3")
+    refused("excitation must be one of", excitation="noise")
+    refused("ratio of noise powers", noise_ratio=1.0)
+    refused("power floor must be from 0", power_floor=1.0)
+    refused("is not periodic", excitation="periodic")
+    refused("'trial' has 1.6 periods of 5000 samples, but 2 are needed", excitation="periodic",
             periods=PeriodOptions(samples=5000))  # fmt: skip
     short = record(u[:6000], y[:6000])
-    refused("records of one length", [record(u, y), short], excitation="sweep")
+    refused("records of equal length", [record(u, y), short], excitation="sweep")
     faster = record(u, y, time=np.arange(8000.0) / 3000.0)
-    refused("need one sample rate", [record(u, y), faster])
+    refused("need equal sample rates", [record(u, y), faster])
     other = replace(record(u, y), channels=(Channel(name="u", values=u, unit="N"),
                                             Channel(name="y", values=y, unit="m")))  # fmt: skip
-    refused("need one unit", [record(u, y), other])
+    refused("need equal units", [record(u, y), other])
 
 
 def test_no_hit_is_left() -> None:
     force, starts = hits(3, count=2, size=12_000)
     for start in starts:
         force[start + 40 : start + 44] = 4.1
-    refused("no hit is left: .*a double hit", record(force, answer(force)), excitation="hammer")
+    refused("no hit is usable: .*a double hit", record(force, answer(force)), excitation="hammer")
     for wrong in ({"trigger": 0.0}, {"bounce": 1.0}, {"exponential": 2.0}, {"pre_trigger": -1}):
         with pytest.raises(ModelError):
             HitOptions(**wrong)  # type: ignore[arg-type]
@@ -744,7 +748,7 @@ def test_records_without_a_response_are_refused() -> None:
     spectrum = over_frequency(**{"kind of 7:+z/3:+x": "cross spectrum"})[0]
     assert response_from_record(spectrum).outputs == ("8:+z",)
     renamed = over_frequency(**{"input of 7:+z/3:+x": "4:+x"})[0]
-    with pytest.raises(RecordError, match=r"no response of '7:\+z' to '3:\+x'"):
+    with pytest.raises(RecordError, match=r"response of '7:\+z' to '3:\+x' is missing"):
         response_from_record(renamed)
     same = over_frequency(**{"output of 8:+z/3:+x": "7:+z"})[0]
     with pytest.raises(RecordError, match="are the same response"):

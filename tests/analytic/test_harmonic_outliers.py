@@ -51,7 +51,7 @@ def test_intervals_cover_both_fits_where_many_are_set_aside() -> None:
             low, high = getattr(own, name).interval()
             for end in getattr(other, name).interval():
                 assert low <= end <= high
-    assert any("as well" in note for note in found.notes)
+    assert any("also cover the fit with all" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("turns", [1, 3, 12])

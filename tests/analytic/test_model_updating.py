@@ -154,7 +154,7 @@ def test_a_prior_and_a_measurement_of_equal_weight_meet_halfway():
     assert value.uncertainty == pytest.approx(spread / math.sqrt(2), rel=1e-3)
     assert [c.uncertainty for c in value.components] == pytest.approx([spread / 2] * 2, rel=1e-3)
     assert found.learned["modulus"] == pytest.approx(0.5, rel=1e-3)
-    assert found.misfit == pytest.approx(0.5, rel=1e-3)
+    assert found.chi_squared == pytest.approx(0.5, rel=1e-3)
     assert found.probability == pytest.approx(math.erfc(0.5), rel=1e-3)
 
 
@@ -229,7 +229,7 @@ def test_another_model_and_its_doubt():
     )
     # stiffness and frequency squared both go with t**2.5: 2 % of one and of the other
     assert unsure.values["necks"].uncertainty > 20 * sure.values["necks"].uncertainty
-    assert unsure.misfit < sure.misfit
+    assert unsure.chi_squared < sure.chi_squared
 
 
 def test_few_observations_count_less():

@@ -119,11 +119,11 @@ def test_cycles_of_a_triangle(noise: float) -> None:
     assert found.count == 5
     reach = 2 + 1000 * noise
     assert np.abs(found.runs[:, 0, 1] - (500 + 1000 * np.arange(5))).max() <= reach
-    assert found.left_out == pytest.approx(301, abs=2 * reach)
-    assert str(found.left_out) in found.notes[0]
+    assert found.outside == pytest.approx(301, abs=2 * reach)
+    assert str(found.outside) in found.notes[0]
     assert np.array_equal(found.runs[:, 0, 1], found.runs[:, 1, 0])
     directions = found.directions()
-    assert (directions == 0).sum() == found.left_out
+    assert (directions == 0).sum() == found.outside
     assert directions[100] == 1
     assert directions[700] == -1
 
@@ -174,7 +174,7 @@ def test_cycles_are_grouped_by_both_ends() -> None:
 
 
 def test_cycles_refused() -> None:
-    with pytest.raises(RecordError, match="does not move"):
+    with pytest.raises(RecordError, match="command is constant"):
         motion_cycles(np.full(50, 3.0))
     with pytest.raises(RecordError, match="finite"):
         motion_cycles([0.0, np.nan] * 10)
@@ -281,9 +281,9 @@ def test_order_follows_the_curve() -> None:
     assert curve_range(wavy).covers(400e-9)
     sharp = fit_motion_curve(x, y + 2e-6 * np.sign(s - 0.23), t)
     assert sharp.basis.order == 12
-    assert sharp.misfit > 100e-9
-    assert any("largest order" in note for note in sharp.notes)
-    assert any("in common" in note for note in sharp.notes)
+    assert sharp.model_error > 100e-9
+    assert any("upper limit" in note for note in sharp.notes)
+    assert any("common to all cycles" in note for note in sharp.notes)
     names = [part.name for part in curve_range(sharp).components]
     assert names == ["repeatability", "drift", "shape"]
 

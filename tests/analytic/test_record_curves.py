@@ -91,8 +91,8 @@ def test_a_closed_loop_was_run_before(tmp_path: Path, order: int) -> None:
     first = int(there.argmax())
     assert there[first:].all()
     assert (u[0], u[:first].max(), u[first], u[first:].max(), u[-1]) == (LOW, HIGH, LOW, HIGH, LOW)
-    assert any("run before" in note for note in record.notes)
-    assert any("delay and creep cannot be found" in note for note in record.notes)
+    assert any("follow earlier loops" in note for note in record.notes)
+    assert any("delay and creep cannot be identified" in note for note in record.notes)
     assert record.sample_rate_hz == pytest.approx(1.0)
     rated = read(tmp_path / "a.csv", output=None, branches="up,down", sample_rate="4 Hz")
     assert rated.sample_rate_hz == pytest.approx(4.0)
@@ -109,16 +109,16 @@ def test_a_loop_that_begins_at_rest_is_open(tmp_path: Path) -> None:
 def test_what_is_no_table_of_branches(tmp_path: Path) -> None:
     rows = closed_loop()
     half = [*rows, f"{HIGH + 1.0},,3e-5"]
-    with pytest.raises(RecordError, match="'up' is missing or no number"):
+    with pytest.raises(RecordError, match="'up' is missing or not a number"):
         read(write(tmp_path / "a.csv", "u,up,down", half), output=None, branches="up,down")
     twice = write(tmp_path / "b.csv", "u,up,down", rows + rows)
-    with pytest.raises(RecordError, match=r"goes back and forth, as at row \d+"):
+    with pytest.raises(RecordError, match=r"is not monotonic, as at row \d+"):
         read(twice, output=None, branches="up,down")
     with pytest.raises(RecordError, match="must be three columns"):
         read(twice, output=None, branches="up,u")
     one = np.full(9, 3.0)
     channels = tuple(Channel(name=n, values=one + i) for i, n in enumerate("uab"))
-    with pytest.raises(RecordError, match="the same in all rows"):
+    with pytest.raises(RecordError, match="input is constant"):
         from_branches(Record(channels=channels, time=np.arange(9.0)), "u", "a", "b")
     plain = read_record(write(tmp_path / "c.csv", "u,up,down", rows), over="point")
     with pytest.raises(RecordError, match="sample rate must be positive"):
@@ -225,7 +225,7 @@ def test_what_is_no_set_of_curves(tmp_path: Path) -> None:
     file = write(tmp_path / "b.csv", "curve,u,y", rows_of(there, LABELS["numbers"]))
     with pytest.raises(RecordError, match="a plain record"):
         read(file, curve="curve")
-    with pytest.raises(RecordError, match="need one column of input, or one each, got 2"):
+    with pytest.raises(RecordError, match="need one input column, or one for each, got 2"):
         read(file, input="u,y", output="curve,y,u", curve="columns")
     empty = write(tmp_path / "c.csv", "u,b,a", ["1,,2", "2,,3", "3,,4"])
     with pytest.raises(RecordError, match="curve 'b' has no row"):

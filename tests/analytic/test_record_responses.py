@@ -140,7 +140,7 @@ def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     found = response_from_record(given)
     assert (found.output_units, found.input_units) == (("m",), ("V",))
     assert found.response[:, 0, 0] == pytest.approx(1e-6 * H, rel=1e-14)
-    with pytest.raises(RecordError, match="says its unit, m/s"):
+    with pytest.raises(RecordError, match="has the unit m/s"):
         responses_in_columns(said, ["f", "H real um/V", "H imag"])
 
 
@@ -149,10 +149,10 @@ def test_units_are_those_of_the_heading_or_of_options(tmp_path: Path) -> None:
     [
         ("time (s),u,y\n0,1,2\n1,2,3\n", "records over time need --input and --output"),
         ("f,g,real,imag,freq\n" + rows(F, F, F, F, F), "2 columns of frequencies"),
-        ("f,real\n" + rows(F, F), "holds only real of a response"),
-        ("f,a,b\n" + rows(F, F, F), "does not say its form .* --response"),
-        ("f,mag,phase\n" + rows(F, F, F), 'whether its phase is in deg or rad: .*"0,1 dB,2 deg"'),
-        ("f,mag,phase (deg)\n" + rows(F, DB, DEG), "is negative: where it is in decibels"),
+        ("f,real\n" + rows(F, F), "only real of a response"),
+        ("f,a,b\n" + rows(F, F, F), "no response in a known form .* --response"),
+        ("f,mag,phase\n" + rows(F, F, F), 'has no unit, deg or rad: .*"0,1 dB,2 deg"'),
+        ("f,mag,phase (deg)\n" + rows(F, DB, DEG), "is negative: if it is in decibels"),
         ("f,re,im\n" + rows(F[[0, 2, 1]], F[:3], F[:3]), "must rise, .* at row 2"),
         ("f,re,im\n1,2,3\n2,,4\n", "'re' is missing"),
     ],
@@ -165,9 +165,9 @@ def test_what_cannot_be_read_says_the_next_step(tmp_path: Path, content: str, sa
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        (["0", "1"], "names 2 columns"),
+        (["0", "1"], "has 2 columns"),
         (["0", "1", "9"], "there is no column '9'"),
-        (["freq Hz", "re", "im"], "says its unit: leave 'Hz' out"),
+        (["freq Hz", "re", "im"], "has a unit in the file: omit 'Hz'"),
     ],
 )
 def test_bad_choices_of_columns(tmp_path: Path, columns: list[str], said: str) -> None:

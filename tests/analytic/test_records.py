@@ -18,8 +18,8 @@ from flexstage.quantities.units import si_unit
 from flexstage.records import (
     Channel,
     Record,
-    evened,
     read_record,
+    resample_uniform,
     resampled,
     saturation,
     write_record,
@@ -127,7 +127,7 @@ def test_skipped_lines_and_chosen_rows(tmp_path: Path) -> None:
     assert values(record, "u", "y") == [[5.0, 7.0], [6.0, 8.0]]
     record = read_record(path, sample_rate=4.0, text="skip=2", columns=["u"])
     assert values(record, "u") == [[5.0, 7.0, 9.0, 11.0, 13.0]]
-    assert any("column y" in note for note in record.notes)
+    assert any("not used: y" in note for note in record.notes)
     record = read_record(path, sample_rate=4.0, text="skip=2", rows=(3, None))
     assert values(record, "u") == [[11.0, 13.0]]
 
@@ -258,7 +258,7 @@ def test_matlab_vectors_structures_and_cells(tmp_path: Path) -> None:
     assert [c.name for c in record.channels] == ["t", "u", "y"]
     np.testing.assert_array_equal(record.time, T)
     assert any("data/gain" in note for note in record.notes)
-    assert any("taken as seconds" in note for note in record.notes)
+    assert any("assumed in seconds" in note for note in record.notes)
     cells = np.empty((1, 2), dtype=object)
     cells[0, 0], cells[0, 1] = {"u": U, "y": Y}, {"u": Y, "y": U}
     savemat(path, {"runs": cells})
@@ -312,7 +312,7 @@ def test_matlab_73(tmp_path: Path) -> None:
     assert values(record, "u", "y") == [U.tolist(), Y.tolist()]
     assert record.sample_rate_hz == pytest.approx(640.0)
     assert record.attributes["word"] == "AB"
-    with pytest.raises(RecordError, match="not clear which columns") as caught:
+    with pytest.raises(RecordError, match="choice of columns is ambiguous") as caught:
         read_record(path)
     assert "none" not in str(caught.value), "an empty array is stored as its dimensions"
     # its columns are what MATLAB shows as columns
@@ -492,7 +492,7 @@ def test_times_of_a_column(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="conflict"):
         read_record(path, sample_rate=190.0, time=0)
     path = text(tmp_path, "t,u\n20,1\n25,2\n30,4\n")
-    with pytest.raises(RecordError, match=r"give the sample rate.*'t' may be it"):
+    with pytest.raises(RecordError, match=r"give the sample rate.*'t' may be the time"):
         read_record(path)
     assert read_record(path, time="t").sample_rate_hz == pytest.approx(0.2)
     assert read_record(path, time=0, units={"t": "ms"}).sample_rate_hz == pytest.approx(200.0)
@@ -547,22 +547,22 @@ def test_wrong_options(tmp_path: Path) -> None:
     path = text(tmp_path, "u (V),y\n1,2\n3,4\n")
     refuse(path, "there is no column 'z': the record has 0: u, 1: y", time="z")
     refuse(path, "there is no column '2'", units={"2": "V"}, sample_rate=2.0)
-    refuse(path, "given two units", units={"0": "V", "u": "V"}, sample_rate=2.0)
+    refuse(path, "has two units", units={"0": "V", "u": "V"}, sample_rate=2.0)
     refuse(path, "'y': unknown unit 'parsec'", units={"y": "parsec"}, sample_rate=2.0)
     refuse(path, "sample_rate must be above 0, got -3", sample_rate=-3.0)
     refuse(path, "sample_rate must be above 0, got inf", sample_rate=np.inf)
     refuse(path, "is in V, and cannot be the time", time="u")
-    refuse(path, "2 columns in the file, got 1 names", names=["u"], sample_rate=2.0)
+    refuse(path, "has 2 columns, got 1 names", names=["u"], sample_rate=2.0)
     refuse(path, "the format must be one of text", format="xml", sample_rate=2.0)
-    refuse(path, "it has no datasets", dataset="run", sample_rate=2.0)
+    refuse(path, "without datasets", dataset="run", sample_rate=2.0)
     refuse(path, "decimal must be one of", text={"decimal": "'"}, sample_rate=2.0)
-    refuse(path, "divided by one sign", text={"delimiter": ", "}, sample_rate=2.0)
-    refuse(path, "divided by one sign", text="delimiter=.", sample_rate=2.0)
+    refuse(path, "delimiter must be one character", text={"delimiter": ", "}, sample_rate=2.0)
+    refuse(path, "delimiter must be one character", text="delimiter=.", sample_rate=2.0)
     refuse(path, "skip must be a whole number from 0", text={"skip": -1}, sample_rate=2.0)
     refuse(path, "no column 'z'", columns=["z"], sample_rate=2.0)
-    refuse(path, "fewer than two", rows=(1, 2), sample_rate=2.0)
+    refuse(path, "at least two samples", rows=(1, 2), sample_rate=2.0)
     np.save(tmp_path / "a.npy", U)
-    refuse(tmp_path / "a.npy", "no text file", text="skip=2", sample_rate=2.0)
+    refuse(tmp_path / "a.npy", "not a text file", text="skip=2", sample_rate=2.0)
     savemat(tmp_path / "a.mat", {"u": U, "fs": 350.0})
     refuse(tmp_path / "a.mat", "given as 340 Hz, and 'fs' of the file says 350", sample_rate=340.0)
 
@@ -658,7 +658,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         with pytest.raises(RecordError, match=match):
             write_record(record, tmp_path / target)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "b.csv"]
-    with pytest.raises(RecordError, match="written as csv"):
+    with pytest.raises(RecordError, match="must be one of csv"):
         record_bytes(record, "xml")
     wrong = Record(channels=(Channel(name="time", values=U, unit="s"),), time=T)
     with pytest.raises(RecordError, match="rename it"):
@@ -695,12 +695,12 @@ def test_text_beside_numbers_is_left_out(
         text(tmp_path, "\n".join(lines) + "\n"), sample_rate=10.0, columns=["u", "y"]
     )
     assert list(zip(*values(record, "u", "y"), strict=True)) == ROWS
-    assert any(note.startswith("left out") and left_out in note for note in record.notes)
+    assert any(note.startswith("skipped") and left_out in note for note in record.notes)
 
 
 def test_text_in_a_column_that_is_used(tmp_path: Path) -> None:
     path = text(tmp_path, "t (s),u,y,s\n0,1,2,a\n# \n1,1.5,over,b\n2,2,5,c\nlost,3,7,d\n5,6,7,e\n")
-    said = r"line 4, column 2: 'over' is not a number, and 1 of 5 rows of column 'y' hold text"
+    said = r"line 4, column 2: 'over' is not a number, and 1 of 5 rows of column 'y' contain text"
     with pytest.raises(RecordError, match=said):
         read_record(path, sample_rate=2.0, columns=["u", "y"])
     with pytest.raises(RecordError, match="is not a number"):
@@ -750,7 +750,7 @@ def test_uneven_samples_of_a_line_and_their_means() -> None:
     bent = Channel(name="y", values=np.sin(0.9 * time) + 0.2 * np.sin(31.0 * time))
     record = Record(channels=(line, bent), time=time)
     for rate in (None, 10.0, 3.3):
-        made = evened(record, rate)
+        made = resample_uniform(record, rate)
         require_uniform(made)
         np.testing.assert_allclose(made.channel("x").values, 0.7 * made.time - 3.0, atol=1e-11)
         assert made.numbers is not None
@@ -768,8 +768,10 @@ def test_uneven_samples_of_a_line_and_their_means() -> None:
 @pytest.mark.parametrize("rate", [10.4, 3.1])
 def test_what_resampling_says_is_lost(rate: float) -> None:
     time = uneven(0.2)
-    note = evened(Record(channels=(Channel(name="x", values=time),), time=time), rate).notes[-1]
-    said = re.search(r"by ([\d.]+) % rms .* motion above ([\d.]+) Hz is lowered by more", note)
+    note = resample_uniform(
+        Record(channels=(Channel(name="x", values=time),), time=time), rate
+    ).notes[-1]
+    said = re.search(r"by ([\d.]+) % rms .* motion above ([\d.]+) Hz is attenuated by more", note)
     assert said is not None
     # uniform steps of +-20 %
     assert float(said[1]) == pytest.approx(20.0 / np.sqrt(3.0), rel=0.05)
@@ -778,7 +780,7 @@ def test_what_resampling_says_is_lost(rate: float) -> None:
         Channel(name=n, values=np.sin(2.0 * np.pi * slow * (time - d)))
         for n, d in (("u", 0.0), ("y", late))
     )
-    made = evened(Record(channels=channels, time=time), rate)
+    made = resample_uniform(Record(channels=channels, time=time), rate)
     wave = np.exp(-2j * np.pi * slow * made.time)
     whole = np.arange(made.size) < int(np.floor(made.time[-1] * slow - 1) / slow * rate)
     u, y = (2.0 * np.mean((c.values * wave)[whole]) for c in made.channels)
@@ -791,24 +793,24 @@ def test_times_that_are_only_rounded(tmp_path: Path) -> None:
     rows = [f"{k / 300.0:.3f},{k % 7}" for k in range(60)]
     record = read_record(text(tmp_path, "\n".join(["time (s),u", *rows])))
     with pytest.raises(
-        RecordError, match=r"even but for the digits .*: give the sample rate .*(299|300)\.\d+ Hz"
+        RecordError, match=r"uniform except for the rounding .* sample rate .*(299|300)\.\d+ Hz"
     ):
         require_uniform(record)
     time = uneven(0.2)
-    with pytest.raises(RecordError, match="by the option resample"):
+    with pytest.raises(RecordError, match="use the option resample"):
         require_uniform(Record(channels=(Channel(name="x", values=time),), time=time))
 
 
 def test_rates_and_gaps_that_cannot_be_evened(tmp_path: Path) -> None:
     time = uneven(0.2)
     record = Record(channels=(Channel(name="x", values=time),), time=time)
-    with pytest.raises(RecordError, match=r"at 12 Hz, as its samples come at 10\.\d+ Hz"):
-        evened(record, 12.0)
+    with pytest.raises(RecordError, match=r"at 12 Hz, as its sample rate is 10\.\d+ Hz"):
+        resample_uniform(record, 12.0)
     for wrong in (0.0, -1.0, np.nan, 1e-9):
         with pytest.raises(RecordError):
-            evened(record, wrong)
+            resample_uniform(record, wrong)
     lost = "time (s),u\n0,1\n0.5,2\n1,3\n2.0,4\n2.5,5\n"
-    refuse(text(tmp_path, lost), "make the times even by the option resample")
+    refuse(text(tmp_path, lost), "use the option resample")
     assert read_record(text(tmp_path, lost), largest_step=LARGEST_UNEVEN_STEP).size == 5
     far = "time (s),u\n0,1\n0.5,2\n1,3\n2.5,4\n3.0,5\n"
     refuse(text(tmp_path, far), "gap of 1.5 s.*option rows$", largest_step=LARGEST_UNEVEN_STEP)
@@ -821,7 +823,7 @@ def test_numbers_of_samples_are_kept(tmp_path: Path) -> None:
     part = read_record(path, sample_rate=5.0, rows=(7, 30))
     assert part.numbers is not None
     assert part.numbers.tolist() == list(range(7, 30))
-    with pytest.raises(RecordError, match="a number each"):
+    with pytest.raises(RecordError, match="needs a number"):
         Record(channels=part.channels, time=part.time, numbers=part.numbers[1:])
 
 
@@ -837,7 +839,7 @@ def test_a_unit_stands_behind_a_column(tmp_path: Path) -> None:
     refuse(plain, "'pos': unknown unit 'parsec'", columns=["pos parsec"], sample_rate=2.0)
     refuse(plain, "no column 'posn um'", columns=["posn um"], sample_rate=2.0)
     refuse(plain, "no column 'pos 7'", columns=["pos 7"], sample_rate=2.0)
-    refuse(plain, "given two units", columns=["pos um", "0 mm"], sample_rate=2.0)
+    refuse(plain, "has two units", columns=["pos um", "0 mm"], sample_rate=2.0)
 
 
 def test_a_word_behind_a_column_is_its_unit_or_no_such_column(tmp_path: Path) -> None:

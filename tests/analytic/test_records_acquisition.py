@@ -64,12 +64,12 @@ def test_g_of_an_acceleration_is_no_gram(
 def test_what_stands_beside_tells_g_from_gram_and_is_said(tmp_path: Path) -> None:
     mass = table(tmp_path, "drive (V),1 [g]\n0.5,1.25\n0.75,-2.5\n")
     assert mass.channels[1].unit == "kg"
-    assert any("give its unit as g_n" in note for note in mass.notes)
+    assert any("give the unit g_n" in note for note in mass.notes)
     beside = table(tmp_path, "accel 1 (m/s^2),2 [g]\n0.5,1.25\n0.75,-2.5\n")
     named = table(tmp_path, "1 [g],2 [g]\n0.5,1.25\n0.75,-2.5\n", "accel_03.csv")
     for record in (beside, named):
         assert record.channels[1].unit == "m/s^2"
-        assert any("of a mass, give its unit as gram" in note for note in record.notes)
+        assert any("for a mass, give the unit gram" in note for note in record.notes)
 
 
 @pytest.mark.parametrize(("unit", "si"), [("g_n", "m/s^2"), ("gn", "m/s^2"), ("G", "")])
@@ -105,7 +105,7 @@ def test_channels_at_different_times_ask_for_one(tmp_path: Path) -> None:
     cells = "Y_Unit_Label\tVolts\t\tVolts\t\nX_Dimension\tTime\t\tTime\t"
     rows = [f"{0.01 * i:.6f}\t{i}\t{0.02 * i:.6f}\t{0.5 * i}\t" for i in range(4)]
     file = lvm(tmp_path, "Multi", cells, names, rows)
-    with pytest.raises(RecordError, match="choose one by time, such as 'X_Value of drive'"):
+    with pytest.raises(RecordError, match="by the option time, such as 'X_Value of drive'"):
         read_record(file)
     assert read_record(file, time="X_Value of sensor").sample_rate_hz == pytest.approx(50.0)
 
@@ -118,8 +118,8 @@ def test_remarks_and_empty_channels(tmp_path: Path) -> None:
     assert [c.unit for c in record.channels[:4]] == ["s", "V", "", "m/s^2"]
     assert record.channel("sensor").values.tolist() == [0.5 * i for i in range(5)]
     assert np.isnan(record.channel("spare").values).all()
-    assert "left out, as they hold text: Comment ('LOST')" in record.notes
-    assert "incomplete, as it is not used: column spare" in record.notes
+    assert "skipped columns with text: Comment ('LOST')" in record.notes
+    assert "incomplete columns that are not used: spare" in record.notes
 
 
 H = np.array([0.3 - 1.7j, 2.9e-5 + 0.4j, -1.1 + 1.234567890123456e-7j])

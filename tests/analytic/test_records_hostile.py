@@ -246,13 +246,13 @@ def test_a_broken_file_is_refused_in_one_sentence(
         (("a workbook",), "a workbook: save the columns as CSV"),
         (("a short row", "half the last row"), "line 3 has"),
         (("another sign",), "decimal comma"),
-        (("two parts of LabVIEW",), "several parts of LabVIEW"),
-        (("mat cut",), "cut short"),
+        (("two parts of LabVIEW",), "has several parts"),
+        (("mat cut",), "truncated"),
         (("mat that says too much",), "longer than its variable"),
         (("mat of unequal columns", "h5 unequal columns", "tdms of unequal columns"), "dataset"),
         (("mat of large integers", "h5 large integers"), "beyond 2^53"),
         (("h5 huge", "h5 large"), "too large to read"),
-        (("tdms cut in the data", "tdms cut by one sample"), "not written to its end"),
+        (("tdms cut in the data", "tdms cut by one sample"), "is incomplete"),
         (("npy with infinity", "too large a number"), "is infinite at sample"),
     ],
 )
@@ -325,7 +325,7 @@ def test_pickles_are_not_run(tmp_path: Path) -> None:
     for name in ("npy pickled", "npz pickled"):
         file, content = FILES[name]
         (tmp_path / file).write_bytes(content)
-        with pytest.raises(RecordError, match="is pickled, which is not loaded"):
+        with pytest.raises(RecordError, match="is pickled, which is never loaded"):
             read_record(tmp_path / file, sample_rate=2.0)
 
 
@@ -359,7 +359,7 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(RecordError, match="there is no file"):
         read_record(tmp_path / "none.csv", sample_rate=2.0)
     (tmp_path / "folder.mat").mkdir()
-    with pytest.raises(RecordError, match="is no file"):
+    with pytest.raises(RecordError, match="is not a file"):
         read_record(tmp_path / "folder.mat", sample_rate=2.0)
     with pytest.raises(RecordError, match="cannot be read: File name too long"):
         read_record(tmp_path / ("x" * 3000), sample_rate=2.0)

@@ -29,23 +29,23 @@ def replaced(content: str | bytes, old: str, new: str, count: int = 1) -> bytes:
 FILES: dict[str, tuple[str, bytes, str]] = {
     # universal files: name, content, what is said
     "uff empty": ("a.uff", b"", "opens a data set"),
-    "uff junk": ("a.uff", bytes(range(256)) * 9, "no line '    -1' that opens a data set"),
-    "uff text": ("a.uff", b"1 2\n3 4\n", "no line '    -1' that opens a data set"),
+    "uff junk": ("a.uff", bytes(range(256)) * 9, "no line '    -1' opens a data set"),
+    "uff text": ("a.uff", b"1 2\n3 4\n", "no line '    -1' opens a data set"),
     "uff tag alone": ("a.uff", b"    -1\n", "must begin with its number"),
     "uff no number": ("a.uff", replaced(TEXT, "    58", "  what"), "got 'what'"),
     "uff no functions": ("a.uff", b"    -1\n   151\nmodel\n    -1\n", "no function (data set 58)"),
-    "uff heading cut": ("a.uff", TEXT[:400], "data set 1 (58): its heading is cut short"),
+    "uff heading cut": ("a.uff", TEXT[:400], "data set 1 (58): its heading is truncated"),
     "uff values cut": ("a.uff", TEXT[: TEXT.rindex(b"    -1") - 30], "no line '    -1' closes it"),
     "uff unclosed": ("a.uff", TEXT[: TEXT.rindex(b"    -1")], "no line '    -1' closes it"),
     "uff too few values": (
         "a.uff",
         replaced(TEXT, f"{4:10d}{1:10d}", f"{5:10d}{1:10d}"),
-        "says 10 numbers in lines of 4, the data set has 8",
+        "announces 10 numbers in lines of 4, but the data set has 8",
     ),
     "uff too many values": (
         "a.uff",
         replaced(TEXT, f"{4:10d}{1:10d}", f"{3:10d}{1:10d}"),
-        "its heading says 6 numbers in lines of 4, the data set has 8",
+        "its heading announces 6 numbers in lines of 4, but the data set has 8",
     ),
     "uff huge count": (
         "a.uff",
@@ -71,7 +71,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "uff count of letters": (
         "a.uff",
         replaced(TEXT, f"{4:10d}{1:10d}", f"{'four':10s}{1:10d}"),
-        "is not understood",
+        "is invalid",
     ),
     "uff no step": ("a.uff", function_58(H, step=0.0), "must have a positive step"),
     "uff step back": ("a.uff", function_58(H, step=-0.5), "must have a positive step"),
@@ -80,7 +80,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
         replaced(TEXT, "  5.00000E-01", "  five-Hertz!"),
         "positive step",
     ),
-    "uff letters": ("a.uff", replaced(TEXT, "3.75000", "3.x5000"), "letters that no number has"),
+    "uff letters": ("a.uff", replaced(TEXT, "3.75000", "3.x5000"), "letters of no number"),
     "uff hexadecimal": ("a.uff", replaced(TEXT, "3.7500000000", "0x1500000000"), "letters"),
     "uff two points": ("a.uff", replaced(TEXT, "3.7500000000", "3.75.0000000"), "not in columns"),
     "uff a blank value": (
@@ -91,7 +91,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "uff NaN": (
         "a.uff",
         replaced(TEXT, "  3.750000000000E-01", f"{'NaN':>20s}"),
-        "missing or no number",
+        "missing or not a number",
     ),
     "uff direction": (
         "a.uff",
@@ -103,7 +103,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
         replaced(TEXT, "        12   3", "    twelve   3"),
         "points and directions",
     ),
-    "uff axis": ("a.uff", replaced(TEXT, f"{18:10d}", f"{'Hz':10s}"), "what is on an axis"),
+    "uff axis": ("a.uff", replaced(TEXT, f"{18:10d}", f"{'Hz':10s}"), "line of an axis"),
     "uff frequencies fall": ("a.uff", function_58(H, x=[1.0, 2.0, 2.0, 8.0]), "must rise"),
     "uff frequency infinite": (
         "a.uff",
@@ -132,44 +132,44 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "uff second unopened": (
         "a.uff",
         TEXT + TEXT.removeprefix(b"    -1\n") + b"    -1\n     0\n    -1\n",
-        "'58?hammer on the frame?NONE?04' stands outside of all data sets",
+        "'58?hammer on the frame?NONE?04' is outside of all data sets",
     ),
     "uff first unopened": (
         "a.uff",
         TEXT.removeprefix(b"    -1\n").removesuffix(b"    -1\n") + TEXT,
-        "stands outside of all data sets",
+        "is outside of all data sets",
     ),
     "uff byte order": (
         "a.uff",
         replaced(function_58(0.7 * H.real, binary="<"), "58b     1", "58b     2"),
-        "which no quantity is: the byte order",
+        "the byte order in the file",
     ),
-    "uff end cut off": ("a.uff", TEXT + TEXT[7:90], "stands outside of all data sets"),
+    "uff end cut off": ("a.uff", TEXT + TEXT[7:90], "is outside of all data sets"),
     "uff two domains": (
         "a.uff",
         TEXT + function_58(H.real, kind=1, abscissa=(17, "s")),
-        "do not share their abscissa",
+        "have different abscissas",
     ),
-    "uff binary cut": ("a.uff", BINARY[:-20], "are 64 bytes, after which no line"),
+    "uff binary cut": ("a.uff", BINARY[:-20], "have 64 bytes, but no line"),
     "uff binary short": (
         "a.uff",
         BINARY[:-16] + b"\n    -1\n",
-        "are 64 bytes, after which no line",
+        "have 64 bytes, but no line",
     ),
     "uff binary count": (
         "a.uff",
         replaced(BINARY, f"{4:10d}{1:10d}", f"{5:10d}{1:10d}"),
-        "are 80 bytes",
+        "have 80 bytes",
     ),
     "uff binary single": (
         "a.uff",
         replaced(BINARY, f"{6:10d}{4:10d}", f"{5:10d}{4:10d}"),
-        "are 32 bytes",
+        "have 32 bytes",
     ),
     "uff binary uneven": (
         "a.uff",
         replaced(BINARY, f"{4:10d}{1:10d}", f"{4:10d}{0:10d}"),
-        "are 80 or 96 bytes",
+        "have 80 or 96 bytes",
     ),
     "uff binary of another maker": (
         "a.uff",
@@ -180,26 +180,26 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "uff binary lines": ("a.uff", replaced(BINARY, f"{11:12d}", f"{12:12d}"), "below 11 lines"),
     # arrays of controllers
     "gcs empty": ("a.gcs", b"", "is empty"),
-    "gcs heading alone": ("a.gcs", ARRAY[: ARRAY.index("0.25")].encode(), "no rows of numbers"),
+    "gcs heading alone": ("a.gcs", ARRAY[: ARRAY.index("0.25")].encode(), "no numeric rows"),
     "gcs heading cut": ("a.dat", ARRAY[: ARRAY.index("# NAME1")].encode(), "no '# END_HEADER'"),
     "gcs heading unclosed": ("a.dat", replaced(ARRAY, "# END_HEADER \n", ""), "no '# END_HEADER'"),
     "gcs rows cut": (
         "a.dat",
         ARRAY[: ARRAY.index("0.75")].encode(),
-        "2 rows of numbers where the heading says NDATA = 3",
+        "2 rows of numbers, but the heading has NDATA = 3",
     ),
     "gcs rows more": (
         "a.dat",
         (ARRAY + "1.5 2.5\n").encode(),
-        "4 rows of numbers where the heading",
+        "4 rows of numbers, but the heading",
     ),
     "gcs row cut": (
         "a.dat",
         replaced(ARRAY, " 17.5", ""),
-        "line 15 has 1 columns where the heading says DIM = 2",
+        "line 15 has 1 columns, but the heading has DIM = 2",
     ),
     "gcs row long": ("a.dat", replaced(ARRAY, " 17.5", " 17.5 1"), "line 15 has 3 columns"),
-    "gcs narrow": ("a.dat", replaced(ARRAY, "# DIM = 2", "# DIM = 1"), "says DIM = 1"),
+    "gcs narrow": ("a.dat", replaced(ARRAY, "# DIM = 2", "# DIM = 1"), "has DIM = 1"),
     "gcs no width": ("a.dat", replaced(ARRAY, "# DIM = 2 \n", ""), "has no '# DIM = ...'"),
     "gcs width zero": ("a.dat", replaced(ARRAY, "# DIM = 2", "# DIM = 0"), "DIM in the heading"),
     "gcs width word": (
@@ -215,7 +215,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "gcs two counts": (
         "a.dat",
         replaced(ARRAY, "# NAME0", "# NDATA = 7\n# NAME0"),
-        "has NDATA = 7, and a line above NDATA = 3",
+        "has NDATA = 7, but a line above NDATA = 3",
     ),
     "gcs separator": (
         "a.dat",
@@ -243,7 +243,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "gcs NaN": (
         "a.dat",
         replaced(ARRAY, "101.25", "nan"),
-        "'position' is missing or no number (NaN)",
+        "'position' is missing or not a number (NaN)",
     ),
     # reports of measuring machines
     "cmm no rows": ("a.txt", REPORT[: REPORT.index("\nX ")].encode(), "no row of an axis"),
@@ -263,7 +263,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "cmm no measured": (
         "a.txt",
         REPORT[: REPORT.rindex("7.4963")].encode(),
-        "no measured value in the row of X",
+        "the row of X has no measured value",
     ),
     "cmm word": (
         "a.txt",
@@ -276,7 +276,11 @@ FILES: dict[str, tuple[str, bytes, str]] = {
         replaced(REPORT, "UNITS=MM", "UNITS=IN"),
         "SPH1.X is in inch and in mm",
     ),
-    "cmm no dimension": ("a.txt", re.sub("DIM.*\n", "", REPORT).encode(), "below no dimension"),
+    "cmm no dimension": (
+        "a.txt",
+        re.sub("DIM.*\n", "", REPORT).encode(),
+        "without a dimension above it",
+    ),
     "cmm wrong heading": (
         "a.txt",
         replaced(REPORT, "-TOL        MEAS", "MEAS        -TOL"),
@@ -291,12 +295,12 @@ FILES: dict[str, tuple[str, bytes, str]] = {
     "cmm thousands": (
         "a.txt",
         report([POINT, POINT], order=["NOMINAL", "MEAS"], digits=3).replace(".", ",").encode(),
-        "may be decimal or divide thousands",
+        "may be a decimal sign or a thousands separator",
     ),
     "cmm whose feature": (
         "a.txt",
         report([POINT, POINT], opening="DIM L{number}= A=B  UNITS={unit}").encode(),
-        "not clear of which feature dimension 'L1' is",
+        "the feature of dimension 'L1' is unclear",
     ),
     "cmm between columns": (
         "a.txt",
@@ -305,7 +309,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
             f"{10.0:20.4f}{0.05:20.4f}{10.0012:20.4f}",
             f"{10.0:20.4f}{10.0012:30.4f}",
         ),
-        "its 2 numbers do not stand below the 3 headings",
+        "its 2 numbers are not aligned with the 3 headings",
     ),
     "cmm one column twice": (
         "a.txt",
@@ -314,7 +318,7 @@ FILES: dict[str, tuple[str, bytes, str]] = {
             f"{10.0:20.4f}{0.05:20.4f}{10.0012:20.4f}",
             f"{1.5:17.1f}{2.5:4.1f}",
         ),
-        "its 2 numbers do not stand below the 3 headings",
+        "its 2 numbers are not aligned with the 3 headings",
     ),
     "cmm row without spaces": ("a.txt", replaced(REPORT, "    -25.5000", "-25.5000"), ""),
 }
@@ -403,11 +407,11 @@ def test_long_files_that_lie_are_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="must begin with its number"):
         read_record(path)
     path.write_bytes(b"    -1\n    58\n" + b"x" * 3_000_000)
-    with pytest.raises(RecordError, match="heading is cut short"):
+    with pytest.raises(RecordError, match="heading is truncated"):
         read_record(path)
     path = tmp_path / "a.txt"
     path.write_text(REPORT + "X " + "1.5 " * 50_000)
-    with pytest.raises(RecordError, match="do not stand below"):
+    with pytest.raises(RecordError, match="are not aligned with"):
         read_record(path)
     path.write_text("# DIM = 2\n# NDATA = 2\n" + "#\n" * 50_000)
     with pytest.raises(RecordError, match="END_HEADER"):

@@ -285,11 +285,11 @@ def test_verdicts_follow_the_resolution() -> None:
     u = command()
     found = staircase(reading(4), 1000.0, levels_of_command(u), command=u)
     assert [round(1e9 * s.commanded) for s in found.steps] == [20, 20, -20, 5, 5, -5, 1, 1]
-    assert {s.told for s in found.steps[:6]} == {"yes"}
-    assert "yes" not in {s.told for s in found.steps[6:]}
-    assert found.smallest_told is not None
-    assert found.smallest_told.value == pytest.approx(5e-9, abs=0.5e-9)
-    assert found.smallest_told.note == "3 of 3 steps resolved"
+    assert {s.resolved for s in found.steps[:6]} == {"yes"}
+    assert "yes" not in {s.resolved for s in found.steps[6:]}
+    assert found.smallest_resolved is not None
+    assert found.smallest_resolved.value == pytest.approx(5e-9, abs=0.5e-9)
+    assert found.smallest_resolved.note == "3 of 3 steps resolved"
     assert [len(found.sizes), found.samples] == [3, 140]
     assert found.bandwidth_hz == pytest.approx(1000.0 / 280.0)
     assert found.steps[0].probability > 0.999
@@ -297,7 +297,7 @@ def test_verdicts_follow_the_resolution() -> None:
     assert found.steps[6].probability < 0.95 or at_resolution > 1.0
     blind = staircase(reading(4) + 0.2e-6 * noise(9, u.size), 1000.0, levels_of_command(u),
                       command=u)  # fmt: skip
-    assert blind.smallest_told is None
+    assert blind.smallest_resolved is None
     assert not found.notes
 
 
@@ -305,7 +305,7 @@ def test_settling_leans_the_steps_and_is_told() -> None:
     u = command()
     slow = lfilter([1.0 / 40.0], [1.0, -39.0 / 40.0], u) + 0.1e-9 * noise(2, u.size)
     early = staircase(slow, 1000.0, levels_of_command(u), command=u, settling=0.05)
-    assert "creeps on" in early.notes[0]
+    assert "still creeps" in early.notes[0]
     late = staircase(slow, 1000.0, levels_of_command(u), command=u, settling=0.75)
     assert not late.notes
     assert late.sizes[0].value == pytest.approx(20e-9, rel=0.01)
@@ -313,7 +313,7 @@ def test_settling_leans_the_steps_and_is_told() -> None:
     # steps of one size and sign lean like drift, but bend
     up = np.repeat(np.arange(9) * 10e-9, HELD)
     slow = lfilter([1.0 / 40.0], [1.0, -39.0 / 40.0], up) + 0.1e-9 * noise(3, up.size)
-    assert "creeps on" in staircase(slow, 1e3, levels_of_command(up), settling=0.05).notes[0]
+    assert "still creeps" in staircase(slow, 1e3, levels_of_command(up), settling=0.05).notes[0]
     # an overshoot that dies away slowly
     over = u + 0.3 * (u - lfilter([0.01], [1.0, -0.99], u)) + 0.1e-9 * noise(2, u.size)
     assert "overshoot" in staircase(over, 1e3, levels_of_command(u), command=u).notes[0]
@@ -380,7 +380,7 @@ def test_the_figures_are_drawn() -> None:
         (lambda: resolution(noise(1, 50), 1.0, samples=30), RecordError, "average fewer"),
         (lambda: resolution(noise(1, 50), 1.0, samples=3, probability=0.3), ModelError, "0.5"),
         (lambda: resolution(np.ones(50), 1.0, samples=3), RecordError, "dead"),
-        (lambda: staircase(noise(1, 50), 1.0, [0, 25, 60]), RecordError, "of 50"),
+        (lambda: staircase(noise(1, 50), 1.0, [0, 25, 60]), RecordError, "only 50"),
         (lambda: staircase(noise(1, 50), 1.0, [0, 4, 50]), RecordError, "shortest level"),
         (lambda: staircase(noise(1, 50), 1.0, [0, 25, 50], settling=1.0), ModelError, "share"),
         (lambda: staircase(noise(1, 50), 1.0, [0, 25, 50], command=[0.0]), RecordError, "command"),

@@ -65,5 +65,5 @@ def test_the_bouc_wen_benchmark() -> None:
 
 
 def test_files_of_matrices_are_refused() -> None:
-    with pytest.raises(RecordError, match=r"not clear which columns.*K \(18 x 18\)"):
+    with pytest.raises(RecordError, match=r"choice of columns is ambiguous.*K \(18 x 18\)"):
         read_record(DATA / "ansys-flexures" / "flexor_025.mat", sample_rate=3.0)

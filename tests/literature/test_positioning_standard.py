@@ -167,7 +167,7 @@ def test_bad_input() -> None:
         positioning(target, good.T, good)
     with pytest.raises(RecordError, match="finite"):
         positioning(target, good * np.nan, good)
-    with pytest.raises(RecordError, match="same"):
+    with pytest.raises(RecordError, match="are equal"):
         positioning([1.0, 1.0], good, good)
     up_only = staircase_dwells(np.repeat([0.0, 1.0, 2.0], 20))
     assert up_only is not None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError, RecordError
-from flexstage.measure.motion.rigid_body import PARAMETERS, rigid_motion, travel_frame
+from flexstage.measure.motion.reach import PARAMETERS, rigid_motion, travel_frame
 
 SPHERES = np.array(
     [[0.0, 0.0, 0.0], [82e-3, 6e-3, 1e-3], [11e-3, 61e-3, 7e-3], [70e-3, 55e-3, -4e-3]]

@@ -120,7 +120,7 @@ def test_the_sign_is_that_of_table_and_eccentricity(run, tmp_path):
     words = ("--angle", "0", "--error", "1", "--unit", "rad", "--radius", "50 mm", "--json")
     first = json.loads(run(plain, *words)[1])
     second = json.loads(run(opposite, *words, "--sign", "-1")[1])
-    assert "angle read less true angle" in first["convention"]
+    assert "error = reading - true angle" in first["convention"]
     for key in ("cosine", "sine", "phase_deg"):
         assert second["harmonics"][0][key] == pytest.approx(first["harmonics"][0][key])
     assert second["eccentricity"]["x"] == pytest.approx(first["eccentricity"]["x"])
@@ -146,7 +146,7 @@ def test_a_reading_that_runs_backwards_is_refused(run, tmp_path):
     path = write(tmp_path / "b.csv", theta, (5.0 - theta) % 360.0)
     status, _, err = run(path, "--angle", "0", "--reading", "1", "--unit", "deg")
     assert status == 2
-    assert "falls where the angle rises" in err
+    assert "decrease where the angle increases" in err
 
 
 def test_no_move_of_a_magnet_on_the_axis(run, tmp_path):
@@ -315,16 +315,16 @@ def test_before_and_after_with_a_figure(run, bench, tmp_path):
     )  # fmt: skip
     assert status == 0
     found = json.loads(out)
-    assert len(found["settings"]) == 2
-    values = [s["eccentricity"]["value"] for s in found["settings"]]
+    assert len(found["setups"]) == 2
+    values = [s["eccentricity"]["value"] for s in found["setups"]]
     assert values[1] < 0.02 * values[0]
     assert found["eccentricity"]["value"] == values[1]
     went = found["change"]["eccentricity"]
     assert (went["x"], went["y"]) == pytest.approx(tuple(-0.99 * E), abs=4 * went["uncertainty_x"])
     first = found["change"]["harmonics"][0]
-    a, b = (s["harmonics"][0] for s in found["settings"])
+    a, b = (s["harmonics"][0] for s in found["setups"])
     assert first["cosine"] == pytest.approx(b["cosine"] - a["cosine"])
-    assert "change" not in found["settings"][0]
+    assert "change" not in found["setups"][0]
     drawn = image.read_text()
     assert drawn.startswith("<?xml")
     assert "before" in drawn
@@ -347,7 +347,7 @@ def test_files_of_one_head_each_join(run, tmp_path):
     )  # fmt: skip
     assert status == 0
     found = json.loads(out)
-    assert "settings" not in found
+    assert "setups" not in found
     assert found["eccentricity"]["x"] == pytest.approx(E[0], abs=1e-10)
 
 
@@ -368,12 +368,12 @@ def test_angle_and_error_are_taken_where_names_decide(run, tmp_path):
     path = write(tmp_path / "a.csv", *columns, header="Winkel [deg],Fehler [arcsec]")
     named = json.loads(run(path, "--angle", "0", "--error", "1", "--json")[1])
     plain = json.loads(run(path, "--json")[1])
-    assert "angle Winkel; error Fehler: taken by their names" in plain["notes"]
+    assert "angle Winkel; error Fehler: selected by their names" in plain["notes"]
     assert plain["harmonics"] == named["harmonics"]
     path = write(tmp_path / "b.csv", *columns, header="Winkel [deg],head [arcsec]")
     status, _, err = run(path)
     assert status == 2
-    assert "leaves open what is angle and error: name them" in err
+    assert "does not show the angle and its errors: name them" in err
     assert "(columns: 0: Winkel [rad], 1: head [" in err
 
 
@@ -381,12 +381,12 @@ def test_angle_and_error_are_taken_where_names_decide(run, tmp_path):
     ("words", "said"),
     [
         (("--error", "1"), "--turns"),
-        (("--angle", "0", "--error", "1", "--turns", "1"), "leave --turns out"),
+        (("--angle", "0", "--error", "1", "--turns", "1"), "omit --turns"),
         (("--angle", "0", "--error", "1"), "--unit"),
         (("--angle", "0", "--unit", "deg"), "--reading"),
         (("--angle", "0", "--error", "1", "--reading", "1"), "not both"),
         (("--reading", "1", "--turns", "1", "--unit", "deg"), "--angle"),
-        (("--angle", "0", "--reading", "1", "--unit", "deg", "--sign", "-1"), "leave --sign"),
+        (("--angle", "0", "--reading", "1", "--unit", "deg", "--sign", "-1"), "omit --sign"),
         (("--angle", "0", "--error", "nothing", "--unit", "deg"), "no column"),
         (("--angle", "0", "--error", "1", "--unit", "deg", "--rows", "0:300"), "cover"),
         (("--angle", "0", "--error", "1", "--unit", "V"), "must be an angle"),

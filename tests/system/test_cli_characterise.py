@@ -342,10 +342,10 @@ BAD_DATA = {
     "nan": (_put(417, 2, np.nan), "column 'sensor'"),
     "clipped": (
         _put(slice(None), 2, lambda v: np.minimum(v, 51.0)),
-        "'sensor' is cut off at 5.1e-05",
+        "'sensor' is clipped at 5.1e-05",
     ),
-    "dead": (_put(slice(None), 3, 0.4), "'side' is 4e-07 m at all of its 1001 samples"),
-    "still": (_put(slice(None), 1, 12.0), "'drive' is 12 V at all"),
+    "dead": (_put(slice(None), 3, 0.4), "'side' is 4e-07 m in all of its 1001 samples"),
+    "still": (_put(slice(None), 1, 12.0), "'drive' is 12 V in all"),
     "short": (lambda data: data[:590], "3 whole cycles .* are needed, got 2"),
     "backwards": (lambda data: data[::-1], "time"),
 }

@@ -258,7 +258,7 @@ def test_a_reference_of_uneven_times_is_made_even(capsys, tmp_path, model_file):
     assert status == 0
     result = json.loads(out)
     assert result["samples"] == pytest.approx(y.size, abs=2)
-    for said in ("resampled at 250 Hz", "left out, as they hold text: state ('OK')"):
+    for said in ("resampled at 250 Hz", "skipped columns with text: state ('OK')"):
         assert any(note.startswith(said) for note in result["notes"])
 
 

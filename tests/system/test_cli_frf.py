@@ -397,8 +397,8 @@ def _uneven(data):
 
 BAD_DATA = [
     (_nan, "column 'a'"),
-    (_clip, "'a' is cut off"),
-    (_dead, "column 'b' of .* never changes"),
+    (_clip, "'a' is clipped"),
+    (_dead, "column 'b' of .* is constant"),
     (_uneven, "gap|even|step"),
 ]
 
@@ -432,16 +432,16 @@ def test_bad_options(capsys, struck, tmp_path):
         ("must end", (*named, "--figure", tmp_path / "a.txt")),
         ("--out must end", (*named, "--out", tmp_path / "a.xyz")),
         ("no column 'c'", (struck, "--input", "force", "--output", "c")),
-        ("named twice", (struck, "--input", "force", "--output", "a,a")),
+        ("given twice", (struck, "--input", "force", "--output", "a,a")),
         ("H1", (*named, "--estimator", "H7")),
         ("excitation", (*named, "--excitation", "jackhammer")),
         ("window", (*named, "--excitation", "random", "--window", "shutter")),
-        ("no window .exponental 5 %.", (*named, "--window", "exponental 5 %")),
+        ("window 'exponental 5 %' is unknown", (*named, "--window", "exponental 5 %")),
         ("'--near': must be", (*named, "--near", "300,-2")),
-        ("differ", (*named, "--near", "137,250", "--fit-modes", "3")),
-        ("lie in the band", (*named, "--near", "1900")),
+        ("contradicts", (*named, "--near", "137,250", "--fit-modes", "3")),
+        ("be in the band", (*named, "--near", "1900")),
         ("'--weight': must be noise, relative or uniform", (*named, "--weight", "inv")),
-        ("--fit complex goes with delay or lag", (*named, "--fit", "complex")),
+        ("--fit complex needs delay or lag", (*named, "--fit", "complex")),
         ("no file", (tmp_path / "nothing.csv", "--input", "force", "--output", "a")),
         ("--output", (struck, "--excitation", "ring-down")),
         (
@@ -449,7 +449,7 @@ def test_bad_options(capsys, struck, tmp_path):
             (struck, "--excitation", "ring-down", "--output", "a", "--out", tmp_path / "a.csv"),
         ),
         (
-            "--band.*no meaning",
+            "--band.*does not apply",
             (struck, "--excitation", "ring-down", "--output", "a", "--band", "8:20"),
         ),
         (
@@ -547,7 +547,7 @@ def test_force_and_accelerations_of_a_record_are_taken(capsys, shaken):
         found(capsys, shaken, *asked),
         found(capsys, shaken, *asked, "--input", "force", "--output", "a,b"),
     )
-    said = "input 1: force [N]; output 2: a [m/s^2], 3: b [m/s^2]: taken by units and names"
+    said = "input 1: force [N]; output 2: a [m/s^2], 3: b [m/s^2]: selected by units and names"
     assert plain["notes"][0] == said
     assert [m["frequency_hz"] for m in plain["modes"]] == [
         m["frequency_hz"] for m in named["modes"]
@@ -557,5 +557,5 @@ def test_force_and_accelerations_of_a_record_are_taken(capsys, shaken):
 def test_options_of_existing_responses(capsys, shaken, universal, tmp_path):
     driven = ("--input", "force", "--output", "a")
     refused(capsys, "one or the other", tmp_path, shaken, *driven, "--response", "0,1,2")
-    refused(capsys, "leave --response out", tmp_path, universal, "--response", "0,1,2")
+    refused(capsys, "omit --response", tmp_path, universal, "--response", "0,1,2")
     refused(capsys, "which column is the output", tmp_path, universal, "--input", "b")

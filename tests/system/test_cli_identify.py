@@ -343,7 +343,7 @@ BAD_OPTIONS = [
     (("--train", "99999:"), "--train"),
     (("--rows", "a:b"), "'--rows': must be a range"),
     (("--rows", "0:40"), "at least 50"),
-    (("--rows", "900:901"), "there are fewer than two samples"),
+    (("--rows", "900:901"), "a record needs at least two samples"),
     (("--known", "delay=5"), "has no unit"),
     (("--known", "delay=-1 ms"), "delay"),
     (("--known", "delay=nan s"), "nan"),

@@ -42,7 +42,7 @@ def test_columns_rate_and_gaps(capsys, gapped):
     assert one["gaps"] == [{"after_sample": 19, "seconds": pytest.approx(0.08)}]
     status, out, _ = run(capsys, gapped)
     assert status == 0
-    assert "57 samples over time, 50 Hz, uneven, from 0 to 1.18 s" in out
+    assert "57 samples over time, 50 Hz, non-uniform, from 0 to 1.18 s" in out
     assert "gap of 0.08 s after sample 19" in out
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from flexstage.base.errors import FlexstageError, ModelError, RecordError
-from flexstage.centring.trial_moves import OrderResponse, _best
+from flexstage.centring.calibration_moves import OrderResponse, _best
 from flexstage.cli import main
 from flexstage.quantities.estimate import Component, Estimate
 from flexstage.web.centring.panels import figures, position_text, turns_table
@@ -45,7 +45,7 @@ def test_of_a_magnet_the_order_counts_that_tells_the_centre_best() -> None:
         own = () if deviation is None else (Component(name="noise", uncertainty=deviation),)
         at = Estimate(value=1e-5, unit="m", components=own) if own else None
         return OrderResponse(
-            order=number, change=1e-6, follows="in proportion", gain=1.0, left=0.0, x=at, y=at,
+            order=number, change=1e-6, relation="linear", gain=1.0, residual=0.0, x=at, y=at,
             positions=4,
         )  # fmt: skip
 
@@ -77,7 +77,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
     state, steps = centred
     assert steps == [1, 2, 2, 3]
     assert state.result is not None
-    first, *_, last = (s["eccentricity"] for s in state.result.settings)
+    first, *_, last = (s["eccentricity"] for s in state.result.setups)
     # the centre of the example, and noise of 1 arcsec of 1440 samples at 50 mm
     assert first["value"] == pytest.approx(math.hypot(17.3e-6, 11.2e-6), abs=0.05e-6)
     assert last["interval"][1] < 0.1e-6
@@ -94,7 +94,7 @@ def test_four_steps_centre_the_scale_as_the_command_says(
         places = one["trial"].pop("positions")
         assert np.allclose(places, [m.position for m in state.turns], rtol=0.0, atol=1e-18)
     assert own["trial"]["centre"]["x"] == pytest.approx(printed["trial"]["centre"]["x"], rel=1e-9)
-    assert own["settings"] == printed["settings"]
+    assert own["setups"] == printed["setups"]
     name, value, remark = figures(own, state.request.radius, Preferences())[0]
     assert (name, value.split()[-1], remark[:4]) == ("Eccentricity", "µm", "95 %")
     assert len(turns_table(state, Preferences(length="mm")).rows) == 4

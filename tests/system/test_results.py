@@ -39,7 +39,7 @@ from flexstage.hysteresis.requests import (
 from flexstage.measure import read_budget
 from flexstage.measure.frf import frf_of_files
 from flexstage.measure.requests import FrfRequest
-from flexstage.measure.uncertainty.evaluate import evaluate
+from flexstage.measure.uncertainty.budget_file import evaluate_budget
 from flexstage.records.read import read_files
 from flexstage.report.figures.style import encode
 from flexstage.studies import compare_measurement, run_study
@@ -205,7 +205,7 @@ JOBS = {
     ),
     "uncertainty": Job(
         "uncertainty budget.yaml --trials 20000",
-        lambda: evaluate(read_budget(Path("budget.yaml")), trials=20_000),
+        lambda: evaluate_budget(read_budget(Path("budget.yaml")), trials=20_000),
     ),
     "centre": Job(
         "centre turn.csv --angle 0 --error 1 --radius 50mm --kind disc",

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         order_visibility,
         self_calibration,
     )
+    from flexstage.centring.calibration_moves import response_to_moves
     from flexstage.centring.calibration_table import CalibrationTable
     from flexstage.centring.eccentricity import Eccentricity, HeadReadings, eccentricity, run_out
     from flexstage.centring.geometry import (
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from flexstage.centring.harmonics import fit_harmonics, fit_many
     from flexstage.centring.move import Positioner
     from flexstage.centring.procedure import CentreReading, Centring, centre
-    from flexstage.centring.trial_moves import response_to_moves
     from flexstage.centring.turns import Turns
 
 __all__ = [

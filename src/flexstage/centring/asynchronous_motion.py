@@ -1,4 +1,4 @@
-"""What does not repeat itself in every turn: of one head, and as motion of the axis of several."""
+"""Asynchronous error of one head, and asynchronous motion of the axis from several heads."""
 
 import math
 from collections.abc import Sequence
@@ -20,29 +20,29 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeanTurn:
-    """What is the same in every turn, and what is not."""
+    """Synchronous and asynchronous parts of values over turns."""
 
     angle: Array
     """Mean angle of the samples of each part of a turn [rad], shape (k,)."""
     synchronous: Array
-    """Mean of the values there, shape (k,)."""
+    """Mean of the values in each part, shape (k,)."""
     uncertainty: Array
-    """Standard uncertainty of that mean, from how turns differ, shape (k,)."""
+    """Standard uncertainty of the mean, from the scatter of turns, shape (k,)."""
     asynchronous: Array
-    """What each sample is more than the mean, shape (n,)."""
+    """Deviation of each sample from the mean, shape (n,)."""
     asynchronous_rms: Estimate
-    """Root of the mean square of it over many turns."""
+    """Root mean square of the asynchronous part over many turns."""
     turns: int
     """Number of turns."""
 
 
 def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTurn:
-    """Tell what repeats itself in every turn from what does not.
+    """Separate the synchronous part of values, equal in every turn, from the asynchronous part.
 
-    What repeats itself is eccentricity and errors of the scale, and motion of the axis that is
-    synchronous; what does not is asynchronous motion of the axis (ISO 230-7:2015 has these words)
-    and noise. One head cannot tell the parts of either from each other: a motion of the axis along
-    the head's line of sight is not seen at all, and one across it looks like an error of the angle.
+    The synchronous part is eccentricity, errors of the scale and synchronous motion of the axis;
+    the asynchronous part is asynchronous motion of the axis (ISO 230-7:2015) and noise. One head
+    does not separate these further: it cannot detect a motion of the axis along its line of sight,
+    and reads one across it as an error of the angle.
 
     Parameters
     ----------
@@ -60,15 +60,14 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
 
     Validity
     --------
-    What changes within a part of a turn, and is not sampled at the same angles in every turn,
-    counts as asynchronous: choose parts that are short against the highest order, or sample at
-    equal angles.
+    Changes within a part of a turn count as asynchronous unless every turn is sampled at the same
+    angles: use parts that are short compared with the highest order, or sample at equal angles.
 
     Raises
     ------
     RecordError
         There are fewer than two turns, a part of the turn without two samples, or shapes that
-        do not belong together.
+        do not match.
 
     Examples
     --------
@@ -85,11 +84,11 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
             f"the values must be finite, and as many as the angles, {turns.angle.size}, got shape "
             f"{y.shape}"
         )
-    whole = len(turns.bounds) - 1
-    if whole < 2 or turns.count < 1.9:
+    full_turns = len(turns.bounds) - 1
+    if full_turns < 2 or turns.count < 1.9:
         raise RecordError(
-            f"the samples go over {turns.count:.2f} turns: two turns or more are needed to "
-            "tell what repeats itself"
+            f"the samples cover {turns.count:.2f} turns: two turns or more are needed to separate "
+            "the synchronous error"
         )
     if parts < 1:
         raise RecordError(f"a turn must have one part or more, got {parts}")
@@ -102,27 +101,32 @@ def mean_turn(angle: ArrayLike, value: ArrayLike, *, parts: int = 360) -> MeanTu
             f"{turns.count:.2f} turns, take fewer than {parts} parts"
         )
     mean = np.bincount(part, y, minlength=parts) / number
-    left = y - mean[part]
-    # what a turn adds to the mean of a part; its samples may all go astray together
-    pulls = np.bincount(turn * parts + part, left, minlength=whole * parts).reshape(-1, parts)
-    present = np.maximum(2, np.count_nonzero(pulls, axis=0))
-    variance = np.sum(pulls**2, axis=0) / number**2 * present / (present - 1)
+    deviation = y - mean[part]
+    # contribution of a turn to the mean of a part; the errors of its samples may be correlated
+    sums = np.bincount(turn * parts + part, deviation, minlength=full_turns * parts).reshape(
+        -1, parts
+    )
+    present = np.maximum(2, np.count_nonzero(sums, axis=0))
+    variance = np.sum(sums**2, axis=0) / number**2 * present / (present - 1)
     centre = np.arange(parts) / parts + np.bincount(part, offset, minlength=parts) / number
     return MeanTurn(
         angle=turns.angle[0] + turns.direction * _TURN * centre,
         synchronous=mean,
         uncertainty=np.sqrt(variance),
-        asynchronous=left,
-        # what the mean takes away belongs to it
+        asynchronous=deviation,
+        # the part of it that the mean absorbs belongs to it
         asynchronous_rms=_rms(
-            left, (float(np.sum(left**2)) + float(number @ variance)) / left.size, turns.bounds, ""
+            deviation,
+            (float(np.sum(deviation**2)) + float(number @ variance)) / deviation.size,
+            turns.bounds,
+            "",
         ),
-        turns=whole,
+        turns=full_turns,
     )
 
 
 def _parts(angle: Array, parts: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the part of the turn that each sample is in, and how far in [turn]."""
+    """Return the part of the turn of each sample, and its position in that part [turn]."""
     u = np.abs(angle - angle[0]) / _TURN
     # samples at equal angles must not fall on both sides of an edge by jitter
     early = 0.5 * min(float(np.median(np.abs(np.diff(u)))), 1.0 / parts)
@@ -132,20 +136,20 @@ def _parts(angle: Array, parts: int) -> tuple[NDArray[np.intp], Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisMotion:
-    """How the axis of a table moves, but for what repeats itself in every turn."""
+    """Asynchronous motion of the axis of a table."""
 
     x: Array
-    """Where the axis is in the room along x, asynchronous part, noise included [m], shape (n,)."""
+    """Position of the axis in the room along x, with noise [m], shape (n,)."""
     y: Array
     """The same along y [m], shape (n,)."""
     rms_x: Estimate
-    """Root of the mean square of x, without the noise of the heads where that is known [m]."""
+    """Root mean square of x, without the noise of the heads if that is known [m]."""
     rms_y: Estimate
     """The same of y [m]."""
     noise: float | None
-    """Noise of one head [rad]; None where there are no heads to spare for it."""
+    """Noise of one head [rad]; None if there are no redundant heads."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Remarks on the result."""
 
 
 def axis_motion(
@@ -159,13 +163,12 @@ def axis_motion(
 ) -> AxisMotion:
     r"""Find the asynchronous motion of the axis from heads that were sampled together.
 
-    What repeats itself in every turn, eccentricity and the scale's own errors, is taken from each
-    head as harmonics. What is left is, of a head at alpha,
+    The synchronous error of each head, from eccentricity and the scale, is subtracted as harmonics.
+    The residual of a head at alpha is
 
     .. math:: d_j = \frac{x \sin\alpha_j - y \cos\alpha_j}{R} + r,
 
-    with r the error of the reference, and is solved for x, y and r at every sample by least
-    squares.
+    with r the error of the reference. Least squares solves it for x, y and r at every sample.
 
     Parameters
     ----------
@@ -174,11 +177,11 @@ def axis_motion(
     errors : array_like
         Error of each head [rad], shape (n, m).
     head_angles : sequence of float
-        Where the heads stand in the room [rad], m of them.
+        Angles of the m heads in the room [rad].
     radius : float
         Radius at which the scale is read [m].
     orders : int or sequence of int, optional
-        Harmonics of what repeats itself; 1 to 12, or fewer as samples allow, where not given.
+        Harmonics of the synchronous error; 1 to 12, or fewer as samples allow, if not given.
     reference : bool
         Whether the reference has an error of its own: one more head is then needed.
 
@@ -189,16 +192,16 @@ def axis_motion(
 
     Validity
     --------
-    Motion that repeats itself in every turn is not in it: it cannot be told from errors of the
-    scale in general, and once a turn in its sense never. Motion along the axis and tilt of it are
-    not seen. One head sees no motion apart from an error of the angle.
+    Synchronous motion is not included: in general it cannot be separated from errors of the scale,
+    and a motion once per turn in the sense of rotation never can. Motion along the axis and its
+    tilt are not measured. One head does not separate motion from an error of the angle.
 
     Raises
     ------
     RecordError
-        There are fewer than two turns, or the shapes do not belong together.
+        There are fewer than two turns, or the shapes do not match.
     ModelError
-        There are too few heads, or they stand so that x and y cannot be told apart.
+        There are too few heads, or their angles do not separate x and y.
 
     Examples
     --------
@@ -206,8 +209,8 @@ def axis_motion(
     >>> heads = (0.1, 1.4, 2.9, 4.4)
     >>> sway = 2e-6 * np.cos(0.4 * theta)
     >>> errors = np.stack([sway * np.sin(a) / 50e-3 for a in heads], axis=1)
-    >>> found = axis_motion(theta, errors, heads, radius=50e-3)
-    >>> print(f"{1e6 * found.rms_x.value:.2f} um, {1e6 * found.rms_y.value:.2f} um")
+    >>> motion = axis_motion(theta, errors, heads, radius=50e-3)
+    >>> print(f"{1e6 * motion.rms_x.value:.2f} um, {1e6 * motion.rms_y.value:.2f} um")
     1.41 um, 0.00 um
     """
     y = np.asarray(errors, dtype=np.float64)
@@ -223,31 +226,31 @@ def axis_motion(
     scaled = design * np.array([radius, radius, 1.0])[:needed]
     if alpha.size < needed or np.linalg.cond(scaled) > 1e3:
         raise ModelError(
-            f"motion of the axis needs {needed} heads at different angles or more"
+            f"motion of the axis needs at least {needed} heads at different angles"
             + (", as the reference has an error too" if reference else "")
             + f", got heads at {np.degrees(alpha).round(1).tolist()} deg"
         )
     turns = find_turns(angle)
     if turns.count < 1.9:
         raise RecordError(
-            f"the samples go over {turns.count:.2f} turns: two turns or more are needed to tell "
-            "what does not repeat itself"
+            f"the samples cover {turns.count:.2f} turns: two turns or more are needed to separate "
+            "the asynchronous error"
         )
     fits = fit_many(turns.angle, y, orders=orders, robust=False)
-    left = np.column_stack([f.residual for f in fits])
+    asynchronous = np.column_stack([f.residual for f in fits])
     inverse = np.linalg.pinv(design)
-    motion = left @ inverse.T
+    motion = asynchronous @ inverse.T
     spare = alpha.size - needed
     noise = None
     if spare > 0:
-        rest = left - motion @ design.T
-        noise = math.sqrt(float(np.mean(np.sum(rest**2, axis=1))) / spare)
-    own = np.sqrt(np.sum(inverse**2, axis=1)) * (noise or 0.0)
-    notes = () if noise is not None else ("the noise of the heads is in the motion of the axis",)
+        residual = asynchronous - motion @ design.T
+        noise = math.sqrt(float(np.mean(np.sum(residual**2, axis=1))) / spare)
+    motion_noise = np.sqrt(np.sum(inverse**2, axis=1)) * (noise or 0.0)
+    notes = () if noise is not None else ("the motion of the axis includes the noise of heads",)
     # without the noise of the heads
     rms_x, rms_y = (
         _rms(m, float(np.mean(m**2)) - u**2, turns.bounds, "m")
-        for m, u in zip(motion[:, :2].T, own[:2], strict=True)
+        for m, u in zip(motion[:, :2].T, motion_noise[:2], strict=True)
     )
     return AxisMotion(
         x=motion[:, 0],
@@ -266,14 +269,14 @@ def _rms(values: Array, square: float, bounds: Sequence[int], unit: str) -> Esti
     spread = float(np.std(squares, ddof=1)) / math.sqrt(squares.size)
     value = math.sqrt(square)
     freedom = squares.size - 1.0
-    # the square is what scatters: its interval has ends where the root of it has
+    # the mean square scatters: the ends of its interval give those of the root
     half = Estimate.of(square, spread, f"{unit}^2", degrees_of_freedom=freedom).interval()
     low, high = (math.sqrt(max(end, 0.0)) for end in half)
     return Estimate.of(
         value,
         min(0.5 * spread / value, math.sqrt(spread)) if value else math.sqrt(spread),
         unit,
-        source="turns differ",
+        source="scatter of turns",
         degrees_of_freedom=freedom,
         bounds=(low, high),
     )

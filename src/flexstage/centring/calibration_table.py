@@ -1,4 +1,4 @@
-"""The table of a scale's own errors, by which its readings are corrected."""
+"""Table of a scale's own errors, for the correction of its readings."""
 
 import math
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from flexstage.records import Channel, Record
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationTable:
-    r"""What a scale reads more than it should, over a turn.
+    r"""Error of a scale over a turn, reading minus true scale angle.
 
     .. math:: g(s) = \sum_n a_n \cos n s + b_n \sin n s
 
-    over the orders n that were found. The angle s of the scale is what an error-free scale would
-    read: with the table turned by theta and a head at alpha, s = theta + alpha, as in
+    over the orders n of the table. The angle s of the scale is the reading of an error-free scale:
+    with the table turned by theta and a head at alpha, s = theta + alpha, as in
     `flexstage.centring.geometry`.
 
     Examples
@@ -37,16 +37,16 @@ class CalibrationTable:
     angle: Array
     """Angles of the scale [rad], evenly spaced over a turn from 0, shape (k,)."""
     error: Array
-    """Reading less angle there [rad], shape (k,), of mean zero."""
+    """Reading minus angle at these angles [rad], shape (k,), of mean zero."""
     uncertainty: Array
     """Standard uncertainty of `error` [rad], shape (k,)."""
     degrees_of_freedom: float = math.inf
-    """How well that is known: infinite where the noise was given."""
+    """Degrees of freedom of the uncertainty: infinite if the noise was given."""
     orders: tuple[int, ...]
-    """The orders that the table holds."""
+    """The orders of the table."""
     blind: tuple[int, ...] = ()
-    """The orders that were asked for and that the method cannot see: they are missing from `error`,
-    and from its uncertainty unless an allowance was given for them.
+    """Requested orders to which the method is blind: they are missing from `error`, and from its
+    uncertainty unless an allowance was given for them.
     """
     cosine: Array
     """Amplitudes a of the cosines [rad], shape (orders,)."""
@@ -57,7 +57,7 @@ class CalibrationTable:
     noise: float
     """Standard deviation of one reading [rad]."""
     method: str
-    """How it was found."""
+    """Calibration method."""
 
     def error_at(self, angle: ArrayLike) -> Array:
         """Return the error of the scale at any angle.
@@ -70,7 +70,7 @@ class CalibrationTable:
         Returns
         -------
         numpy.ndarray
-            Reading less angle [rad], of the same shape.
+            Reading minus angle [rad], of the same shape.
         """
         s = np.asarray(angle, dtype=np.float64)
         flat = np.atleast_1d(s).ravel()
@@ -84,7 +84,7 @@ class CalibrationTable:
         return out.reshape(s.shape)
 
     def correct(self, reading: ArrayLike) -> Array:
-        """Return the angles that belong to readings of the scale.
+        """Return the true scale angles of readings.
 
         The reading is s + g(s); s is found by repeated substitution.
 
@@ -108,11 +108,11 @@ class CalibrationTable:
         steepest = float(n @ np.hypot(self.cosine, self.sine)) if n.size else 0.0
         if steepest >= 0.5:
             raise RecordError(
-                f"the errors of the table may change by {steepest:.2g} rad in a radian, and must "
-                "stay below 0.5 for a reading to have one angle: is the table in radians?"
+                f"the errors of the table may change by {steepest:.2g} rad per radian, at most 0.5 "
+                "is allowed for a unique angle of each reading: is the table in radians?"
             )
         s = r.copy()
-        # every round multiplies what is left by at most the steepest slope
+        # every iteration reduces the error by at least the steepest slope
         for _ in range(60):
             better = r - self.error_at(s)
             moved = float(np.max(np.abs(better - s), initial=0.0))
@@ -132,7 +132,7 @@ class CalibrationTable:
         Returns
         -------
         Estimate
-            Reading less angle [rad].
+            Reading minus angle [rad].
         """
         u = np.interp(angle, self.angle, self.uncertainty, period=2.0 * np.pi)
         blind = f"without the orders {_listed(self.blind)}" if self.blind else ""
@@ -161,11 +161,11 @@ class CalibrationTable:
         Raises
         ------
         RecordError
-            The table does not hold this order.
+            The table does not have this order.
         """
         if order not in self.orders:
-            why = "the method is blind to it" if order in self.blind else "it was not asked for"
-            raise RecordError(f"the table does not hold order {order}: {why}")
+            why = "the method is blind to it" if order in self.blind else "it was not requested"
+            raise RecordError(f"the table has no order {order}: {why}")
         i = self.orders.index(order)
         return float(self.cosine[i]), float(self.sine[i])
 
@@ -180,7 +180,7 @@ class CalibrationTable:
         columns = (("angle", self.angle), ("error", self.error), ("uncertainty", self.uncertainty))
         notes = [f"errors of a scale by {self.method}, orders {_listed(self.orders)}"]
         if self.blind:
-            notes.append(f"orders {_listed(self.blind)} could not be seen and are not in the table")
+            notes.append(f"the method is blind to orders {_listed(self.blind)}: they are missing")
         return Record(
             channels=tuple(Channel(name=name, values=v, unit="rad") for name, v in columns),
             time=np.arange(self.angle.size, dtype=np.float64),
@@ -191,7 +191,7 @@ class CalibrationTable:
 
 
 def _listed(orders: tuple[int, ...]) -> str:
-    """Write orders with runs drawn together."""
+    """Return the text of orders, with ranges for consecutive ones."""
     runs: list[list[int]] = []
     for n in sorted(orders):
         if runs and n == runs[-1][1] + 1:

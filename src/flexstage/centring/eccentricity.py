@@ -1,4 +1,4 @@
-"""Eccentricity of a scale from what heads err over a turn, or indicators on its rim."""
+"""Eccentricity of a scale from the errors of its heads over a turn, or from indicators."""
 
 import math
 from collections.abc import Sequence
@@ -27,44 +27,43 @@ from flexstage.quantities.estimate import Component, Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Combined:
-    """Eccentricity and what else the once-per-turn harmonics hold."""
+class EccentricityEstimate:
+    """Eccentricity and other parts of the once-per-turn harmonics."""
 
     vector: Array
     """Eccentricity, in the unit of the harmonics, shape (2,)."""
     covariance: Array
-    """Of it, shape (2, 2)."""
+    """Covariance of the vector, shape (2, 2)."""
     degrees_of_freedom: float
-    """Of the covariance."""
+    """Degrees of freedom of the covariance."""
     common: Estimate | None
-    """Amplitude of what all share; None where it cannot be told."""
+    """Amplitude of the part common to all heads; None if it cannot be separated."""
     counter_motion: Estimate | None
-    """Radius of the motion of the axis against the sense of turning; None where it cannot be told.
-    """
+    """Radius of the axis motion against the sense of rotation; None if it cannot be separated."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Remarks on the result."""
 
 
-def combined(
+def combine_heads(
     fits: Sequence[HarmonicFit], angles: Array, table: Array | None, *, radial: bool = False
-) -> Combined:
+) -> EccentricityEstimate:
     """Combine the once-per-turn harmonics of heads or indicators by weighted least squares.
 
-    They stand at `angles` in the room [rad]. `table` is the angle of the table at each sample [rad]
-    where all were sampled together: what disturbs several at once is then told from what disturbs
-    one. `radial` ones are indicators that look along the radius, not heads that read angles.
+    `angles` are those of the heads in the room [rad]. `table` is the angle of the table at each
+    sample [rad] if all were sampled together: disturbances of several heads are then separated from
+    those of one. `radial` ones are indicators along the radius, not heads that read angles.
     """
-    # chance of heads that differ as much, below which their noise does not explain it.
+    # probability of the differences of heads below which their noise does not explain them
     chance = 0.005
-    found = [f.harmonic(1) for f in fits]
+    harmonics = [f.harmonic(1) for f in fits]
     together = table is not None and len(fits) > 1
-    c = np.array([p for h in found for p in (h.cosine.value, h.sine.value)])
+    c = np.array([p for h in harmonics for p in (h.cosine.value, h.sine.value)])
     v = _covariance(fits, table)
-    own, counter = _seen_by_heads(angles, radial)
-    # all indicators at once move only with a rim that grows and shrinks, which none does
+    eccentric, counter = _head_functions(angles, radial)
+    # all indicators move together only if the rim grows and shrinks, which it does not
     common = np.tile(np.eye(2), (len(fits), 1))
     extra = {"counter": counter} if radial else {"common": common, "counter": counter}
-    design, kept = _design(own, extra, v)
+    design, columns = _design(eccentric, extra, v)
     weighted = _inverse(v)
     inverse = np.linalg.inv(design.T @ weighted @ design)
     estimator = inverse @ design.T @ weighted
@@ -79,7 +78,7 @@ def combined(
             cov, freedom = cov * ratio, float(free)
             notes.append(
                 f"the heads differ by {math.sqrt(ratio):.1f} times what their noise explains: the "
-                "uncertainty is larger by that; check their angles and that of the axis"
+                "uncertainty is increased by this factor; check the angles of heads and table"
             )
     by_turns = all(f.noise == "turns" and f.with_all is None for f in fits)
     if table is not None and together and by_turns:
@@ -88,9 +87,9 @@ def combined(
         name: length_estimate(
             x[i : i + 2], cov[i : i + 2, i : i + 2], fits[0].unit, degrees_of_freedom=freedom
         )
-        for name, i in kept.items()
+        for name, i in columns.items()
     }
-    return Combined(
+    return EccentricityEstimate(
         vector=x[:2],
         covariance=cov[:2, :2],
         degrees_of_freedom=freedom,
@@ -100,39 +99,40 @@ def combined(
     )
 
 
-def _seen_by_heads(angles: Array, radial: bool) -> tuple[Array, Array]:
-    """Return cosine and sine that two motions in x and in y give each head, shape (2 m, 2) each.
+def _head_functions(angles: Array, radial: bool) -> tuple[Array, Array]:
+    """Return cosine and sine of each head for two motions in x and in y, shape (2 m, 2) each.
 
-    They are eccentricity, and a motion of the axis that turns, seen from the table, twice as fast
-    forward.
+    They are eccentricity, and a motion of the axis against the sense of rotation.
     """
     c, s = np.cos(angles), np.sin(angles)
-    # a head sees x sin(theta + alpha) - y cos(theta + alpha), an indicator the part along it
-    own = [[c, s], [-s, c]] if radial else [[s, -c], [c, s]]
+    # a head reads x sin(theta + alpha) - y cos(theta + alpha), an indicator the part along it
+    eccentric = [[c, s], [-s, c]] if radial else [[s, -c], [c, s]]
     counter = [[c, s], [s, -c]] if radial else [[s, -c], [-c, -s]]
-    first, second = (np.moveaxis(np.array(rows), 2, 0).reshape(-1, 2) for rows in (own, counter))
+    first, second = (
+        np.moveaxis(np.array(rows), 2, 0).reshape(-1, 2) for rows in (eccentric, counter)
+    )
     return first, second
 
 
-def _design(own: Array, extra: dict[str, Array], v: Array) -> tuple[Array, dict[str, int]]:
-    """Return the functions that the heads can tell apart, and where each begins."""
-    # times that a part may make the eccentricity more uncertain before it is left out.
+def _design(eccentric: Array, extra: dict[str, Array], v: Array) -> tuple[Array, dict[str, int]]:
+    """Return the functions that the heads can separate, and the first column of each."""
+    # factor by which a part may increase the uncertainty of eccentricity before it is omitted
     most_growth = 3.0
     weighted = _inverse(v)
-    base = _spread(own, weighted)
-    design, kept = own, {}
+    base = _spread(eccentric, weighted)
+    design, columns = eccentric, {}
     for name, block in extra.items():
         wider = np.hstack((design, block))
         if wider.shape[1] > wider.shape[0] or np.linalg.cond(wider) > 1e6:
             continue
         if _spread(wider, weighted) <= most_growth * base:
-            kept[name] = design.shape[1]
+            columns[name] = design.shape[1]
             design = wider
-    return design, kept
+    return design, columns
 
 
 def _inverse(v: Array) -> Array:
-    # heads that are disturbed together make it singular
+    # a common disturbance of the heads makes it singular
     return np.asarray(np.linalg.pinv(v, hermitian=True), dtype=np.float64)
 
 
@@ -145,7 +145,7 @@ def _covariance(fits: Sequence[HarmonicFit], table: Array | None) -> Array:
     m = len(fits)
     blocks = [f.harmonic(1).covariance for f in fits]
     if table is not None and m > 1 and all(f.residual_rms > 0.0 for f in fits):
-        # how noise lasts is found better from all heads: by chance one would weigh too much
+        # all heads together show the correlation of noise best: by chance one would weigh too much
         pooled = np.mean([b / f.residual_rms**2 for b, f in zip(blocks, fits, strict=True)], axis=0)
         blocks = [f.residual_rms**2 * pooled for f in fits]
     shared = np.eye(m)
@@ -153,38 +153,38 @@ def _covariance(fits: Sequence[HarmonicFit], table: Array | None) -> Array:
         keep = np.ones(table.size, dtype=bool)
         for f in fits:
             keep[[o.index for o in f.outliers]] = False
-        whole = bool(keep.all())
-        left = np.stack([f.residual if whole else f.residual[keep] for f in fits])
-        size = np.sqrt(np.einsum("ij,ij->i", left, left))
+        no_outliers = bool(keep.all())
+        residuals = np.stack([f.residual if no_outliers else f.residual[keep] for f in fits])
+        size = np.sqrt(np.einsum("ij,ij->i", residuals, residuals))
         if size.min() > 0.0:
-            likeness = left @ left.T / np.outer(size, size)
-            count = left.shape[1]
+            correlation = residuals @ residuals.T / np.outer(size, size)
+            count = residuals.shape[1]
             limit = 4.0 / math.sqrt(count)
-            apart = np.abs(likeness - np.diag(np.diag(likeness)))
-            # of heads with noise of their own, likeness is chance and is left out
-            shared = likeness if apart.max() > limit and count > 10 * m else shared
+            mutual = np.abs(correlation - np.diag(np.diag(correlation)))
+            # the correlation of heads with independent noise is chance and is ignored
+            shared = correlation if mutual.max() > limit and count > 10 * m else shared
     roots = [_root(block) for block in blocks]
     out = np.zeros((2 * m, 2 * m))
     for i in range(m):
         for j in range(m):
             out[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = shared[i, j] * roots[i] @ roots[j].T
-    # exact readings have no noise, and all weigh the same
+    # exact readings have no noise, and equal weights
     scale = float(np.trace(out)) / (2 * m)
     return out + (1e-9 * scale or np.finfo(float).tiny ** 0.5) * np.eye(2 * m)
 
 
 def _pooled_freedom(fits: Sequence[HarmonicFit]) -> float:
     """Degrees of freedom of the mean of the relative variances of all heads."""
-    found = [f.harmonic(1) for f in fits]
+    harmonics = [f.harmonic(1) for f in fits]
     relative = [
         float(np.trace(h.covariance)) / (f.residual_rms**2 or 1.0)
-        for h, f in zip(found, fits, strict=True)
+        for h, f in zip(harmonics, fits, strict=True)
     ]
-    return _satterthwaite(relative, [h.cosine.degrees_of_freedom for h in found])
+    return _satterthwaite(relative, [h.cosine.degrees_of_freedom for h in harmonics])
 
 
 def _least_freedom(fits: Sequence[HarmonicFit], estimator: Array, v: Array) -> float:
-    """Degrees of freedom of what is combined, from the share that each head has in it."""
+    """Degrees of freedom of the combination, from the share of each head in it."""
     shares = []
     for i in range(0, v.shape[0], 2):
         part = estimator[:2, i : i + 2]
@@ -209,7 +209,7 @@ def _root(block: Array) -> Array:
 def _by_turns(
     fits: Sequence[HarmonicFit], table: Array, estimator: Array, cov: Array, freedom: float
 ) -> tuple[Array, float]:
-    """Return the covariance that the scatter of single turns gives what is combined from heads."""
+    """Return the covariance of the combined heads from the scatter of single turns."""
     turns = find_turns(table)
     starts = np.array(turns.bounds[:-1])
     if starts.size < MANY_TURNS:
@@ -217,18 +217,18 @@ def _by_turns(
     waves = (np.cos(turns.angle), np.sin(turns.angle))
     parts = np.empty((starts.size, 2 * len(fits)))
     for j, f in enumerate(fits):
-        left = f.residual.copy()
-        left[[o.index for o in f.outliers]] = 0.0
+        residual = f.residual.copy()
+        residual[[o.index for o in f.outliers]] = 0.0
         for i, wave in enumerate(waves):
-            parts[:, 2 * j + i] = 2.0 / left.size * np.add.reduceat(left * wave, starts)
-    pulls = parts @ estimator.T
+            parts[:, 2 * j + i] = 2.0 / residual.size * np.add.reduceat(residual * wave, starts)
+    deviations = parts @ estimator.T
     count = starts.size
-    scatter = pulls.T @ pulls * count / (count - 1)
-    grown = np.ones(cov.shape[0])
+    scatter = deviations.T @ deviations * count / (count - 1)
+    factors = np.ones(cov.shape[0])
     for i in range(0, cov.shape[0], 2):
-        own = np.trace(cov[i : i + 2, i : i + 2])
-        grown[i : i + 2] = math.sqrt(np.trace(scatter[i : i + 2, i : i + 2]) / own)
-    return cov * np.outer(grown, grown), 2.0 * (count - 1.0)
+        variance = np.trace(cov[i : i + 2, i : i + 2])
+        factors[i : i + 2] = math.sqrt(np.trace(scatter[i : i + 2, i : i + 2]) / variance)
+    return cov * np.outer(factors, factors), 2.0 * (count - 1.0)
 
 
 def _chance(ratio: float, free: int, freedom: float) -> float:
@@ -241,32 +241,32 @@ def _chance(ratio: float, free: int, freedom: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Eccentricity:
-    """Where the centre of a scale is, in the frame that turns with the table."""
+    """Centre of a scale, in the frame that turns with the table."""
 
     x: Estimate
-    """Its coordinate x [m]."""
+    """Coordinate x of the centre [m]."""
     y: Estimate
-    """Its coordinate y [m]."""
+    """Coordinate y of the centre [m]."""
     amplitude: Estimate
-    """Its distance from the axis [m]."""
+    """Distance of the centre from the axis [m]."""
     phase: Estimate
-    """Its direction, from x towards y [rad]."""
+    """Direction of the centre, from x towards y [rad]."""
     covariance: Array
-    """Of x and y [m^2], shape (2, 2)."""
+    """Covariance of x and y [m^2], shape (2, 2)."""
     radius: float
     """Radius at which the scale is read [m]."""
     common: Estimate | None
-    """Amplitude of the once-per-turn error that all heads share, as of the reference [rad]; None
-    where the heads cannot tell it from eccentricity.
+    """Amplitude of the once-per-turn error common to all heads, as of the reference [rad]; None if
+    the heads cannot separate it from eccentricity.
     """
     counter_motion: Estimate | None
-    """Radius of the once-per-turn motion of the axis against the sense of turning [m]; None where
-    the heads cannot tell.
+    """Radius of the once-per-turn motion of the axis against the sense of rotation [m]; None if the
+    heads cannot separate it.
     """
     fits: tuple[HarmonicFit, ...]
-    """Of each head, less what exact geometry adds to the first order."""
+    """Fit of each head, without the terms that exact geometry adds to the first order."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Remarks on the result."""
 
     @property
     def vector(self) -> Array:
@@ -275,31 +275,31 @@ class Eccentricity:
 
 
 def _centre_from(
-    found: Combined,
+    estimate: EccentricityEstimate,
     fits: Sequence[HarmonicFit],
     radius: float,
-    given: tuple[float, float, float],
+    uncertainties: tuple[float, float, float],
     *,
     radial: bool = False,
 ) -> Eccentricity:
-    """Return the eccentricity that once-per-turn harmonics stand for.
+    """Return the eccentricity that follows from the once-per-turn harmonics.
 
-    It is read at `radius` [m]. `given` are standard uncertainties: of the scale's once-per-turn
-    error [rad], or of the rim's [m], of the radius [m], and of the angle of the heads [rad].
-    Harmonics of indicators are `radial`, displacements [m] and not angles.
+    It is read at `radius` [m]. `uncertainties` are standard uncertainties: of the scale's
+    once-per-turn error [rad], or of the rim's [m], of the radius [m], and of the angle of the heads
+    [rad]. Harmonics of indicators are `radial`, displacements [m] and not angles.
     """
-    graduation, own_radius, turned = given
+    graduation, u_radius, u_heads = uncertainties
     factor = 1.0 if radial else radius
-    v = factor * found.vector
-    noise = factor**2 * found.covariance
+    v = factor * estimate.vector
+    noise = factor**2 * estimate.covariance
     grid = factor * graduation
     length = math.hypot(v[0], v[1])
     # the run-out of a rim is the eccentricity, whatever its radius
-    scale = 0.0 if radial else own_radius / radius
+    scale = 0.0 if radial else u_radius / radius
 
-    def with_others(plain: Estimate, along: float, across: float, own: float) -> Estimate:
+    def with_type_b(plain: Estimate, along: float, across: float, lines: float) -> Estimate:
         others = (
-            Component(name="graduation", uncertainty=own, kind="B"),
+            Component(name="graduation", uncertainty=lines, kind="B"),
             Component(name="radius", uncertainty=abs(along), kind="B"),
             Component(name="head angle", uncertainty=abs(across), kind="B"),
         )
@@ -307,10 +307,10 @@ def _centre_from(
 
     parts = []
     for i in (0, 1):
-        own = math.sqrt(noise[i, i])
-        plain = Estimate.of(float(v[i]), own, "m", degrees_of_freedom=found.degrees_of_freedom)
-        parts.append(with_others(plain, scale * v[i], turned * v[1 - i], grid))
-    freedom = found.degrees_of_freedom
+        u = math.sqrt(noise[i, i])
+        plain = Estimate.of(float(v[i]), u, "m", degrees_of_freedom=estimate.degrees_of_freedom)
+        parts.append(with_type_b(plain, scale * v[i], u_heads * v[1 - i], grid))
+    freedom = estimate.degrees_of_freedom
     amplitude = length_estimate(v, noise, "m", degrees_of_freedom=freedom)
     phase = direction_estimate(v, noise, degrees_of_freedom=freedom)
     swing = min(math.pi, grid / length) if length > 0.0 else 0.0
@@ -318,58 +318,62 @@ def _centre_from(
     return Eccentricity(
         x=parts[0],
         y=parts[1],
-        amplitude=with_others(amplitude, scale * length, 0.0, grid),
-        phase=with_others(phase, 0.0, turned, swing),
+        amplitude=with_type_b(amplitude, scale * length, 0.0, grid),
+        phase=with_type_b(phase, 0.0, u_heads, swing),
         covariance=noise
         + (grid) ** 2 * np.eye(2)
         + scale**2 * np.outer(v, v)
-        + turned**2 * np.outer(across, across),
+        + u_heads**2 * np.outer(across, across),
         radius=radius,
-        common=found.common,
+        common=estimate.common,
         counter_motion=None
-        if found.counter_motion is None
-        else replace(found.counter_motion.times(factor), unit="m"),
+        if estimate.counter_motion is None
+        else replace(estimate.counter_motion.times(factor), unit="m"),
         fits=tuple(fits),
-        notes=_notes(found, graduation, len(fits), radial),
+        notes=_notes(estimate, graduation, len(fits), radial),
     )
 
 
-def _notes(found: Combined, graduation: float, heads: int, radial: bool) -> tuple[str, ...]:
-    notes = list(found.notes)
+def _notes(
+    estimate: EccentricityEstimate, graduation: float, heads: int, radial: bool
+) -> tuple[str, ...]:
+    notes = list(estimate.notes)
     if radial:
-        if found.counter_motion is None:
+        if estimate.counter_motion is None:
             notes.append(
-                "a once-per-turn motion of the axis counts as eccentricity, with "
-                + ("one indicator" if heads == 1 else "indicators at these angles")
+                ("one indicator" if heads == 1 else "indicators at these angles")
+                + " cannot separate once-per-turn motion of the axis from eccentricity"
             )
         return tuple(notes)
     if graduation == 0.0:
         notes.append(
-            "a once-per-turn error of the scale's own graduation counts as eccentricity: heads "
-            "cannot tell them apart"
+            "the result includes the once-per-turn graduation error of the scale: heads cannot "
+            "separate it from eccentricity"
         )
-    if found.common is None:
-        also = "one head" if heads == 1 else "heads at these angles"
-        notes.append(f"a once-per-turn error of the reference counts as eccentricity, with {also}")
+    if estimate.common is None:
+        which = "one head" if heads == 1 else "heads at these angles"
+        notes.append(
+            f"{which} cannot separate a once-per-turn error of the reference from eccentricity"
+        )
     return tuple(notes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeadReadings:
-    """What a head, or an indicator on the rim, read over a turn or several."""
+    """Readings of a head, or of an indicator on the rim, over a turn or several."""
 
     angle: Array
     """True angle of the table [rad], shape (n,), wrapped or not."""
     error: Array
-    """Angle read less true angle [rad]; of an indicator, how far out the rim or a centring circle
-    is, from any zero [m]; shape (n,).
+    """Angle reading minus true angle [rad]; for an indicator, the radial position of the rim or a
+    centring circle, from any zero [m]; shape (n,).
     """
     head_angle: float = 0.0
-    """Where the head stands in the room [rad]; see `flexstage.centring.geometry` for the sense."""
+    """Angle of the head in the room [rad]; see `flexstage.centring.geometry` for the sense."""
     name: str = ""
-    """Name of its column."""
+    """Name of the column."""
     file: str = ""
-    """File that it is from."""
+    """Source file."""
 
 
 def eccentricity(
@@ -385,12 +389,12 @@ def eccentricity(
 ) -> Eccentricity:
     """Find the eccentricity of a scale from the errors of its heads.
 
-    The once-per-turn harmonic of each head, fitted beside others, gives the eccentricity to first
-    order, by weighted least squares over the heads; what exact geometry adds to that is then taken
-    from the readings, and the fit repeated until it stays (Gauss and Newton, with the slope of the
-    first order). From two heads at different angles
-    on, an error that all of them share is told from eccentricity, and from three on a circular
-    motion of the axis against the sense of turning.
+    The once-per-turn harmonic of each head, fitted together with others, gives the eccentricity to
+    first order, by weighted least squares over the heads. The terms that exact geometry adds are
+    then subtracted from the readings, and the fit is repeated until it converges (Gauss-Newton,
+    with the slope of the first order). Two heads at different angles separate an error common to
+    all heads from eccentricity, three also a circular motion of the axis against the sense of
+    rotation.
 
     Parameters
     ----------
@@ -404,14 +408,14 @@ def eccentricity(
         Highest harmonic, or all that are fitted; 1 must be among them. 1 to 12 if not given, or
         fewer as samples allow.
     robust : bool
-        Whether to look for outliers, and set them aside.
+        Whether to find and reject outliers.
     graduation_uncertainty : float
         Standard uncertainty of the scale's own once-per-turn error, of its cosine and of its sine
         [rad].
     radius_uncertainty : float
         Standard uncertainty of the radius [m].
     head_angle_uncertainty : float
-        Standard uncertainty of where the heads stand, all turned together [rad].
+        Standard uncertainty of the angle of all heads together [rad].
 
     Returns
     -------
@@ -420,11 +424,11 @@ def eccentricity(
 
     Validity
     --------
-    A once-per-turn error of the scale's own graduation looks the same in all heads as eccentricity,
-    and so does a circular motion of the axis that turns with the table: no number of heads tells
-    them apart, and a move that makes the sum vanish takes the errors away all the same. One head
-    cannot tell a once-per-turn error of the reference either. Axis motion that a stage cannot
-    follow, and harmonics beyond those fitted, count as noise.
+    A once-per-turn graduation error of the scale has the same effect in all heads as eccentricity,
+    and so has a circular motion of the axis that turns with the table: no number of heads separates
+    them, but a move that cancels the sum removes the errors. One head cannot separate a
+    once-per-turn error of the reference either. Other axis motion, and harmonics beyond those
+    fitted, count as noise.
 
     Raises
     ------
@@ -455,32 +459,32 @@ def eccentricity(
     heads = _listed(readings, "an eccentricity", "head", "error")
     require_radius(radius)
     require_kind(kind)
-    given = (graduation_uncertainty, radius_uncertainty, head_angle_uncertainty)
-    if not all(0.0 <= u < math.inf for u in given):
-        raise ModelError(f"uncertainties must be 0 or more and finite, got {given}")
-    # of a long record its beginning is enough to begin with
+    uncertainties = (graduation_uncertainty, radius_uncertainty, head_angle_uncertainty)
+    if not all(0.0 <= u < math.inf for u in uncertainties):
+        raise ModelError(f"uncertainties must be 0 or more and finite, got {uncertainties}")
+    # the beginning of a long record is enough for the first iteration
     short = _beginnings(heads)
-    fits, found = _fitted(short, orders, robust)
-    whole = short == heads
-    e = radius * found.vector
+    fits, estimate = _fitted(short, orders, robust)
+    all_samples = short == heads
+    e = radius * estimate.vector
     for _ in range(60):
         if not math.hypot(*e) < radius:
             raise ModelError(
-                f"the readings would have the axis outside the scale, {math.hypot(*e):g} m from "
-                f"its centre at a radius of {radius:g} m: check radius and units"
+                f"the readings place the axis outside the scale, {math.hypot(*e):g} m from its "
+                f"centre at a radius of {radius:g} m: check radius and units"
             )
         beyond = 0.5 * (math.hypot(*e) / radius) ** 2
-        if whole and beyond <= 1e-3 * math.sqrt(float(np.trace(found.covariance))) + 1e-15:
+        if all_samples and beyond <= 1e-3 * math.sqrt(float(np.trace(estimate.covariance))) + 1e-15:
             break
-        fits, found = _fitted(_less_geometry(heads, complex(*e) / radius, kind), orders, robust)
-        whole = True
-        last, e = e, radius * found.vector
-        known = radius * math.sqrt(float(np.trace(found.covariance)))
-        # what is beyond the first order changes by this share of what the eccentricity does
+        fits, estimate = _fitted(_less_geometry(heads, complex(*e) / radius, kind), orders, robust)
+        all_samples = True
+        last, e = e, radius * estimate.vector
+        u = radius * math.sqrt(float(np.trace(estimate.covariance)))
+        # the terms beyond the first order change by this share of the change of eccentricity
         share = math.hypot(*e) / radius
-        if share * math.hypot(*(e - last)) <= max(1e-14 * radius, 0.02 * known):
+        if share * math.hypot(*(e - last)) <= max(1e-14 * radius, 0.02 * u):
             break
-    return _centre_from(found, fits, radius, given)
+    return _centre_from(estimate, fits, radius, uncertainties)
 
 
 def _listed(
@@ -523,7 +527,7 @@ def _second_turn(angle: Array) -> int:
 def _less_geometry(
     heads: Sequence[HeadReadings], relative: complex, kind: ScaleKind
 ) -> list[HeadReadings]:
-    """Return the readings without what exact geometry adds to the first order."""
+    """Return the readings without the terms that exact geometry adds to the first order."""
     out = []
     angle, wave = None, np.empty(0, dtype=np.complex128)
     for h in heads:
@@ -541,7 +545,7 @@ def _fitted(
     robust: bool,
     *,
     radial: bool = False,
-) -> tuple[list[HarmonicFit], Combined]:
+) -> tuple[list[HarmonicFit], EccentricityEstimate]:
     """Fit the harmonics of heads, or of indicators where `radial`, and combine those of order 1."""
     first, unit = heads[0].angle, "m" if radial else "rad"
     together = all(h.angle is first or np.array_equal(h.angle, first) for h in heads)
@@ -554,9 +558,9 @@ def _fitted(
             fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads
         ]
     if any(1 not in f.orders for f in fits):
-        raise ModelError("order 1 must be among those fitted: it is what eccentricity shows in")
-    stands = np.array([h.head_angle for h in heads])
-    return fits, combined(fits, stands, first if together else None, radial=radial)
+        raise ModelError("order 1 must be among those fitted: it contains the eccentricity")
+    angles = np.array([h.head_angle for h in heads])
+    return fits, combine_heads(fits, angles, first if together else None, radial=radial)
 
 
 def run_out(
@@ -566,11 +570,12 @@ def run_out(
     orders: int | Sequence[int] | None = None,
     robust: bool = True,
 ) -> Eccentricity:
-    """Find eccentricity and form of a rim from what indicators read over a turn.
+    """Find eccentricity and form of a rim from the readings of indicators over a turn.
 
-    The once-per-turn harmonic is the eccentricity, exactly; with a radius, what the eccentricity of
-    a round rim adds to the harmonics of order 2 and more is taken from the form. Two indicators
-    that are not opposite tell a circular motion of the axis against the sense of turning.
+    The once-per-turn harmonic is exactly the eccentricity; with a radius, the contribution of the
+    eccentricity of a round rim to the harmonics of order 2 and more is subtracted from the form.
+    Two indicators that are not opposite separate a circular motion of the axis against the sense of
+    rotation.
 
     Parameters
     ----------
@@ -581,19 +586,19 @@ def run_out(
     orders : int or sequence of int, optional
         Highest harmonic, or all that are fitted; 1 must be among them.
     robust : bool
-        Whether to look for outliers, and set them aside.
+        Whether to find and reject outliers.
 
     Returns
     -------
     Eccentricity
-        Where the centre of the rim is. Its fits hold the form, from order 2 on, without what
-        eccentricity adds [m]; order 2 is ellipticity.
+        Centre of the rim. Its fits contain the form, from order 2 on, without the contribution of
+        eccentricity [m]; order 2 is ellipticity.
 
     Validity
     --------
-    A circular motion of the axis that turns with the table looks the same as eccentricity. Motion
-    of the axis of other orders counts as form, where there is one indicator. The rim's centre is
-    not that of the lines unless both were made in one setting.
+    A circular motion of the axis that turns with the table has the same effect as eccentricity.
+    With one indicator, motion of the axis of other orders counts as form. The centre of the rim is
+    not that of the lines unless both were machined in one setup.
 
     Raises
     ------
@@ -616,16 +621,16 @@ def run_out(
     >>> print(f"{1e6 * run_out(pair, radius=40e-3).amplitude.value:.3f} um")
     13.000 um
     """
-    given = _listed(readings, "a run-out", "indicator", "reading")
+    indicators = _listed(readings, "a run-out", "indicator", "reading")
     if radius is not None:
         require_radius(radius)
-    fits, found = _fitted(given, orders, robust, radial=True)
+    fits, estimate = _fitted(indicators, orders, robust, radial=True)
     if radius is not None:
-        less = []
-        for r in given:
-            exact = exact_run_out(r.angle, found.vector, radius, indicator_angle=r.head_angle)
+        without_eccentricity = []
+        for r in indicators:
+            exact = exact_run_out(r.angle, estimate.vector, radius, indicator_angle=r.head_angle)
             beta = r.angle + r.head_angle
-            first = found.vector[0] * np.cos(beta) + found.vector[1] * np.sin(beta)
-            less.append(replace(r, error=r.error - (exact - first)))
-        fits, found = _fitted(less, orders, robust, radial=True)
-    return _centre_from(found, fits, radius or 1.0, (0.0, 0.0, 0.0), radial=True)
+            first = estimate.vector[0] * np.cos(beta) + estimate.vector[1] * np.sin(beta)
+            without_eccentricity.append(replace(r, error=r.error - (exact - first)))
+        fits, estimate = _fitted(without_eccentricity, orders, robust, radial=True)
+    return _centre_from(estimate, fits, radius or 1.0, (0.0, 0.0, 0.0), radial=True)

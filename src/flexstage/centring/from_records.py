@@ -1,4 +1,4 @@
-"""From records of an error over the turn to what is said of the scale: one way for all who ask."""
+"""Analysis of records of a scale's error, the same for the command, the panel and Python."""
 
 import math
 from collections.abc import Sequence
@@ -10,54 +10,48 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
+from flexstage.centring.calibration_moves import calibrate_moves
 from flexstage.centring.eccentricity import HeadReadings
 from flexstage.centring.requests import MAGNET, CentreRequest
-from flexstage.centring.setting import (
-    Setting,
-    change,
-    fit_setting,
-    joined,
-    report,
-)
-from flexstage.centring.trial_moves import trial
+from flexstage.centring.setup import Setup, change, fit_setup, joined, report
 from flexstage.centring.turns import unwrap_error
 from flexstage.files.result import Result
 from flexstage.quantities.units import si_unit
 from flexstage.records import Channel, Record
-from flexstage.records.likely_columns import taken_turn
+from flexstage.records.contents import default_turn_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.records.record import column_and_unit
 
 
-def head_angles(given: Sequence[float], files: int, columns: int) -> list[float]:
-    """Return where the head of each column of each file stands [rad]."""
+def head_angles(angles: Sequence[float], files: int, columns: int) -> list[float]:
+    """Return the angle of the head of each column of each file [rad]."""
     total = files * columns
-    if not given:
+    if not angles:
         if columns > 1:
             raise RecordError(
-                f"--heads must say where the {columns} heads stand, such as --heads "
+                f"--heads must give the angles of the {columns} heads, such as --heads "
                 f'"{",".join(f"{360 * i / columns:g}" for i in range(columns))}"'
             )
         return [0.0] * total
-    if len(given) == total:
-        return list(given)
-    if len(given) == columns:
-        return list(given) * files
+    if len(angles) == total:
+        return list(angles)
+    if len(angles) == columns:
+        return list(angles) * files
     raise RecordError(
         f"--heads must have one angle for each of {columns} columns"
-        + (f", or for each of those of {files} files" if files > 1 else "")
-        + f", got {len(given)}"
+        + (f", or for each column of each of {files} files" if files > 1 else "")
+        + f", got {len(angles)}"
     )
 
 
 def _si(text: str, counts: float | None, option: str) -> tuple[float, str]:
-    """Return how many SI units a unit is, and which."""
+    """Return the size of a unit in SI units, and the SI unit."""
     factor, unit = si_unit(text)
     if unit != "count":
         return factor, unit
     if counts is None or not 0.0 < abs(counts) < math.inf:
-        raise RecordError(f"{option} is in counts: say by --counts how many there are in a turn")
+        raise RecordError(f"{option} is in counts: give the counts per turn by --counts")
     return 2.0 * math.pi / counts, "rad"
 
 
@@ -66,8 +60,8 @@ def head_of(
 ) -> tuple[HeadReadings, bool]:
     """Return a column of errors with its angles, in SI, and whether an indicator read it.
 
-    Samples are evenly spaced over the turns where there is no column of the angle; `alpha` is where
-    the head stands [rad].
+    Samples are evenly spaced over the turns if there is no column of the angle; `alpha` is the
+    angle of the head [rad].
     """
     errors = record.channel(name)
     y, unit = _in_si(errors, request, "--error", ("rad",) if request.reading else ("rad", "m"))
@@ -77,7 +71,7 @@ def head_of(
     else:
         theta, _ = _in_si(record.channel(request.angle), request, "--angle", ("rad",))
     if request.reading:
-        _require_alike(y, theta, errors.name)
+        _require_same_sense(y, theta, errors.name)
         y = y - theta
     error = request.sign * (unwrap_error(y) if unit == "rad" else y)
     head = HeadReadings(
@@ -86,24 +80,24 @@ def head_of(
     return head, unit == "m"
 
 
-def _require_alike(read: Array, theta: Array, name: str) -> None:
+def _require_same_sense(read: Array, theta: Array, name: str) -> None:
     turn = 2.0 * math.pi
     steps = [np.diff(x) - turn * np.rint(np.diff(x) / turn) for x in (read, theta)]
     if float(steps[0] @ steps[1]) <= 0.0:
         raise RecordError(
-            f"what column '{name}' reads falls where the angle rises, or does not go with it: "
-            "check the columns, and count one of them the other way, such as by a minus for "
+            f"the readings of column '{name}' decrease where the angle increases, or do not follow "
+            "it: check the columns, and reverse the sign of one of them, such as by a negative "
             "--counts"
         )
 
 
-def doubts(heads: Sequence[HeadReadings]) -> list[str]:
-    """Say where an angle looks as if it was in another unit."""
-    # 57.3 turns are rare, and 0 to 360 of what are not degrees
+def unit_warnings(heads: Sequence[HeadReadings]) -> list[str]:
+    """Warn of an angle that is probably in another unit."""
+    # 57.3 turns are rare, and so is a range from 0 to 360 of anything but degrees
     doubtful = [h for h in heads if 330.0 < float(np.ptp(h.angle)) <= 360.5]
     return [
-        f"the angle goes over {float(np.ptp(h.angle)):.0f} rad in '{h.file}': if that is in "
-        'degrees, say so by --unit deg or behind the column, such as --angle "0 deg"'
+        f"the angle spans {float(np.ptp(h.angle)):.0f} rad in '{h.file}': if it is in degrees, "
+        'add --unit deg, or give the unit after the column, such as --angle "0 deg"'
         for h in doubtful[:1]
     ]
 
@@ -114,72 +108,72 @@ def _in_si(
     option: str,
     allowed: tuple[str, ...],
 ) -> tuple[Array, str]:
-    """Return a column in SI, as it was read, or by the unit for both."""
-    known, general, counts = channel.unit, request.unit, request.counts
-    if known == "count":
-        factor, known = _si("count", counts, f"column '{channel.name}'")
-    elif known:
+    """Return a column in SI, by its own unit or else by the unit of the request."""
+    unit, request_unit, counts = channel.unit, request.unit, request.counts
+    if unit == "count":
+        factor, unit = _si("count", counts, f"column '{channel.name}'")
+    elif unit:
         factor = 1.0
-    elif general is None:
+    elif request_unit is None:
         raise RecordError(
-            f"nobody says in which unit column '{channel.name}' is: give --unit, or say it behind "
-            f'the column, such as {option} "{channel.name} deg"'
+            f"column '{channel.name}' has no unit: give --unit, or the unit after the column, "
+            f'such as {option} "{channel.name} deg"'
         )
     else:
-        factor, known = _si(general, counts, f"column '{channel.name}'")
-    if known not in allowed:
+        factor, unit = _si(request_unit, counts, f"column '{channel.name}'")
+    if unit not in allowed:
         raise RecordError(
-            f"column '{channel.name}' is in {known}, and must be an angle"
+            f"column '{channel.name}' is in {unit}, but must be an angle"
             + (" or a length" if "m" in allowed else "")
-            + f": choose another column, or say its unit behind {option}"
+            + f": choose another column, or give its unit in {option}"
         )
-    return channel.values * factor, known
+    return channel.values * factor, unit
 
 
-def kind_notes(setting: Setting, kind: str | None, sized: bool) -> list[str]:
-    """Say what the harmonic of order 1 is, of a scale of that kind."""
-    if setting.radial:
+def kind_notes(setup: Setup, kind: str | None, sized: bool) -> list[str]:
+    """Return notes on the meaning of the harmonic of order 1 for that kind of scale."""
+    if setup.radial:
         return []
     if kind == MAGNET:
         return [
-            "of a magnet on the axis that a few probes read, order 1 is that of offsets of their "
-            "signals as well, and in which orders eccentricity shows hangs on how the probes are "
-            "joined: no move follows from one record; measure at four positions of the stage or "
-            "more, and give them by --stage-at"
+            "for an on-axis magnet, signal offsets of the probes also contribute to order 1, and "
+            "the orders that show eccentricity depend on how the probes are combined: one record "
+            "gives no move; measure at four or more positions of the stage, and give them by "
+            "--stage-at"
         ]
     if not sized:
         return [
-            "give --radius for the eccentricity and the move, if lines or many poles "
-            "are read there; order 1 of a magnet on the axis is no eccentricity alone"
+            "give --radius for the eccentricity and the move, if lines or many poles are read at "
+            "that radius; for an on-axis magnet order 1 is not only eccentricity"
         ]
-    if setting.like_magnet:
+    if setup.like_magnet:
         return [
-            "order 2 is larger than order 1, as of a magnet on the axis, whose order 1 is no "
-            "eccentricity alone: no move is given; say --kind disc or drum if lines or many poles "
+            "order 2 is larger than order 1, as for an on-axis magnet, where order 1 is not only "
+            "eccentricity: no move is given; use --kind disc or --kind drum if lines or many poles "
             "are read at the radius"
         ]
     if kind is None:
         return [
-            "taken for a disc, of lines or many poles that are read at the radius: of a magnet on "
-            "the axis order 1 is no eccentricity alone; --kind says which"
+            "assumed a disc (--kind disc), with lines or many poles read at the radius; for an "
+            "on-axis magnet (--kind magnet) order 1 is not only eccentricity"
         ]
     return []
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CentredRecords(Result):
-    """What records say of a scale."""
+    """Harmonics, eccentricity and move of a scale, from records."""
 
     table_key: ClassVar[str] = "harmonics"
 
-    settings: list[Setting]
-    """The scale in each place."""
+    setups: list[Setup]
+    """The scale in each setup."""
     reports: list[dict[str, Any]]
-    """What is said of each, as plain data."""
+    """Report of each setup, as plain data."""
     notes: tuple[str, ...]
-    """What a reader should know of the records."""
+    """Remarks on the records."""
     trial: dict[str, Any] | None
-    """How the harmonics follow the positions of the stage, where those were given."""
+    """Response of the harmonics to the positions of the stage, if these are known."""
 
     def data(self) -> dict[str, Any]:
         result = joined(self.reports, self.notes)
@@ -189,82 +183,86 @@ class CentredRecords(Result):
 def centre_files(
     files: Sequence[Path], request: CentreRequest, how: ReadOptions = ReadOptions()
 ) -> CentredRecords:
-    """Return what `centre_records` finds in files; columns that are called so are taken of them."""
-    said: list[str] = []
+    """Analyse files as `centre_records` does; without options, by their columns angle and error."""
+    column_notes: list[str] = []
     if request.angle is None and not (request.error or request.reading or request.turns):
-        angle, errors, *said = taken_turn(files[0], how)
+        angle, errors, *column_notes = default_turn_columns(files[0], how)
         request = replace(request, angle=angle, error=errors)
     _require_columns(request)
     read = read_files(files, request.columns, options=how, over="point")
-    read[0] = replace(read[0], notes=(*said, *read[0].notes))
+    read[0] = replace(read[0], notes=(*column_notes, *read[0].notes))
     return centre_records(read, request)
 
 
 def centre_records(records: Sequence[Record], options: CentreRequest) -> CentredRecords:
     """Return the eccentricity of a scale and the move that removes it.
 
-    Several records are the heads of one setting if each column has an angle of its own, else
-    settings in sequence.
+    Several records are the heads of one setup if each column has an angle of its own, else
+    setups in sequence.
     """
     _require_columns(options)
     names = options.names
     at = head_angles(options.heads, len(records), len(names))
     mirror = -1.0 if options.head_direction == "cw" else 1.0
     pairs = [(record, name) for record in records for name in names]
-    found = [
+    heads = [
         head_of(record, name, options, alpha * mirror)
         for (record, name), alpha in zip(pairs, at, strict=True)
     ]
-    together = len(records) > 1 and len(options.heads) == len(found)
-    size = len(found) if together else len(names)
-    settings = [_fitted(found[i : i + size], options) for i in range(0, len(found), size)]
+    together = len(records) > 1 and len(options.heads) == len(heads)
+    size = len(heads) if together else len(names)
+    setups = [_fit(heads[i : i + size], options) for i in range(0, len(heads), size)]
     headings = [channel.name for channel in records[0].channels]
-    written = column_and_unit(headings, names[0])[1] or options.unit
-    reports = [report(s, mirror, options.mounting_angle, written) for s in settings]
+    unit = column_and_unit(headings, names[0])[1] or options.unit
+    reports = [report(s, mirror, options.mounting_angle, unit) for s in setups]
     for i in range(1, len(reports)):
-        reports[i]["change"] = change(settings[i - 1], settings[i], mirror, written)
+        reports[i]["change"] = change(setups[i - 1], setups[i], mirror, unit)
     moves = options.stage_at
-    if moves and (len(moves) != len(settings) or len(settings) < 3):
+    if moves and (len(moves) != len(setups) or len(setups) < 3):
         raise RecordError(
-            f"--stage-at needs a position for each setting, and three settings at least: got "
-            f"{len(moves)} positions and {len(settings)} settings"
+            "--stage-at needs a position for each setup, and at least three setups: got "
+            f"{len(moves)} positions and {len(setups)} setups"
         )
     return CentredRecords(
         request=options,
-        settings=settings,
+        setups=setups,
         reports=reports,
-        notes=(*(note for r in records for note in r.notes), *doubts([head for head, _ in found])),
-        trial=None if not moves else trial(settings, moves, options.kind),
+        notes=(
+            *(note for r in records for note in r.notes),
+            *unit_warnings([head for head, _ in heads]),
+        ),
+        trial=None if not moves else calibrate_moves(setups, moves, options.kind),
     )
 
 
-def _fitted(found: list[tuple[HeadReadings, bool]], options: CentreRequest) -> Setting:
-    if len({radial for _, radial in found}) > 1:
+def _fit(readings: list[tuple[HeadReadings, bool]], options: CentreRequest) -> Setup:
+    if len({radial for _, radial in readings}) > 1:
         raise RecordError("the columns of errors must all be angles, or all lengths")
-    heads, radial = [head for head, _ in found], found[0][1]
+    heads, radial = [head for head, _ in readings], readings[0][1]
     orders = list(options.orders) or None
-    one = fit_setting(heads, radial, options.radius, options.kind, orders, options.outliers)
-    # of settings at known positions the kind says nothing that they do not say themselves
-    known = bool(options.stage_at)
-    more = [] if known else kind_notes(one, options.kind, options.radius is not None)
-    return replace(one, notes=tuple(dict.fromkeys((*one.notes, *more))))
+    setup = fit_setup(heads, radial, options.radius, options.kind, orders, options.outliers)
+    # the response to known positions shows the order of eccentricity without the kind
+    notes: list[str] = []
+    if not options.stage_at:
+        notes = kind_notes(setup, options.kind, options.radius is not None)
+    return replace(setup, notes=tuple(dict.fromkeys((*setup.notes, *notes))))
 
 
 def _require_columns(request: CentreRequest) -> None:
-    """Refuse a request that leaves columns or angles open, or gives them twice."""
+    """Refuse a request whose columns or angles are missing or given twice."""
     if request.angle is None and request.turns is None:
         raise RecordError(
             "give the column of the angle by --angle, or, for samples that are evenly spaced, the "
             "number of turns by --turns"
         )
     if request.angle is not None and request.turns is not None:
-        raise RecordError("--angle says how many turns there are: leave --turns out")
+        raise RecordError("--angle defines the number of turns: omit --turns")
     if bool(request.error) == bool(request.reading):
         raise RecordError(
-            "give the columns of errors by --error, or those of what was read by --reading"
+            "give the columns of errors by --error, or the columns of readings by --reading"
             + (", not both" if request.error else "")
         )
     if request.reading and request.angle is None:
-        raise RecordError("--reading needs the true angle beside it: name its column by --angle")
+        raise RecordError("--reading also needs the true angle: name its column by --angle")
     if request.reading and request.sign != 1:
-        raise RecordError("--reading gives errors of angle read less true angle: leave --sign out")
+        raise RecordError("--reading gives errors as reading minus true angle: omit --sign")

@@ -1,7 +1,7 @@
-"""What a head reads on a scale that is not centred on the axis it turns about.
+"""Readings of a head on an eccentric scale.
 
-Everything is seen from the table, in the frame x, y that turns with it. There the scale stands
-still, its zero line along x and its lines counted counter-clockwise, and the head travels round it:
+The frame x, y turns with the table. In it the scale is at rest, with its zero line along x and its
+lines counted counter-clockwise, and the head travels round it:
 
 .. code-block:: text
 
@@ -12,10 +12,9 @@ still, its zero line along x and its lines counted counter-clockwise, and the he
               |.'
         ------+---------------- x        + the axis
 
-``theta`` is the true angle that the table has been turned by, ``alpha`` where the head stands in
-the room. An error is the angle that is read less the true angle: positive where the scale reads
-more. Over a table that turns counter-clockwise as seen from above the head travels clockwise: seen
-from above, y and alpha then count with the opposite sign.
+``theta`` is the true angle of the table, ``alpha`` the angle of the head in the room. An error is
+reading minus true angle. Over a table that turns counter-clockwise as seen from above the head
+travels clockwise: seen from above, y and alpha then have the opposite sign.
 """
 
 from collections.abc import Callable
@@ -46,17 +45,17 @@ def exact_error(
     ellipticity: tuple[float, float] = (0.0, 0.0),
     tilt: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
-    r"""Return the error of a head on an eccentric scale, without taking anything for small.
+    r"""Return the exact error of a head on an eccentric scale.
 
-    With the direction of the head beta = theta + alpha and e as a complex number, a head that stays
-    at the distance r from the axis has over it, on a disc, the line of the direction from the
-    centre of the scale to the head, and the error is
+    With the direction of the head beta = theta + alpha and e as a complex number, a head at the
+    distance r from the axis of a disc reads the line in the direction from the centre of the scale
+    to the head, and the error is
 
     .. math:: d = \arg\left(1 - \frac{e}{r}\, \mathrm{e}^{-\mathrm{i}\beta}\right)
               = \sum_{n=1}^{\infty}
                 \frac{1}{n} \left(\frac{|e|}{r}\right)^n \sin n(\beta - \varphi).
 
-    On a drum the head sees where its own radius meets the rim, at R from the centre:
+    On a drum the head reads the point where its own radius meets the rim, at R from the centre:
 
     .. math:: d = \arcsin\left(\frac{|e|}{R} \sin(\beta - \varphi)\right).
 
@@ -70,34 +69,34 @@ def exact_error(
     radius : float
         Of a disc, the distance of the head from the axis; of a drum, the radius of its rim [m].
     head_angle : array_like
-        Where the head stands in the room [rad], of a shape that fits that of the angle.
+        Angle of the head in the room [rad], of a shape that fits that of the angle.
     kind : {"disc", "drum"}
         Radial lines on a face, or lines along the axis on a rim.
     axis_motion : array_like
-        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
+        Position of the table's axis, x and y in the room [m], shape (2,) or (n, 2).
     ellipticity : (float, float)
-        Relative stretch of the scale in one direction, and shortening across [1]: it reads up to
-        that angle too much or too little, twice in a turn. And that direction in the scale [rad].
+        Relative stretch of the scale in one direction, and shortening across [1]: the error has
+        that amplitude [rad], twice per turn. And that direction in the scale [rad].
     tilt : (float, float)
-        Angle between the axes of scale and table [rad], and the direction of the line in the scale
-        that it is tilted about [rad].
+        Angle between the axes of scale and table [rad], and the direction of the tilt axis in the
+        scale [rad].
 
     Returns
     -------
     numpy.ndarray
-        Angle read less true angle [rad], of the shape of angle and head angle together.
+        Reading minus true angle [rad], of the shape of angle and head angle together.
 
     Validity
     --------
     Rigid lines read at a point: the average over a scanning field, the interpolation error and the
-    change of signal with distance are not in it. Of a tilted scale the lines are seen along the
+    change of signal with distance are not included. The lines of a tilted scale are read along the
     table's axis. The order of deformations is stretch, then tilt.
 
     Raises
     ------
     ModelError
         The axis is not inside the circle on which the scale is read, the radius is not positive,
-        the kind is none, or the deformation is impossible.
+        the kind is unknown, or the deformation is impossible.
 
     Examples
     --------
@@ -109,7 +108,7 @@ def exact_error(
     theta = np.asarray(angle, dtype=np.float64)
     beta = theta + np.asarray(head_angle, dtype=np.float64)
     motion = in_turning_frame(axis_motion, theta)
-    # the axis stands still in the frame; what it does, the centre of the scale does with it
+    # the axis is at rest in the frame: its motion moves the centre of the scale
     centre = _as_complex(eccentricity, "eccentricity") + motion
     _require_inside(centre, radius)
     outward = _unit(beta)
@@ -131,12 +130,12 @@ def first_order_error(
     head_angle: ArrayLike = 0.0,
     axis_motion: ArrayLike = (0.0, 0.0),
 ) -> Array:
-    r"""Return the error of a head on a scale that is eccentric by little.
+    r"""Return the error of a head on an eccentric scale, to first order in the eccentricity.
 
     .. math:: d = \frac{|e|}{R} \sin(\theta + \alpha - \varphi)
               + \frac{m_x \sin\alpha - m_y \cos\alpha}{R}
 
-    An amplitude of 206 265 e / R arcsec, which is 412.5 arcsec for each um on each mm of diameter.
+    Its amplitude is 206 265 e / R arcsec, 412.5 arcsec for each um per mm of diameter.
 
     Parameters
     ----------
@@ -148,18 +147,18 @@ def first_order_error(
     radius : float
         Radius at which the scale is read [m].
     head_angle : array_like
-        Where the head stands in the room [rad].
+        Angle of the head in the room [rad].
     axis_motion : array_like
-        Where the table's axis is, x and y in the room [m], shape (2,) or (n, 2).
+        Position of the table's axis, x and y in the room [m], shape (2,) or (n, 2).
 
     Returns
     -------
     numpy.ndarray
-        Angle read less true angle [rad].
+        Reading minus true angle [rad].
 
     Validity
     --------
-    It leaves out up to (e / R)^2 / 2 on a disc, 0.1 arcsec at e / R = 1e-3, and (e / R)^3 / 6 on a
+    It neglects up to (e / R)^2 / 2 on a disc, 0.1 arcsec at e / R = 1e-3, and (e / R)^3 / 6 on a
     drum.
 
     Raises
@@ -187,7 +186,7 @@ def exact_run_out(
     *,
     indicator_angle: ArrayLike = 0.0,
 ) -> Array:
-    r"""Return how far out of its place an indicator finds the round rim of an eccentric scale [m].
+    r"""Return the reading of an indicator on the round rim of an eccentric scale [m].
 
     Angles of table and indicator are in the room [rad], the indicator points at the axis; the
     eccentricity is in the frame that turns with the table [m].
@@ -196,8 +195,8 @@ def exact_run_out(
 
     Validity
     --------
-    A point that touches a round rim, on a line through the axis. A flat or a ball of radius a that
-    touches acts on a rim of the radius R + a.
+    Point contact with a round rim, on a line through the axis. A ball or flat tip of radius a acts
+    like a point on a rim of radius R + a.
 
     Examples
     --------
@@ -209,19 +208,19 @@ def exact_run_out(
     beta = theta + np.asarray(indicator_angle, dtype=np.float64)
     centre = _as_complex(eccentricity, "eccentricity")
     _require_inside(centre, radius)
-    seen = centre * np.conj(_unit(beta))
+    relative = centre * np.conj(_unit(beta))
     # sqrt(R^2 - a^2) - R, without the difference of two large numbers
-    across = seen.imag / radius
+    across = relative.imag / radius
     sag = -radius * across**2 / (1.0 + np.sqrt(1.0 - across**2))
-    return np.asarray(seen.real + sag, dtype=np.float64)
+    return np.asarray(relative.real + sag, dtype=np.float64)
 
 
 def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> Array:
-    """Return by how much the exact error of a rigid scale exceeds that of the first order [rad].
+    """Return the exact error of a rigid scale minus that of first order [rad].
 
-    `outward` is the direction of the head as seen from the table, exp(i beta), and `relative` the
-    eccentricity over the radius, x + i y. A disc has radial lines on a face, a drum lines along the
-    axis on a rim.
+    `outward` is the direction of the head in the frame of the table, exp(i beta), and `relative`
+    the eccentricity over the radius, x + i y. A disc has radial lines on a face, a drum lines along
+    the axis on a rim.
 
     Examples
     --------
@@ -229,14 +228,14 @@ def beyond_first_order(outward: Complex, relative: complex, kind: ScaleKind) -> 
     >>> print(f"{beyond_first_order(wave, 1e-3 + 0j, 'disc')[0]:.2e} rad")
     5.00e-07 rad
     """
-    seen = relative * np.conj(outward)
-    # of the first order the sign is that of the sine of beta less the direction
-    exact = np.angle(1.0 - seen) if kind == "disc" else np.arcsin(-seen.imag)
-    return np.asarray(exact + seen.imag, dtype=np.float64)
+    local = relative * np.conj(outward)
+    # the first order has the sign of the sine of beta minus the direction
+    exact = np.angle(1.0 - local) if kind == "disc" else np.arcsin(-local.imag)
+    return np.asarray(exact + local.imag, dtype=np.float64)
 
 
 def in_turning_frame(vector: ArrayLike, angle: ArrayLike) -> Complex:
-    """Return a vector of the room as the table sees it, as a complex number x + i y.
+    """Return a vector of the room in the frame of the table, as a complex number x + i y.
 
     Examples
     --------
@@ -245,12 +244,12 @@ def in_turning_frame(vector: ArrayLike, angle: ArrayLike) -> Complex:
     1.0
     """
     parts = _as_complex(vector, "axis motion")
-    # an axis that stands still needs no turning
+    # an axis at rest needs no rotation
     return parts * _unit(np.asarray(angle, dtype=np.float64)) if np.any(parts) else parts
 
 
 def _unit(angle: Array) -> Complex:
-    """Return exp(i angle), in a third of the time that the exponential of complex numbers takes."""
+    """Return exp(i angle), three times as fast as the exponential of complex numbers."""
     out = np.empty(np.shape(angle), dtype=np.complex128)
     np.cos(angle, out=out.real)
     np.sin(angle, out=out.imag)
@@ -268,13 +267,13 @@ def _as_complex(vector: ArrayLike, what: str) -> Complex:
 
 
 def require_kind(kind: str) -> None:
-    """Refuse a kind of scale that there is not."""
+    """Refuse an unknown kind of scale."""
     if kind not in SCALE_KINDS:
-        raise ModelError(f"a scale is one of {', '.join(SCALE_KINDS)}, got '{kind}'")
+        raise ModelError(f"the kind of scale must be {' or '.join(SCALE_KINDS)}, got '{kind}'")
 
 
 def require_radius(radius: float) -> None:
-    """Refuse a radius of a scale [m] that none has."""
+    """Refuse an impossible radius of a scale [m]."""
     if not 0.0 < radius < np.inf:
         raise ModelError(f"the radius of a scale must be positive and finite, got {radius!r} m")
 
@@ -292,7 +291,7 @@ def _require_inside(centre: Complex, radius: float) -> None:
 def _undeformed(
     ellipticity: tuple[float, float], tilted: tuple[float, float]
 ) -> Callable[[Complex], Complex]:
-    """Return the map from where a line of the scale is seen to where it was made."""
+    """Return the map from the position of a line on the deformed scale to its original one."""
     (stretch, direction), (tilt, tilted_about) = ellipticity, tilted
     if not abs(stretch) < 1.0:
         raise ModelError(f"the ellipticity must be between -1 and 1, got {stretch!r}")
@@ -311,12 +310,12 @@ def _undeformed(
 
 def _scaled(point: Complex, along: float, across: float, direction: float) -> Complex:
     turn = np.exp(1j * direction)
-    own = point * np.conj(turn)
-    return (along * own.real + 1j * across * own.imag) * turn
+    local = point * np.conj(turn)
+    return (along * local.real + 1j * across * local.imag) * turn
 
 
 def _on_rim(start: Complex, way: Complex, radius: float) -> Complex:
-    """Return where a ray from a point inside meets the circle about zero."""
+    """Return the intersection of a ray from a point inside with the circle about zero."""
     unit = way / np.abs(way)
-    seen = start * np.conj(unit)
-    return (np.sqrt(radius**2 - seen.imag**2) + 1j * seen.imag) * unit
+    local = start * np.conj(unit)
+    return (np.sqrt(radius**2 - local.imag**2) + 1j * local.imag) * unit

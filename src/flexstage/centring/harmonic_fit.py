@@ -1,4 +1,4 @@
-"""Harmonics over the turn as they were fitted, of one head or of several, with uncertainty."""
+"""Fitted harmonics over the turn, of one head or of several, with uncertainty."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -30,18 +30,18 @@ def length_estimate(
 ) -> Estimate:
     r"""Return the length of a measured vector of two parts, with a 95 % interval.
 
-    Its interval begins at 0 where the vector could as well be none.
+    The interval begins at 0 if the vector may be zero.
 
     Noise makes a short vector longer: its length has Rice's distribution (Rice 1944, Bell System
-    Technical Journal 23), and ``|v|^2 / u^2`` that of chi squared, not central, with 2 degrees of
-    freedom and the parameter A^2 / u^2. The ends of the interval are the lengths A for which what
-    was found is at the 2.5 % ends of it, averaged over the variances that are likely where u was
-    itself estimated. Far from zero that is Student's interval.
+    Technical Journal 23), and ``|v|^2 / u^2`` a noncentral chi-squared distribution with 2 degrees
+    of freedom and the parameter A^2 / u^2. The ends of the interval are the lengths A for which the
+    measured length is at its 2.5 % ends, averaged over the likely variances if u was estimated. Far
+    from zero that is Student's interval.
 
     Validity
     --------
-    Near zero, parts that are about equally uncertain: of others, the uncertainty along the vector
-    is taken. The interval of a length of about zero holds it in 97.5 % of all cases.
+    Near zero, parts with about equal uncertainty: for others, the uncertainty along the vector is
+    used. The interval of a length of about zero contains it in 97.5 % of all cases.
 
     Examples
     --------
@@ -50,12 +50,12 @@ def length_estimate(
     >>> print(f"{1e6 * length.value:.2f} um, {1e6 * low:.2f} to {1e6 * high:.2f} um")
     0.32 um, 0.00 to 0.66 um
     """
-    # beyond this many standard uncertainties a length is as good as normal.
+    # length, in standard uncertainties, from which its distribution is practically normal
     far = 8.0
     v = np.asarray(vector, dtype=np.float64)
     cov = np.asarray(covariance, dtype=np.float64)
     length = math.hypot(v[0], v[1])
-    # a vector that is none has no direction: the mean over all of them stands for it
+    # a zero vector has no direction: the mean over all directions is used
     along = v / length if length > 0.0 else np.array([1.0, 1.0]) / math.sqrt(2.0)
     u = math.sqrt(max(float(along @ cov @ along), 0.0))
     bounds = None
@@ -72,17 +72,17 @@ def direction_estimate(
 ) -> Estimate:
     r"""Return the direction of a measured vector of two parts, with a 95 % interval.
 
-    It is from the first part towards the second [rad], between -pi and pi; the interval is the
-    whole turn where the vector could as well be none.
+    It is from the first part towards the second [rad], between -pi and pi; the interval is a full
+    turn if the vector may be zero.
 
     The part of the vector across its true direction is normal with mean 0, so that the direction is
-    known to within ``arcsin(t u / |v|)``, with Student's t (the way of Fieller 1954, Journal of the
-    Royal Statistical Society B 16, for the tangent).
+    known to within ``arcsin(t u / |v|)``, with Student's t (the method of Fieller 1954, Journal of
+    the Royal Statistical Society B 16, for the tangent).
 
     Validity
     --------
-    Compare a direction with the interval modulo a turn. Of parts with unlike uncertainty, that
-    across the measured direction is taken.
+    Compare a direction with the interval modulo a turn. For parts with different uncertainty, that
+    across the measured direction is used.
 
     Examples
     --------
@@ -102,9 +102,9 @@ def direction_estimate(
         return Estimate.of(value, u, "rad", bounds=bounds)
     across = np.array([-v[1], v[0]]) / length
     u = math.sqrt(max(float(across @ cov @ across), 0.0)) / length
-    # of a direction that is not known, that of equal chances all round
-    known, freedom = min(u, math.pi / math.sqrt(3.0)), degrees_of_freedom
-    plain = Estimate.of(value, known, "rad", degrees_of_freedom=freedom)
+    # an unknown direction has a uniform distribution over the turn
+    standard, freedom = min(u, math.pi / math.sqrt(3.0)), degrees_of_freedom
+    plain = Estimate.of(value, standard, "rad", degrees_of_freedom=freedom)
     half = Estimate.of(value, u, "rad", degrees_of_freedom=freedom).expanded
     reach = math.asin(half) if half < 1.0 else math.pi
     return replace(plain, bounds=(value - reach, value + reach)) if half > 0.1 else plain
@@ -132,17 +132,17 @@ def _likely_variances(dof: float) -> Array:
     return dof / np.asarray(chdtri(dof, (np.arange(shares) + 0.5) / shares))
 
 
-def _share_below(found: float, a: float, variances: Array) -> float:
-    """Return how often a length is less than what was found, where the true one is a."""
+def _share_below(length: float, a: float, variances: Array) -> float:
+    """Return the probability of a length below the measured one, if the true length is a."""
     from scipy.special import chdtr, chndtr
 
-    square = found**2 / variances
+    square = length**2 / variances
     share = chndtr(square, 2.0, a * a / variances) if a > 0.0 else chdtr(2.0, square)
     return float(np.mean(share))
 
 
 def _root(excess: Callable[[float], float], scale: float) -> float:
-    """Return where a function that falls is zero, from 0 on; 0 where it begins below."""
+    """Return the zero of a decreasing function from 0 on; 0 if it is negative there."""
     from scipy.optimize import brentq
 
     if excess(0.0) <= 0.0:
@@ -150,8 +150,8 @@ def _root(excess: Callable[[float], float], scale: float) -> float:
     high = scale + 5.0
     while excess(high) > 0.0:
         high *= 2.0
-    found: Any = brentq(excess, 0.0, high, xtol=1e-6)
-    return float(found)
+    root: Any = brentq(excess, 0.0, high, xtol=1e-6)
+    return float(root)
 
 
 _TURN = 2.0 * math.pi
@@ -162,25 +162,25 @@ class Harmonic:
     """One harmonic: a cos(n theta) + b sin(n theta) = A cos(n theta - phase)."""
 
     order: int
-    """How often it repeats itself in a turn, n."""
+    """Number of periods per turn, n."""
     cosine: Estimate
     """Amplitude a of the cosine."""
     sine: Estimate
     """Amplitude b of the sine."""
     amplitude: Estimate
-    """A; near zero its interval is not symmetric."""
+    """Amplitude A; near zero its interval is not symmetric."""
     phase: Estimate
-    """From the cosine towards the sine [rad]."""
+    """Phase from the cosine towards the sine [rad]."""
     covariance: Array
-    """Of a and b, shape (2, 2)."""
+    """Covariance of a and b, shape (2, 2)."""
 
     def less(self, earlier: "Harmonic") -> "Harmonic":
-        """Return how it differs from the same harmonic of an earlier record."""
+        """Return the difference from the same harmonic of an earlier record."""
 
-        def part(own: Estimate, other: Estimate) -> Estimate:
-            before = (replace(c, name=f"{c.name}, before") for c in other.components)
-            value = own.value - other.value
-            return replace(own, value=value, components=(*own.components, *before))
+        def part(new: Estimate, old: Estimate) -> Estimate:
+            before = (replace(c, name=f"{c.name}, before") for c in old.components)
+            value = new.value - old.value
+            return replace(new, value=value, components=(*new.components, *before))
 
         cosine, sine = part(self.cosine, earlier.cosine), part(self.sine, earlier.sine)
         freedom = min(self.cosine.degrees_of_freedom, earlier.cosine.degrees_of_freedom)
@@ -189,16 +189,16 @@ class Harmonic:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlier:
-    """A sample that was set aside."""
+    """Rejected sample."""
 
     index: int
-    """Its number in the record, from 0."""
+    """Number in the record, from 0."""
     angle: float
-    """Its angle [rad]."""
+    """Angle [rad]."""
     value: float
-    """Its value, in the unit of the record."""
+    """Value, in the unit of the record."""
     residual: float
-    """How far it is from what the others say, in the same unit."""
+    """Deviation from the fit of the other samples, in the same unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,32 +210,32 @@ class HarmonicFit:
     offset: Estimate
     """The mean."""
     drift: Estimate | None
-    """Change in a turn; None where it was not fitted."""
+    """Change per turn; None if it was not fitted."""
     covariance: Array
-    """Of a and b of all harmonics, in that order, shape (2 k, 2 k)."""
+    """Covariance of a and b of all harmonics, in that order, shape (2 k, 2 k)."""
     residual: Array
-    """What is left of each sample, outliers too, shape (n,)."""
+    """Residual of each sample, including outliers, shape (n,)."""
     residual_rms: float
-    """Root of the mean square of what is left of the samples that were kept, for the number of
-    those less that of the coefficients.
+    """Residual standard deviation of the samples without outliers, with the degrees of freedom of
+    the fit.
     """
     samples: int
-    """Number of samples that were kept."""
+    """Number of samples without outliers."""
     turns: float
-    """How many turns they go over."""
+    """Number of turns of the samples."""
     outliers: tuple[Outlier, ...]
-    """Samples that were set aside."""
+    """Rejected samples."""
     noise: str
-    """What the uncertainty rests on: residuals that do not know of each other, their spectrum, or
-    how turns differ.
+    """Source of the uncertainty: "white" residuals, the spectrum of "correlated" ones, or the
+    scatter of "turns".
     """
     unit: str
     """Unit of the values."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Remarks on the fit."""
     with_all: "HarmonicFit | None" = None
-    """The fit of all samples where more than a hundredth of them were set aside; the covariance and
-    the intervals then cover both.
+    """Fit of all samples if more than 1 % of them were rejected; the covariance and the intervals
+    then cover both fits.
     """
 
     @property
@@ -245,11 +245,11 @@ class HarmonicFit:
 
     def harmonic(self, order: int) -> Harmonic:
         """Return the harmonic of an order."""
-        for found in self.harmonics:
-            if found.order == order:
-                return found
+        for harmonic in self.harmonics:
+            if harmonic.order == order:
+                return harmonic
         raise RecordError(
-            f"there is no harmonic of order {order}: those fitted are "
+            f"there is no harmonic of order {order}: the fitted orders are "
             f"{', '.join(map(str, self.orders)) or 'none'}"
         )
 
@@ -264,16 +264,16 @@ class HarmonicFit:
 def scale_harmonic(
     fits: Sequence[HarmonicFit], angles: NDArray[np.float64], order: int
 ) -> Harmonic:
-    """Return the mean of the harmonics of several heads, over the angle in the scale.
+    """Return the mean of the harmonics of several heads, over the scale angle.
 
-    The heads stand at `angles` [rad]; their harmonics are over the angle of the table.
+    The heads are at `angles` [rad]; their harmonics are over the angle of the table.
 
-    Each head at alpha sees the scale at theta + alpha: its harmonic is turned by n alpha.
+    A head at alpha reads the scale at theta + alpha: its harmonic is turned by n alpha.
 
     Validity
     --------
-    Heads whose noise is their own. Motion of the axis and errors of the reference of that order are
-    in it, less so the more heads there are.
+    Heads with independent noise. The mean includes motion of the axis and errors of the reference
+    of that order, the less the more heads there are.
 
     Examples
     --------
@@ -283,9 +283,9 @@ def scale_harmonic(
     >>> print(f"{scale_harmonic(fits, np.array([0.3, 1.9]), 2).cosine.value:.3f}")
     1.000
     """
-    found = [f.harmonic(order) for f in fits]
+    harmonics = [f.harmonic(order) for f in fits]
     parts, covariances = [], []
-    for h, alpha in zip(found, angles, strict=True):
+    for h, alpha in zip(harmonics, angles, strict=True):
         c, s = math.cos(order * alpha), math.sin(order * alpha)
         turn = np.array([[c, -s], [s, c]])
         parts.append(turn @ np.array([h.cosine.value, h.sine.value]))
@@ -293,7 +293,7 @@ def scale_harmonic(
     mean = np.mean(parts, axis=0)
     covariance = np.sum(covariances, axis=0) / len(parts) ** 2
     shares = np.array([float(np.trace(v)) for v in covariances])
-    freedoms = np.array([h.cosine.degrees_of_freedom for h in found])
+    freedoms = np.array([h.cosine.degrees_of_freedom for h in harmonics])
     total = float(shares.sum())
     freedom = float(total**2 / np.sum(shares**2 / freedoms)) if total > 0.0 else math.inf
     return harmonic_of(order, mean, covariance, freedom, fits[0].unit)
@@ -302,7 +302,7 @@ def scale_harmonic(
 def harmonic_of(
     order: int, vector: Array, covariance: Array, freedom: float, unit: str
 ) -> Harmonic:
-    """Return a harmonic from its a and b, which only noise makes uncertain."""
+    """Return a harmonic from its a and b, whose only uncertainty is noise."""
 
     def part(i: int) -> Estimate:
         u = math.sqrt(covariance[i, i])
@@ -325,15 +325,15 @@ def _harmonic(
     )
 
 
-#: From so many turns on their scatter tells the noise, whatever it is like.
+#: Number of turns from which their scatter gives the noise, whatever its spectrum.
 MANY_TURNS = 8
-_LASTING = (
-    "what is left lasts from sample to sample, and makes the low orders more uncertain: fit more "
-    "orders if there are harmonics in it, or measure more turns if it is drift",
+_CORRELATED = (
+    "the residuals are correlated, which increases the uncertainty of low orders: fit more orders "
+    "if they contain harmonics, or measure more turns if they drift",
 )
 
 
-def described(
+def fit_result(
     problem: HarmonicProblem,
     equations: NormalEquations,
     c: Array,
@@ -344,27 +344,27 @@ def described(
 ) -> HarmonicFit:
     """Return the harmonics of one column, with uncertainty and notes.
 
-    `c` are its coefficients, shape (p,), `residual` what they leave of all samples, shape (n,), and
-    `keep` which samples were kept, all where None.
+    `c` are its coefficients, shape (p,), `residual` the residuals of all samples, shape (n,), and
+    `keep` the mask of samples without outliers, None for all.
     """
-    # share of the variance of white noise from which a record says that its noise lasts.
+    # variance over that of white noise from which a note reports correlated noise
     wide = 6.0
-    kept = residual if keep is None else residual[keep]
-    free = kept.size - c.size
+    inliers = residual if keep is None else residual[keep]
+    free = inliers.size - c.size
     if free < 1:
         raise RecordError(
-            f"{kept.size} samples without outliers are too few for {c.size} coefficients: fit "
+            f"{inliers.size} samples without outliers are too few for {c.size} coefficients: fit "
             "fewer orders"
         )
-    square = float(kept @ kept) / free
+    square = float(inliers @ inliers) / free
     white = square * np.linalg.inv(equations.gram.sum(axis=0))
-    # in the order of the samples; none where they were set aside
-    left = residual if keep is None else np.where(keep, residual, 0.0)
+    # in the order of the samples, with zeros for outliers
+    series = residual if keep is None else np.where(keep, residual, 0.0)
     factors, freedom, noise = _noise_of_residuals(
-        problem, equations, c, white, left, square, turns, free
+        problem, equations, c, white, series, square, turns, free
     )
-    grown = np.sqrt(factors)
-    covariance = white * np.outer(grown, grown)
+    roots = np.sqrt(factors)
+    covariance = white * np.outer(roots, roots)
     first = problem.first
     harmonics = tuple(
         harmonic_of(
@@ -384,39 +384,40 @@ def described(
         covariance=covariance[first:, first:],
         residual=residual,
         residual_rms=math.sqrt(square),
-        samples=int(kept.size),
+        samples=int(inliers.size),
         turns=turns.count,
-        outliers=_named(problem, residual, keep, turns),
+        outliers=_outliers(problem, residual, keep, turns),
         noise=noise,
         unit=unit,
-        notes=_notes(problem, white, square, turns, kept.size)
-        + (_LASTING if noise == "correlated" and float(factors[first:].max()) > wide else ()),
+        notes=_notes(problem, white, square, turns, inliers.size)
+        + (_CORRELATED if noise == "correlated" and float(factors[first:].max()) > wide else ()),
     )
 
 
 def covering_both(fit: HarmonicFit, with_all: HarmonicFit) -> HarmonicFit:
-    """Return a fit without outliers, whose intervals cover that of all samples as well."""
+    """Return a fit without outliers, whose intervals also cover that of all samples."""
     covariance = fit.covariance.copy()
     harmonics = []
-    for i, (own, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):
-        shift = math.hypot(own.cosine.value - other.cosine.value, own.sine.value - other.sine.value)
-        worst = max(float(np.linalg.eigvalsh(h.covariance)[-1]) for h in (own, other))
-        # two standard uncertainties reach as far as two of the other from where that is
+    for i, (robust, other) in enumerate(zip(fit.harmonics, with_all.harmonics, strict=True)):
+        robust_vector = np.array([robust.cosine.value, robust.sine.value])
+        shift = math.hypot(
+            robust_vector[0] - other.cosine.value, robust_vector[1] - other.sine.value
+        )
+        worst = max(float(np.linalg.eigvalsh(h.covariance)[-1]) for h in (robust, other))
+        # two standard uncertainties extend to two standard uncertainties of the other fit
         both = (math.sqrt(worst) + 0.5 * shift) ** 2 * np.eye(2)
         part = slice(2 * i, 2 * i + 2)
         covariance[part, part] = both
-        wider = harmonic_of(
-            own.order, np.array([own.cosine.value, own.sine.value]), both,
-            min(own.cosine.degrees_of_freedom, other.cosine.degrees_of_freedom), fit.unit,
-        )  # fmt: skip
+        freedom = min(robust.cosine.degrees_of_freedom, other.cosine.degrees_of_freedom)
+        wider = harmonic_of(robust.order, robust_vector, both, freedom, fit.unit)
         # near zero the interval of a length is not symmetric
         ends = np.array([h.amplitude.interval() for h in (wider, other)])
         bounds = (float(ends[:, 0].min()), float(ends[:, 1].max()))
         harmonics.append(replace(wider, amplitude=replace(wider.amplitude, bounds=bounds)))
-    set_aside = len(fit.outliers)
+    rejected = len(fit.outliers)
     note = (
-        f"{set_aside} samples of {fit.samples + set_aside} were set aside: so many may be sharp "
-        "errors of the scale; the intervals cover the fit with all samples as well"
+        f"{rejected} of {fit.samples + rejected} samples were rejected as outliers: they may be "
+        "sharp errors of the scale; the intervals also cover the fit with all samples"
     )
     return replace(
         fit,
@@ -432,18 +433,18 @@ def _noise_of_residuals(
     equations: NormalEquations,
     c: Array,
     white: Array,
-    left: Array,
+    residual: Array,
     square: float,
     turns: Turns,
     free: int,
 ) -> tuple[Array, Array, str]:
-    """Return factors on the variance, degrees of freedom, and what they rest on."""
+    """Return factors on the variance, degrees of freedom, and their source."""
     first, size = problem.first, c.size
     if float(np.trace(white)) == 0.0:
         return np.ones(size), np.full(size, float(free)), "white"
     if equations.gram.shape[0] >= MANY_TURNS:
         factors, freedom = from_turns(equations, c, white, first)
-        # where an order begins is chance: its cosine and sine are equally disturbed
+        # the phase of an order is arbitrary: noise disturbs its cosine and sine equally
         pooled = 0.5 * (factors[first::2] + factors[first + 1 :: 2])
         factors[first:] = np.repeat(pooled, 2)
         degrees = np.full(size, freedom)
@@ -454,31 +455,31 @@ def _noise_of_residuals(
     per_sample = turns.count / problem.u.size
     orders = np.repeat(np.array(problem.orders, dtype=np.float64), 2) * per_sample
     lowest = np.full(first, 0.5 / problem.u.size)
-    whole = math.floor(turns.count + 0.5 * per_sample)
-    if whole > 1:
-        left = left[: round(whole / per_sample)]
-    found = from_spectrum(
-        left,
+    full_turns = math.floor(turns.count + 0.5 * per_sample)
+    if full_turns > 1:
+        residual = residual[: round(full_turns / per_sample)]
+    noise = from_spectrum(
+        residual,
         np.concatenate((lowest, orders)),
         [*([per_sample] if problem.drift else []), *orders],
-        per_sample if whole > 1 else None,
+        per_sample if full_turns > 1 else None,
     )
-    if found is None:
+    if noise is None:
         return np.ones(size), np.full(size, float(free)), "white"
-    density, known, is_white = found
+    density, freedom, is_white = noise
     factors = density / square
-    if whole == 1:
-        # that of residuals is a little less than that of what they are residuals of
-        factors = factors * (left.size / free) ** 2
-    return factors, np.minimum(known, free), "white" if is_white else "correlated"
+    if full_turns == 1:
+        # the variance of residuals is a little less than that of the noise
+        factors = factors * (residual.size / free) ** 2
+    return factors, np.minimum(freedom, free), "white" if is_white else "correlated"
 
 
 def _nuisance(
     problem: HarmonicProblem, c: Array, covariance: Array, freedom: Array, unit: str
 ) -> tuple[Estimate, Estimate | None]:
     def estimate(value: float, variance: float, i: int) -> Estimate:
-        u, own = math.sqrt(variance), float(freedom[i])
-        return Estimate.of(float(value), u, unit, degrees_of_freedom=own)
+        u = math.sqrt(variance)
+        return Estimate.of(float(value), u, unit, degrees_of_freedom=float(freedom[i]))
 
     if not problem.drift:
         return estimate(c[0], covariance[0, 0], 0), None
@@ -487,7 +488,7 @@ def _nuisance(
     return offset, estimate(c[1], covariance[1, 1], 1)
 
 
-def _named(
+def _outliers(
     problem: HarmonicProblem, residual: Array, keep: NDArray[np.bool_] | None, turns: Turns
 ) -> tuple[Outlier, ...]:
     if keep is None:
@@ -508,16 +509,16 @@ def _notes(
     white: Array,
     square: float,
     turns: Turns,
-    kept: int,
+    samples: int,
 ) -> tuple[str, ...]:
     notes = []
     if turns.direction == 0:
-        notes.append("the angles are in no order: noise is taken to be white")
-    own = np.diag(white)[problem.first :]
-    worst = math.sqrt(float(own.max()) * kept / (2.0 * square)) if square > 0.0 else 1.0
+        notes.append("the angles are not in sequence: the noise is assumed to be white")
+    variances = np.diag(white)[problem.first :]
+    worst = math.sqrt(float(variances.max()) * samples / (2.0 * square)) if square > 0.0 else 1.0
     if worst > 1.5:
         notes.append(
-            f"uneven samples make a harmonic up to {worst:.1f} times as uncertain as even ones "
-            f"would; {turns.coverage:.2f} of a turn has samples"
+            f"non-uniform sampling increases the uncertainty of harmonics up to {worst:.1f} times; "
+            f"the samples cover {turns.coverage:.2f} of a turn"
         )
     return tuple(notes)

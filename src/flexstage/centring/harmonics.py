@@ -1,4 +1,4 @@
-"""Harmonics of an error over the turn, by least squares, and samples that are set aside."""
+"""Harmonics of an error over the turn, by least squares with outlier rejection."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
-from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, described
+from flexstage.centring.harmonic_fit import MANY_TURNS, HarmonicFit, covering_both, fit_result
 from flexstage.centring.least_squares import HarmonicProblem, NormalEquations, of_column, solved
 from flexstage.centring.turns import Turns, find_turns, places, whole_orders
 from flexstage.records.quality import RMS_OVER_MEDIAN
 
 _TURN = 2.0 * math.pi
 
-#: Orders that are fitted where nobody says which, and samples allow.
-_USUAL = 12
+#: Default number of orders, if there are enough samples.
+_DEFAULT_ORDERS = 12
 
 
 def fit_harmonics(
@@ -32,25 +32,25 @@ def fit_harmonics(
 
     .. math:: y(\theta) = c + d\,\frac{\theta}{2\pi} + \sum_n a_n \cos n\theta + b_n \sin n\theta
 
-    The coefficients are those of least squares; a drift is fitted from about two turns on, as
-    within one turn it is hardly told from harmonics. Their covariance allows for noise that lasts
-    from sample to sample: from eight turns on it is taken from how turns differ, of two and
-    more from the spectrum of the residuals between the orders, and of fewer from all of it, where
-    that is not white. An outlier is a sample that stands out alone: an error that comes in runs, or
-    again in other turns, is the scale's. Where more than a hundredth of the samples are set aside,
-    the intervals cover the fit of all samples too.
+    The coefficients are those of least squares. A drift is fitted from about two turns on, as one
+    turn hardly separates it from harmonics. The covariance allows for correlated noise: from eight
+    turns on it follows from the scatter of turns, from two on from the spectrum of the residuals
+    between the orders, and else from all of the spectrum, if it is not white. An outlier is a
+    single sample that deviates: an error of several samples, or one that repeats in other turns,
+    belongs to the scale. If more than 1 % of the samples are rejected, the intervals cover the fit
+    of all samples too.
 
     Parameters
     ----------
     angle : array_like
-        Angle of each sample [rad], shape (n,): rising, falling or in any order, wrapped or not, of
-        one turn or several, from any start.
+        Angle of each sample [rad], shape (n,): rising, falling or in any order, wrapped or not,
+        over one turn or several, from any start.
     value : array_like
         The values, shape (n,).
     orders : int or sequence of int, optional
-        Highest order, or all that are fitted; 1 to 12 where not given, or fewer as samples allow.
+        Highest order, or all that are fitted; 1 to 12 if not given, or fewer as samples allow.
     robust : bool
-        Whether to look for outliers, and set them aside.
+        Whether to find and reject outliers.
     unit : str
         Unit of the values.
 
@@ -61,19 +61,18 @@ def fit_harmonics(
 
     Validity
     --------
-    The harmonics are those of the error at the places that were sampled; of uneven samples, what is
-    beyond the orders fitted leaks into them. Within one turn sharp errors of the scale cannot be
-    told from noise: they make intervals too wide, and one that is a single sample long counts as an
-    outlier. Noise of fewer than eight turns: white
-    and drifting, as of an autoregressive process, in samples at about equal steps. Errors of the
-    angle times the slope of the values are noise too.
+    The harmonics are those of the error at the sampled angles; with non-uniform sampling, orders
+    that are not fitted leak into them. One turn does not separate sharp errors of the scale from
+    noise: they widen the intervals, and one of a single sample counts as an outlier. Noise over
+    fewer than eight turns: white and drifting, as of an autoregressive process, in samples at about
+    equal steps. Errors of the angle times the slope of the values are noise too.
 
     Raises
     ------
     RecordError
-        The samples are too few, not finite, cover less than 0.9 of a turn, or cannot tell the
-        orders apart; an order is not positive; more than a quarter of the samples stand out, most
-        of them alone.
+        The samples are too few, not finite, cover less than 0.9 of a turn, or do not separate the
+        orders; an order is not positive; more than a quarter of the samples deviate, most of them
+        singly.
 
     Examples
     --------
@@ -100,7 +99,7 @@ def fit_many(
 ) -> tuple[HarmonicFit, ...]:
     """Fit harmonics of the turn to several columns that share their angles.
 
-    It does what `fit_harmonics` does to each column, and is faster than that many calls.
+    It is faster than a call of `fit_harmonics` for each column.
 
     Parameters
     ----------
@@ -111,14 +110,14 @@ def fit_many(
     orders : int or sequence of int, optional
         Highest order, or all that are fitted.
     robust : bool
-        Whether to look for outliers, and set them aside.
+        Whether to find and reject outliers.
     unit : str
         Unit of the values.
 
     Returns
     -------
     tuple of HarmonicFit
-        One for each column.
+        A fit for each column.
 
     Raises
     ------
@@ -141,43 +140,43 @@ def fit_many(
         )
     if not np.isfinite(y).all():
         raise RecordError(
-            f"{int((~np.isfinite(y)).sum())} of the values are not finite: leave these samples out"
+            f"{int((~np.isfinite(y)).sum())} of the values are not finite: remove these samples"
         )
     turns = find_turns(theta)
-    chosen = _orders(orders, turns.angle)
-    # the least number of turns from which a drift can be told from harmonics
+    fitted_orders = _orders(orders, turns.angle)
+    # the least number of turns that separate a drift from harmonics
     with_drift = turns.count >= 1.9
-    _require_enough(turns, chosen, with_drift)
-    # about its middle the drift is least like the mean, and the offset is the mean over the record
+    _require_enough(turns, fitted_orders, with_drift)
+    # about the middle, drift and offset are least correlated, and the offset is the mean
     middle = 0.5 * (turns.angle.max() + turns.angle.min()) / _TURN
     shift = math.floor(middle)
     problem = HarmonicProblem(
-        u=turns.angle / _TURN - shift, y=y, orders=chosen, drift=with_drift,
+        u=turns.angle / _TURN - shift, y=y, orders=fitted_orders, drift=with_drift,
         middle=middle - shift, bounds=turns.bounds if len(turns.bounds) > MANY_TURNS else None,
     )  # fmt: skip
     equations = problem.sums(None)
-    coefficients = solved(equations, chosen)
-    residual = problem.residual(coefficients)
+    coefficients = solved(equations, fitted_orders)
+    residuals = problem.residual(coefficients)
     fits = []
     for j in range(y.shape[1]):
-        own = residual[:, j]
+        residual = residuals[:, j]
         if (
             robust
-            and stands_out(own)
-            and float(np.abs(own).max()) > 1e-12 * float(np.abs(y[:, j]).max())
+            and has_outlier(residual)
+            and float(np.abs(residual).max()) > 1e-12 * float(np.abs(y[:, j]).max())
         ):
-            fits.append(_robust_fit(problem.column(j), own, turns, unit))
+            fits.append(_robust_fit(problem.column(j), residual, turns, unit))
             continue
         single = of_column(equations, j)
         fits.append(
-            described(problem.column(j), single, coefficients[:, j], own, None, turns, unit)
+            fit_result(problem.column(j), single, coefficients[:, j], residual, None, turns, unit)
         )
     return tuple(fits)
 
 
 def _orders(orders: int | Sequence[int] | None, angle: Array) -> tuple[int, ...]:
     if orders is None:
-        return tuple(range(1, max(1, min(_USUAL, (places(angle / _TURN) - 2) // 2)) + 1))
+        return tuple(range(1, max(1, min(_DEFAULT_ORDERS, (places(angle / _TURN) - 2) // 2)) + 1))
     if isinstance(orders, (int, np.integer)):
         orders = range(1, int(orders) + 1)
     return whole_orders(orders)
@@ -187,14 +186,13 @@ def _require_enough(turns: Turns, orders: tuple[int, ...], drift: bool) -> None:
     size, needed = turns.angle.size, 2 * len(orders) + (2 if drift else 1)
     if size <= needed:
         raise RecordError(
-            f"{size} samples are too few for {len(orders)} harmonics, which take "
+            f"{size} samples are too few for {len(orders)} harmonics, which need "
             f"{needed + 1} or more: give more samples, or fit fewer orders"
         )
     if turns.coverage < 0.9:
         raise RecordError(
-            f"the samples cover {turns.coverage:.2f} of a turn: 0.9 or more are "
-            "needed, as otherwise offset and harmonics cannot be separated; check the unit of the "
-            "angle"
+            f"the samples cover {turns.coverage:.2f} of a turn: at least 0.9 is needed to separate "
+            "offset and harmonics; check the unit of the angle"
         )
 
 
@@ -209,12 +207,12 @@ def _robust_fit(problem: HarmonicProblem, start: Array, turns: Turns, unit: str)
         return residual
 
     keep = without_outliers(solve, start, float(np.abs(problem.y).max()), turns)
-    own = keep.astype(np.float64)
-    # a few that were left out one by one end in the very fit that is wanted
-    if not last or not np.array_equal(last[0][0], own):
-        solve(own)
+    weights = keep.astype(np.float64)
+    # the last iteration of a few rejected outliers is already the required fit
+    if not last or not np.array_equal(last[0][0], weights):
+        solve(weights)
     _, equations, coefficients, residual = last[0]
-    fit = described(problem, equations, coefficients[:, 0], residual, keep, turns, unit)
+    fit = fit_result(problem, equations, coefficients[:, 0], residual, keep, turns, unit)
     if len(fit.outliers) <= FEW * keep.size:
         return fit
     equations = problem.sums(None)
@@ -222,21 +220,21 @@ def _robust_fit(problem: HarmonicProblem, start: Array, turns: Turns, unit: str)
     residual = problem.residual(coefficients)[:, 0]
     return covering_both(
         fit,
-        described(problem, equations, coefficients[:, 0], residual, None, turns, unit),
+        fit_result(problem, equations, coefficients[:, 0], residual, None, turns, unit),
     )
 
 
-# constants of Huber's and Tukey's weights, at which 95 % of the efficiency for normal noise is kept
+# constants of Huber's and Tukey's weights for 95 % efficiency with normal noise
 _HUBER, _TUKEY = 1.345, 4.685
 _ROUNDS = 60
-#: Up to this share is left out at once, in so many rounds.
+#: Share of samples up to which outliers are rejected directly, and the iterations for that.
 FEW, _FEW_ROUNDS = 0.01, 6
-#: Share of a residual from which a neighbour, or another turn, has it too.
+#: Share of a residual from which a neighbour, or another turn, has the same error.
 _SHARED = 0.5
 
 
-def stands_out(residual: Array) -> bool:
-    """Say whether a residual is too large for normal noise of the size of the others."""
+def has_outlier(residual: Array) -> bool:
+    """Return whether a residual is too large for normal noise of the size of the others."""
     size = np.abs(residual)
     return bool(size.max() > _threshold(size.size) * _spread(size))
 
@@ -247,22 +245,21 @@ def without_outliers(
     value_size: float,
     turns: Turns,
 ) -> NDArray[np.bool_]:
-    """Return which samples to keep.
+    """Return the mask of samples that are no outliers.
 
-    `solve` goes from weights of the samples to residuals of the fit, `start` are those of all
-    samples. Residuals within the rounding of `value_size`, the largest of the values, are none.
-    More than a quarter of the samples that stand out, most of them alone, are refused.
+    `solve` maps weights of the samples to residuals of the fit, `start` are those of all samples.
+    Residuals within the rounding of `value_size`, the largest of the values, count as zero. A
+    record is refused if more than a quarter of its samples deviate, most of them singly.
 
-    What stands out and is alone: what the sample before or after has too, or most other turns at
-    the same place, is the scale's, and is kept.
+    An outlier deviates alone: an error that the sample before or after shares, or most other turns
+    at the same angle, belongs to the scale, and is kept.
 
-    A few that stand out from the first fit are left out, and the fit is repeated until they are
-    the same. Where they are many, weighted least squares is repeated with Huber's weights (Huber
-    1964, Annals of Mathematical Statistics 35), then with Tukey's (Beaton and Tukey 1974,
-    Technometrics 16). Of normal noise one record in twenty or fewer loses a sample, however long it
-    is.
+    A few outliers of the first fit are excluded, and the fit is repeated until they are the same.
+    If they are many, weighted least squares is repeated with Huber's weights (Huber 1964, Annals of
+    Mathematical Statistics 35), then with Tukey's (Beaton and Tukey 1974, Technometrics 16). With
+    normal noise at most one record in twenty loses a sample, whatever its length.
     """
-    # more than this share that stands out, most of it alone, is no handful of outliers.
+    # largest share of samples that may deviate, if most of them do so singly
     most = 0.25
     floor = 1e-13 * value_size
     few = _few(solve, start, floor, turns)
@@ -283,9 +280,9 @@ def without_outliers(
     alone = int(keep.size - keep.sum())
     if near.mean() < 1.0 - most and alone > 0.5 * (near.size - near.sum()):
         raise RecordError(
-            f"{near.size - int(near.sum())} of {near.size} samples stand out from the others, "
+            f"{near.size - int(near.sum())} of {near.size} samples deviate from the others, "
             f"{alone} of them singly: too many for outliers; check the columns and their units, or "
-            "fit without marking outliers"
+            "fit without rejecting outliers"
         )
     return keep
 
@@ -296,7 +293,7 @@ def _few(
     floor: float,
     turns: Turns,
 ) -> NDArray[np.bool_] | None:
-    """Return which to keep where a few stand out so far that leaving them out changes no other."""
+    """Return the mask without a few outliers, if excluding them adds no others, else None."""
     residual, last = start, np.ones(start.size, dtype=bool)
     for _ in range(_FEW_ROUNDS):
         near = _near(residual, floor)
@@ -310,13 +307,13 @@ def _few(
 
 
 def _near(residual: Array, floor: float) -> NDArray[np.bool_]:
-    """Say of each sample whether it does not stand out from the fit."""
+    """Return for each sample whether it agrees with the fit."""
     size = np.abs(residual)
     return size <= _threshold(size.size) * max(_spread(size), floor)
 
 
 def _of_the_scale(residual: Array, suspect: NDArray[np.bool_], turns: Turns) -> NDArray[np.bool_]:
-    """Say of each suspect sample whether others have its error too: it is the scale's then."""
+    """Return for each suspect sample whether others share its error, which is the scale's then."""
     at = np.flatnonzero(suspect)
     out = np.zeros(residual.size, dtype=bool)
     if at.size:
@@ -325,7 +322,7 @@ def _of_the_scale(residual: Array, suspect: NDArray[np.bool_], turns: Turns) -> 
 
 
 def _in_a_run(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.bool_]:
-    """Say whether the sample before or after has the error too, or is as near as samples are."""
+    """Return whether the sample before or after has the error too, or is as near as usual."""
     # a quarter of a normal distribution is within this many rms of its mean
     quartile = 0.3186393639643752
     order = np.arange(left.size)
@@ -334,15 +331,15 @@ def _in_a_run(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.boo
     rank = np.empty_like(order)
     rank[order] = np.arange(left.size)
     sign, size = np.sign(left[at]), np.abs(left[at])
-    beside = [sign * left[order[(rank[at] + k) % left.size]] for k in (-1, 1)]
-    nearest = np.maximum(*beside)
+    neighbours = [sign * left[order[(rank[at] + k) % left.size]] for k in (-1, 1)]
+    nearest = np.maximum(*neighbours)
     # white noise of rms s has steps of rms s sqrt(2); each outlier makes two, so not their median
     step = float(np.quantile(np.abs(np.diff(left[order])), 0.25)) / (quartile * math.sqrt(2.0))
     return (nearest > _SHARED * size) | (size - nearest <= _threshold(left.size) * step)
 
 
 def _repeated(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.bool_]:
-    """Say whether the error is there in most of the other turns that have samples at the place."""
+    """Return whether most of the other turns with samples at that angle have the error."""
     if turns.direction == 0 or len(turns.bounds) < 3:
         return np.zeros(at.size, dtype=bool)
     place = turns.angle / (2.0 * math.pi) % 1.0
@@ -363,14 +360,14 @@ def _repeated(left: Array, at: NDArray[np.intp], turns: Turns) -> NDArray[np.boo
 
 
 def _spread(size: Array) -> float:
-    # samples that a median is taken of, at most
+    # largest number of samples of a median
     sampled = 50_000
     step = max(1, size.size // sampled)
     return RMS_OVER_MEDIAN * float(np.median(size[::step]))
 
 
 def _threshold(count: int) -> float:
-    """Return the multiple of the rms that one of so many normal values passes once in 40 times."""
+    """Return the multiple of the rms that the largest normal value exceeds once in 40 times."""
     from scipy.special import ndtri
 
     return max(4.0, -float(ndtri(0.0125 / count)))

@@ -1,4 +1,4 @@
-"""Least squares of harmonics: normal equations in one pass, and what residuals say of noise."""
+"""Least squares of harmonics: normal equations in one pass, and noise from the residuals."""
 
 import math
 from collections.abc import Sequence
@@ -9,23 +9,23 @@ import numpy as np
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
 
-#: Samples that are worked on together: their tables stay in the processor's own memory.
+#: Samples per block: its tables fit in the cache of the processor.
 _CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NormalEquations:
-    """Sums of the products of the functions that are fitted, with each other and with the values.
+    """Sums of the products of the fitted functions, with each other and with the values.
 
-    The functions are 1, the turn number where there is a drift, then cosine and sine of each order.
+    The functions are 1, the turn number if there is a drift, then cosine and sine of each order.
     """
 
     gram: Array
-    """Of the functions with each other, for each group of samples, shape (groups, p, p)."""
+    """Products of the functions, for each group of samples, shape (groups, p, p)."""
     right: Array
-    """Of the functions with each column of values, shape (groups, p, m)."""
+    """Products of the functions with each column of values, shape (groups, p, m)."""
     squares: Array
-    """Of the values with themselves, shape (groups, m)."""
+    """Squares of the values, shape (groups, m)."""
 
 
 def accumulated(
@@ -37,15 +37,14 @@ def accumulated(
     weights: Array | None = None,
     bounds: Sequence[int] | None = None,
 ) -> NormalEquations:
-    """Sum over samples what the fit of harmonics needs.
+    """Sum the normal equations of the harmonic fit over samples.
 
     `turns` is the angle of each sample [turn], `values` columns over it, shape (n, m). A weight of
-    zero leaves a sample out. `bounds` are the first sample of each group and the number of samples;
+    zero excludes a sample. `bounds` are the first sample of each group and the number of samples;
     all are one group without it.
 
-    Products of cosines are cosines of sums and differences of orders: not the products of all pairs
-    of functions are summed, but cosines and sines up to twice the highest order, each found from
-    the two before it.
+    Products of cosines are cosines of sums and differences of orders. The sums are therefore of
+    cosines and sines up to twice the highest order, each from the two before it.
     """
     edges = [0, turns.size] if bounds is None else list(bounds)
     highest = max(orders, default=0)
@@ -76,7 +75,7 @@ def accumulated(
 
 def evaluated(turns: Array, coefficients: Array, orders: Sequence[int], *, drift: bool) -> Array:
     """Return the sum of the functions, in the order of `NormalEquations`, shape (n, m)."""
-    # each column in one piece, as what comes after goes through columns
+    # columns are contiguous, as later steps work on columns
     out = np.empty((coefficients.shape[1], turns.size)).T
     first = 2 if drift else 1
     at = np.asarray(orders, dtype=np.intp)
@@ -99,7 +98,7 @@ def _waves(turns: Array, highest: int) -> Array:
     out[0, 0], out[1, 0] = 1.0, 0.0
     if highest == 0:
         return out
-    # whole turns are taken off while they are exact
+    # full turns are subtracted while they are exact
     x = 2.0 * np.pi * (turns - np.rint(turns))
     np.cos(x, out=out[0, 1])
     np.sin(x, out=out[1, 1])
@@ -125,8 +124,8 @@ def _gram(table: Array, drifts: Array, orders: Sequence[int], drift: bool) -> Ar
     out[:, first::2, first + 1 :: 2] = mixed
     out[:, first + 1 :: 2, first::2] = np.swapaxes(mixed, 1, 2)
     edge = [(0, c[:, 0], 0)] + ([(1, table[:, 0, 0, 1], 1)] if drift else [])
-    for row, own, column in edge:
-        out[:, row, 0] = out[:, 0, row] = own
+    for row, total_wave, column in edge:
+        out[:, row, 0] = out[:, 0, row] = total_wave
         for offset, wave in ((first, 0), (first + 1, 1)):
             out[:, row, offset::2] = out[:, offset::2, row] = table[:, wave][:, k, column]
     if drift:
@@ -148,7 +147,7 @@ def _right(table: Array, drifts: Array, orders: Sequence[int], drift: bool) -> A
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HarmonicProblem:
-    """Columns of values over turns, and the functions that are fitted to them."""
+    """Columns of values over turns, and the functions fitted to them."""
 
     u: Array
     """Angle of each sample [turn], shape (n,)."""
@@ -159,10 +158,9 @@ class HarmonicProblem:
     drift: bool
     """Whether a change in proportion to the angle is fitted."""
     middle: float
-    """Middle of the angles [turn], to which the offset belongs."""
+    """Middle of the angles [turn], at which the offset is defined."""
     bounds: Sequence[int] | None
-    """First sample of each turn and, at the end, the number of samples, where turns are told apart.
-    """
+    """First sample of each turn and, at the end, the number of samples; None for one group."""
 
     def column(self, j: int) -> "HarmonicProblem":
         """Return the problem of one column alone."""
@@ -175,7 +173,7 @@ class HarmonicProblem:
         )
 
     def residual(self, coefficients: Array) -> Array:
-        """Return what coefficients, shape (p, m), leave of the values, shape (n, m)."""
+        """Return the residuals of the values, shape (n, m), for coefficients of shape (p, m)."""
         fitted = evaluated(self.u, coefficients, self.orders, drift=self.drift)
         return np.subtract(self.y, fitted, out=fitted)
 
@@ -187,15 +185,14 @@ class HarmonicProblem:
 
 def solved(equations: NormalEquations, orders: tuple[int, ...]) -> Array:
     """Return the coefficients, shape (p, m); `orders` are for the message."""
-    # functions that are more alike than this cannot be told apart in double precision.
+    # condition number from which functions are not separable in double precision
     worst_condition = 1e9
     gram = equations.gram.sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     if np.linalg.cond(gram * np.outer(scale, scale)) > worst_condition:
         raise RecordError(
-            f"the samples do not separate the harmonics up to order {orders[-1]}: more than "
-            f"{2 * orders[-1]} different angles in a turn are needed, without large gaps; fit "
-            "fewer orders"
+            f"the samples do not separate the harmonics up to order {orders[-1]}: they need more "
+            f"than {2 * orders[-1]} different angles per turn, without large gaps; fit fewer orders"
         )
     return np.linalg.solve(gram, equations.right.sum(axis=0))
 
@@ -209,7 +206,7 @@ def of_column(equations: NormalEquations, j: int) -> NormalEquations:
     )
 
 
-#: Fewer free frequencies than this say nothing of a spectrum.
+#: Least number of free frequencies that determine a spectrum.
 _LEAST_FREE = 24
 #: Gain of log likelihood from which noise counts as correlated.
 _GAIN = 3.0
@@ -218,20 +215,19 @@ _GAIN = 3.0
 def from_turns(
     equations: NormalEquations, coefficients: Array, white: Array, slow: int
 ) -> tuple[Array, float]:
-    """Return factors on the variance of each function, from how turns differ; degrees of freedom.
+    """Return factors on the variance of each function from the scatter of turns, and their freedom.
 
     `equations` are of each turn and one column, `white` is the covariance of the coefficients for
     white noise; the first `slow` functions are no harmonics. Factors are not pooled.
 
-    The variance that the scores of whole turns give, as of clustered samples (Liang and Zeger 1986,
-    Biometrika 73), over that of white noise: whatever repeats itself within a turn, or not, is in
-    it.
+    It is the variance from the scores of full turns, as of clustered samples (Liang and Zeger 1986,
+    Biometrika 73), over that of white noise. It includes correlation within a turn.
     """
     groups = equations.gram.shape[0]
     scores = equations.right[:, :, 0] - equations.gram @ coefficients
     solved = np.linalg.solve(equations.gram.sum(axis=0), scores.T)
     variance = np.sum(solved**2, axis=1)
-    # a slow drift lasts from turn to turn, and adds to the mean what it does not to harmonics
+    # a slow drift is correlated between turns, and adds to the mean but not to harmonics
     lasting = 2.0 * np.sum(solved[:, 1:] * solved[:, :-1], axis=1)
     variance[:slow] += np.maximum(lasting[:slow], 0.0)
     variance *= groups / (groups - 1)
@@ -246,27 +242,26 @@ def from_spectrum(
 ) -> tuple[Array, Array, bool] | None:
     r"""Return the noise at the frequency of each function, from the spectrum of the residuals.
 
-    It is the variance of white noise that would disturb each as much, in the square of the
-    residuals' unit, shape (p,); its degrees of freedom, shape (p,); and whether white noise
-    explains the residuals as well as any.
+    It is the variance of equivalent white noise, in the square of the residuals' unit, shape (p,);
+    its degrees of freedom, shape (p,); and whether white noise explains the residuals.
 
     It is not less than white noise of the same power. Frequencies are in cycles per sample: of the
-    functions, of all that was fitted and is missing, and of the turn, None where the residuals are
-    of less than two whole turns. There is none where residuals are too few or, where nothing
-    repeats, where white noise explains them as well.
+    functions, of all fitted functions, and of the turn, None for residuals of less than two full
+    turns. The result is None if there are too few residuals, or if they are not periodic and white
+    noise explains them.
 
-    The spectrum of an autoregressive and moving average process of orders 1 and 1, which white
-    noise and drift together have, is fitted to the periodogram by Whittle's likelihood (Whittle
-    1953, Arkiv för Matematik 2). Frequencies that were fitted, and so are missing in the residuals,
-    are left out; and of several turns, where more repeats than noise does, all multiples of one
-    per turn. The variance of a harmonic is in proportion to the spectrum at its frequency
-    (Grenander 1954, Annals of Mathematical Statistics 25).
+    The spectrum of an autoregressive moving-average process of orders 1 and 1, as of white noise
+    with drift, is fitted to the periodogram by Whittle's likelihood (Whittle 1953, Arkiv för
+    Matematik 2). Fitted frequencies are missing in the residuals and are omitted; for several turns
+    with synchronous residuals, all multiples of one per turn are omitted too. The variance of a
+    harmonic is proportional to the spectrum at its frequency (Grenander 1954, Annals of
+    Mathematical Statistics 25).
 
     Validity
     --------
-    Samples that follow one another at about equal steps.
+    Samples in sequence at about equal steps.
     """
-    # frequencies of the record that are nearer to a multiple of one per turn belong to it.
+    # distance [bins] below which a frequency belongs to a multiple of one per turn
     nearest = 0.75
     n = residual.size
     power = np.abs(np.fft.rfft(residual)[1:]) ** 2 / n
@@ -275,11 +270,11 @@ def from_spectrum(
     for f in fitted:
         free &= np.abs(bins - f * n) >= 0.99
     if n % 2 == 0:
-        free[-1] = False  # its power has but one degree of freedom
+        free[-1] = False  # its power has only one degree of freedom
     if turn is not None:
-        beside = np.abs(bins - np.rint(bins / (turn * n)) * turn * n) >= nearest
-        if _repeats(power[free & ~beside], power[free & beside]):
-            free &= beside
+        between = np.abs(bins - np.rint(bins / (turn * n)) * turn * n) >= nearest
+        if _is_synchronous(power[free & ~between], power[free & between]):
+            free &= between
         else:
             turn = None
     square = float(np.mean(residual**2))
@@ -287,52 +282,54 @@ def from_spectrum(
         return None
     mean = square if turn is None else float(power[free].mean())
     f = np.asarray(frequencies, dtype=np.float64)
-    # what is as small as rounding has no colour
-    found = None if mean <= 1e-20 * square else _coloured(bins[free] / n, power[free] / mean, n, f)
-    if found is not None:
-        # less than white noise would give is not believed: it may be chance, and would not be safe
-        density, freedom = found
+    # rounding errors have no spectrum
+    colour = None
+    if mean > 1e-20 * square:
+        colour = _coloured(bins[free] / n, power[free] / mean, n, f)
+    if colour is not None:
+        # a value below that of white noise may be chance, and would not be safe
+        density, freedom = colour
         return mean * np.maximum(density, 1.0), freedom, False
     if turn is None:
         return None
-    known = 2.0 * float(free.sum())
-    return np.full(f.size, mean), np.full(f.size, known), True
+    freedom_of_white = 2.0 * float(free.sum())
+    return np.full(f.size, mean), np.full(f.size, freedom_of_white), True
 
 
-def _repeats(own: Array, beside: Array) -> bool:
-    """Say whether there is more at the multiples of one per turn than chance puts there."""
-    # standard deviations that the power at them must be more by than that between them.
-    repeated = 3.0
-    if own.size == 0 or beside.size < _LEAST_FREE:
+def _is_synchronous(multiples: Array, between: Array) -> bool:
+    """Return whether the power at multiples of one per turn is significantly higher."""
+    # least excess of that power, in standard deviations
+    significant = 3.0
+    if multiples.size == 0 or between.size < _LEAST_FREE:
         return False
-    chance = math.sqrt(1.0 / own.size + 1.0 / beside.size)
-    return bool(own.mean() > (1.0 + repeated * chance) * beside.mean())
+    chance = math.sqrt(1.0 / multiples.size + 1.0 / between.size)
+    return bool(multiples.mean() > (1.0 + significant * chance) * between.mean())
 
 
 def _coloured(at: Array, power: Array, n: int, f: Array) -> tuple[Array, Array] | None:
-    """Return the spectrum at frequencies and its degrees of freedom; None where it is white."""
-    # the slowest noise that is allowed for is a walk over the record, which bounds what is beyond
+    """Return the spectrum at frequencies and its degrees of freedom; None if it is white."""
+    # the slowest modelled noise is a random walk over the record, which bounds slower noise
     least_freedom = 3.0
-    at, own, count = _grouped(at, power)
-    if not _looks_correlated(at, own, count):
+    at, mean_power, count = _grouped(at, power)
+    if not _looks_correlated(at, mean_power, count):
         return None
-    # what lasts for longer than the record has, at the frequencies in it, the spectrum of a walk
-    found = _fitted_spectrum(at, own, count, 1.0 - 2.0 * math.pi / n)
-    if found is None:
+    # noise slower than the record has, at the frequencies of the record, the spectrum of a walk
+    fit = _fitted_spectrum(at, mean_power, count, 1.0 - 2.0 * math.pi / n)
+    if fit is None:
         return None
-    level, rho, theta = found
+    level, rho, theta = fit
     gradient = _gradient(at, rho, theta)
     information = (gradient * count[:, None]).T @ gradient
-    own_gradient = _gradient(f, rho, theta)
-    spread = np.einsum("ij,jk,ik->i", own_gradient, np.linalg.pinv(information), own_gradient)
-    # of chi squared with nu degrees the logarithm has the variance 2 / nu + 2 / nu^2, nearly
+    at_f = _gradient(f, rho, theta)
+    spread = np.einsum("ij,jk,ik->i", at_f, np.linalg.pinv(information), at_f)
+    # the logarithm of chi squared with nu degrees has the variance 2 / nu + 2 / nu^2, nearly
     freedom = (1.0 + np.sqrt(1.0 + 2.0 * spread)) / np.maximum(spread, 1e-12)
     return level * _shape(f, rho, theta), np.maximum(freedom, least_freedom)
 
 
 def _grouped(at: Array, power: Array) -> tuple[Array, Array, Array]:
     """Average neighbouring frequencies, more of them the higher they are."""
-    # groups of frequencies that a spectrum is fitted to.
+    # largest number of groups of frequencies in the fit of a spectrum
     groups = 240
     edges = np.unique(
         np.rint(np.geomspace(1.0, at.size + 1.0, min(groups, at.size + 1))).astype(np.intp) - 1
@@ -356,7 +353,7 @@ def _gradient(f: Array, rho: float, theta: float) -> Array:
 
 
 def _looks_correlated(at: Array, power: Array, count: Array) -> bool:
-    """Say whether a small step away from white noise, of any colour, promises a better fit."""
+    """Return whether a small deviation from white noise, of any colour, improves the fit."""
     wave = np.cos(2.0 * np.pi * at)
     rho = np.array([-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.8, 0.9, 0.96, 0.99, 0.998])[:, None]
     slope = 2.0 * (wave - rho) / (1.0 + rho**2 - 2.0 * rho * wave)
@@ -369,7 +366,7 @@ def _looks_correlated(at: Array, power: Array, count: Array) -> bool:
 def _fitted_spectrum(
     at: Array, power: Array, count: Array, most: float
 ) -> tuple[float, float, float] | None:
-    """Return level, rho and theta; None where white noise is as likely."""
+    """Return level, rho and theta; None if white noise is as likely."""
     from scipy.optimize import minimize
 
     total = float(count.sum())

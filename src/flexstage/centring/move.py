@@ -1,4 +1,4 @@
-"""What moves the scale, and the move that centres it, by a model learned from measurements."""
+"""Stage that moves the scale, and the centring move, by a model learned from measurements."""
 
 import math
 from abc import ABC, abstractmethod
@@ -19,34 +19,34 @@ class PositionerAxis:
     """One of the two axes, commanded in metres from the middle of its stroke."""
 
     name: str
-    """Its name."""
+    """Name of the axis."""
     half: float
-    """Half of its stroke, the largest command to either side [m]."""
+    """Half of the stroke, the largest command to either side [m]."""
     quantum: float = 0.0
-    """Step of its commands [m]; 0 for none."""
+    """Step of the commands [m]; 0 for none."""
     resolution: float = 0.0
-    """Standard uncertainty with which it takes a command that can be set [m]."""
+    """Standard uncertainty of the position after a settable command [m]."""
     hysteresis: float = 0.0
     """Standard uncertainty of a move as a share of its length [1]."""
     backlash: float = 0.0
-    """Play on turning back, at the scale [m]."""
+    """Backlash on reversal, at the scale [m]."""
 
     def settable(self, command: float) -> float:
-        """Return the nearest command within the stroke that can be set [m]."""
+        """Return the nearest settable command within the stroke [m]."""
         inside = min(max(command, -self.half), self.half)
         if self.quantum == 0.0:
             return inside
         steps = round(inside / self.quantum)
-        # the last step before the end, where the end itself is none
+        # the last step before the end, if the end is not a step
         most = math.floor(self.half / self.quantum * (1.0 + 1e-12))
         return min(max(steps, -most), most) * self.quantum
 
 
 class Positioner(ABC):
-    """Two axes that carry the scale, as the one who centres it sees them.
+    """Two axes that carry the scale, as the centring procedure uses them.
 
-    Where the scale really goes is not known to it: the axes may be turned on the table by any
-    angle, count the other way, differ in gain and not be square.
+    The true motion of the scale is unknown: the axes may have any angle on the table, the opposite
+    handedness, unequal gains and a squareness error.
     """
 
     def __init__(self, axes: Sequence[PositionerAxis]) -> None:
@@ -60,12 +60,12 @@ class Positioner(ABC):
 
     @property
     def position(self) -> tuple[float, float]:
-        """The last command, as it was set [m]."""
+        """The last command, rounded to settable values [m]."""
         return self._position
 
     @property
     def resolution(self) -> tuple[float, float]:
-        """Standard uncertainty with which an axis takes a command, for short moves [m]."""
+        """Standard uncertainty of the position of each axis after short moves [m]."""
         return self._x.resolution, self._y.resolution
 
     @property
@@ -75,38 +75,38 @@ class Positioner(ABC):
 
     @property
     def backlash(self) -> tuple[float, float]:
-        """Play of each axis on turning back, at the scale [m]."""
+        """Backlash of each axis, at the scale [m]."""
         return self._x.backlash, self._y.backlash
 
     def settable(self, x: float, y: float) -> tuple[float, float]:
-        """Return the nearest commands within the limits that can be set [m]."""
+        """Return the nearest settable commands within the limits [m]."""
         return self._x.settable(x), self._y.settable(y)
 
     def move_to(self, x: float, y: float) -> tuple[float, float]:
-        """Move both axes to commands [m]; return what was set."""
+        """Move both axes to commands [m]; return the rounded commands."""
         self._position = self.settable(x, y)
         self._go(self._position)
         return self._position
 
     @abstractmethod
     def _go(self, command: tuple[float, float]) -> None:
-        """Move both axes to commands that can be set [m]."""
+        """Move both axes to settable commands [m]."""
 
 
-#: Rings and directions of the points that stand for a normal distribution in the plane.
+#: Rings and directions of the points that represent a normal distribution in the plane.
 _RINGS, _DIRECTIONS = 2400, 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveErrors:
-    """What the axes of a stage may do beside what they are commanded."""
+    """Errors of the moves of a stage."""
 
     hysteresis: tuple[float, float] = (0.0, 0.0)
     """Standard uncertainty of the move of each axis as a share of it [1]."""
     curvature: tuple[float, float] = (0.0, 0.0)
-    """By how much the gain of each axis may change, as a share, for each metre of the way [1/m]."""
+    """Relative change of the gain of each axis per metre of travel [1/m]."""
     resolution: tuple[float, float] = (0.0, 0.0)
-    """Standard uncertainty of where each axis settles [m]."""
+    """Standard uncertainty of the settled position of each axis [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,8 +115,8 @@ class MoveModel:
 
     A move by :math:`\Delta u` makes the eccentricity :math:`e + J \Delta u`, which is linear in e
     and J together: both are the state of a Kalman filter (Kalman 1960, Journal of Basic Engineering
-    82), which every measurement improves. What an axis does not do as commanded is its noise, and
-    its gain wanders as it moves along a curve that is not straight.
+    82), which every measurement improves. Errors of the moves are its noise, and the gains change
+    along a curved characteristic.
     """
 
     state: Array
@@ -124,9 +124,9 @@ class MoveModel:
     covariance: Array
     """Covariance of the state, shape (6, 6)."""
     moves: int = 0
-    """Number of moves that it has learned from."""
+    """Number of moves in the model."""
     last: Array = field(default_factory=lambda: np.zeros(2))
-    """The last of them, in commands [m], shape (2,)."""
+    """The last move, in commands [m], shape (2,)."""
 
     @property
     def eccentricity(self) -> Array:
@@ -135,21 +135,21 @@ class MoveModel:
 
     @property
     def eccentricity_covariance(self) -> Array:
-        """Its covariance [m^2], shape (2, 2)."""
+        """Covariance of the eccentricity [m^2], shape (2, 2)."""
         return self.covariance[:2, :2].copy()
 
     @property
     def matrix(self) -> Array:
-        """How the scale moves for a command of each axis [1], shape (2, 2), axes by column."""
+        """Motion of the scale per command of each axis [1], shape (2, 2), axes by column."""
         return self.state[2:].reshape(2, 2).copy()
 
     def measured(self, vector: ArrayLike, covariance: ArrayLike) -> "MoveModel":
-        """Return what is known after a measurement [m], each weighed by its uncertainty."""
+        """Return the model after a measurement [m], each weighted by its uncertainty."""
         select = np.eye(2, 6)
-        return self._learned(select, np.asarray(vector, dtype=np.float64), np.asarray(covariance))
+        return self._updated(select, np.asarray(vector, dtype=np.float64), np.asarray(covariance))
 
     def moved(self, by: ArrayLike, errors: MoveErrors = MoveErrors()) -> "MoveModel":
-        r"""Return what is known after the commands changed `by` so much [m], before a measurement.
+        r"""Return the model after a move `by` a change of commands [m], before a measurement.
 
         .. math:: J \leftarrow J + \delta J, \quad e \leftarrow e + J (\Delta u + w)
 
@@ -159,7 +159,7 @@ class MoveModel:
         J = self.matrix
         cov = self.covariance.copy()
         for axis, curvature in enumerate(errors.curvature):
-            # the gain of an axis changes by one factor, in whatever direction it moves the scale
+            # the gain of an axis changes by one factor for both components
             way = np.zeros(6)
             way[[2 + axis, 4 + axis]] = J[:, axis]
             change = curvature * 0.5 * abs(self.last[axis] + du[axis])
@@ -169,20 +169,20 @@ class MoveModel:
         cov = step @ cov @ step.T
         share, least = np.asarray(errors.hysteresis), np.asarray(errors.resolution)
         cov[:2, :2] += J @ np.diag((share * du) ** 2 + least**2) @ J.T
-        # an axis that has not moved keeps the gain of its last move, and where that was
+        # an axis that has not moved keeps the gain and the place of its last move
         last = np.where(du == 0.0, self.last, du)
         return MoveModel(state=step @ self.state, covariance=cov, moves=self.moves + 1, last=last)
 
     def square(
         self, *, mirrored: bool = False, gain_ratio: float = 1.0, uncertainty: float = 0.05
     ) -> "MoveModel":
-        """Return what is known if the y axis is taken as square to the x axis.
+        """Return the model with the y axis taken as square to the x axis.
 
-        It is mirrored where its axes count the other way round than those of the table;
-        `gain_ratio` is the gain of the y axis over that of the x axis, and `uncertainty` the
-        standard one of squareness [rad] and of that ratio.
+        The axes are `mirrored` if their handedness is opposite to that of the table; `gain_ratio`
+        is the gain of the y axis over that of the x axis, and `uncertainty` the standard
+        uncertainty of squareness [rad] and of that ratio.
 
-        It spares the trial move in y.
+        This saves the trial move in y.
         """
         if not (gain_ratio > 0.0 and uncertainty > 0.0):
             raise ModelError("ratio of gains and uncertainty of squareness must be positive")
@@ -192,14 +192,14 @@ class MoveModel:
         row[0, [3, 4]] = 1.0, g
         row[1, [5, 2]] = 1.0, -g
         length = math.hypot(*self.matrix[:, 0])
-        return self._learned(row, np.zeros(2), (uncertainty * g * length) ** 2 * np.eye(2))
+        return self._updated(row, np.zeros(2), (uncertainty * g * length) ** 2 * np.eye(2))
 
-    def _learned(self, row: Array, value: Array, noise: Array) -> "MoveModel":
+    def _updated(self, row: Array, value: Array, noise: Array) -> "MoveModel":
         P = self.covariance
         gain = np.linalg.solve(row @ P @ row.T + noise, row @ P).T
-        rest = np.eye(6) - gain @ row
+        remainder = np.eye(6) - gain @ row
         # Joseph's form, which stays symmetric and positive
-        cov = rest @ P @ rest.T + gain @ noise @ gain.T
+        cov = remainder @ P @ remainder.T + gain @ noise @ gain.T
         return replace(self, state=self.state + gain @ (value - row @ self.state), covariance=cov)
 
 
@@ -212,9 +212,9 @@ def unknown_moves(
 ) -> MoveModel:
     """Return the model after the first measurement, before any move.
 
-    `vector` is the measured eccentricity [m]; `matrix` how the scale is thought to move for a
-    command of each axis [1], each element with the standard uncertainty `matrix_uncertainty`.
-    Nothing is assumed where it is not given.
+    `vector` is the measured eccentricity [m]; `matrix` the assumed motion of the scale per command
+    of each axis [1], each element with the standard uncertainty `matrix_uncertainty`. Without it
+    nothing is assumed.
 
     Examples
     --------
@@ -227,26 +227,26 @@ def unknown_moves(
     J = np.zeros((2, 2)) if matrix is None else np.asarray(matrix, dtype=np.float64)
     if e.shape != (2,) or cov.shape != (2, 2) or J.shape != (2, 2):
         raise ModelError(
-            f"an eccentricity has two parts, its covariance and the matrix four, got shapes "
+            "an eccentricity needs two components, its covariance and the matrix 2 x 2, got shapes "
             f"{e.shape}, {cov.shape} and {J.shape}"
         )
     if not 0.0 < matrix_uncertainty < math.inf:
         raise ModelError(f"the uncertainty of the matrix must be positive: {matrix_uncertainty!r}")
-    whole = np.zeros((6, 6))
-    whole[:2, :2] = cov
-    whole[2:, 2:] = matrix_uncertainty**2 * np.eye(4)
-    return MoveModel(state=np.concatenate((e, J.ravel())), covariance=whole)
+    joint = np.zeros((6, 6))
+    joint[:2, :2] = cov
+    joint[2:, 2:] = matrix_uncertainty**2 * np.eye(4)
+    return MoveModel(state=np.concatenate((e, J.ravel())), covariance=joint)
 
 
 def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "") -> Estimate:
-    """Return the length of an expected vector [m], with the ends between which 95 % of cases lie.
+    """Return the length of an expected vector [m], with its 95 % prediction interval.
 
-    Its value is the mean length, which is more than the length of the mean (Rice 1945, Bell System
+    The value is the mean length, which exceeds the length of the mean (Rice 1945, Bell System
     Technical Journal 24, for equal uncertainty in all directions; Rayleigh's distribution about 0).
 
     Validity
     --------
-    A normal distribution, taken at 28 800 points of equal weight: ends within 0.5 %.
+    A normal distribution, sampled at 28 800 points of equal weight: ends within 0.5 %.
 
     Examples
     --------
@@ -272,36 +272,36 @@ def length_prediction(vector: ArrayLike, covariance: ArrayLike, *, note: str = "
 
 Approach = Literal["direct", "from below"]
 
-#: Change of the gain over a whole stroke, over the hysteresis of a move. A branch of a loop is bent
-#: by about as much as the slopes of its two branches differ.
+#: Change of the gain over the full stroke, over the hysteresis of a move. The curvature of a branch
+#: is about the difference of the slopes of the two branches.
 _BEND = 4.0
-#: What going down leaves of the memory: part of a stack's forgets by degrees. Share of the stroke,
-#: over the hysteresis of a move.
-_LEFT_OVER = 4e-4
+#: Remaining memory of a stack at the lower end, as it decays gradually. Share of the stroke, over
+#: the hysteresis of a move.
+_REMANENCE = 4e-4
 
 
 def move_errors(positioner: Positioner, approach: Approach) -> MoveErrors:
-    """Return what the axes of a stage may do beside what they are commanded.
+    """Return the errors of the moves of a stage.
 
     From below, each command is approached from the lower end of the stroke, where the memory of a
-    piezo stack is wiped out and backlash is on one side. The branch that it rises on is then always
-    the same one: it is bent, but has no hysteresis.
+    piezo stack is erased and backlash is on one side. The rising branch is then always the same:
+    it is curved, but has no hysteresis.
     """
     if approach not in ("direct", "from below"):
-        raise ModelError(f"the approach is 'direct' or 'from below', got '{approach}'")
+        raise ModelError(f"the approach must be 'direct' or 'from below', got '{approach}'")
     x, y = (
         _BEND * share / (high - low)
         for share, (low, high) in zip(positioner.hysteresis, positioner.limits, strict=True)
     )
     if approach == "from below":
         first, second = (
-            math.hypot(settling, _LEFT_OVER * share * (high - low))
+            math.hypot(settling, _REMANENCE * share * (high - low))
             for settling, share, (low, high) in zip(
                 positioner.resolution, positioner.hysteresis, positioner.limits, strict=True
             )
         )
         return MoveErrors(curvature=(x, y), resolution=(first, second))
-    # whether a move meets the play depends on the last one: none or all of it
+    # the effect of backlash depends on the last move: none or all of it
     a, b = (
         math.hypot(settling, 0.5 * play)
         for settling, play in zip(positioner.resolution, positioner.backlash, strict=True)
@@ -311,32 +311,32 @@ def move_errors(positioner: Positioner, approach: Approach) -> MoveErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlannedMove:
-    """A move that is to bring the scale nearer to the axis."""
+    """Planned move towards the centre."""
 
     command: tuple[float, float]
-    """Commands of both axes after it, as they can be set [m]."""
+    """Settable commands of both axes after it [m]."""
     by: Array
     """Change of the commands [m], shape (2,)."""
     expected: Array
-    """Eccentricity that is expected after it, x and y [m], shape (2,)."""
+    """Expected eccentricity after it, x and y [m], shape (2,)."""
     covariance: Array
-    """Its covariance [m^2], shape (2, 2)."""
+    """Covariance of the expected eccentricity [m^2], shape (2, 2)."""
     remaining: Estimate
-    """Length of that eccentricity, from resolution, hysteresis and what is not known of
-    eccentricity and matrix.
+    """Length of that eccentricity, with resolution, hysteresis and the uncertainty of eccentricity
+    and matrix.
     """
     within_limits: bool
-    """Whether the limits of the stage let it reach the centre."""
+    """Whether the centre is within the limits of the stage."""
     shortfall: float
-    """By how much the limits keep the scale from the centre [m]; 0 within them."""
+    """Distance of the scale from the centre at the limits [m]; 0 within them."""
 
 
 def planned_move(
     model: MoveModel, positioner: Positioner, *, approach: Approach = "direct"
 ) -> PlannedMove:
-    """Return the move that centres the scale, or brings it as near as the limits let it.
+    """Return the move that centres the scale, or brings it as near as the limits permit.
 
-    It is not carried out.
+    This function moves nothing.
 
     Examples
     --------
@@ -355,7 +355,7 @@ def planned_move(
     size = np.linalg.norm(J, ord=2)
     if not size > 0.0 or np.linalg.cond(J) > 1e3:
         raise ModelError(
-            "how the scale moves is not known in both directions: make a trial move with each axis"
+            "the motion of the scale is not known in both directions: make trial moves of both axes"
         )
     now = np.asarray(positioner.position)
     low, high = np.asarray(positioner.limits).T
@@ -379,7 +379,7 @@ def planned_move(
 
 
 def nearest_in_box(matrix: Array, target: Array, low: Array, high: Array) -> Array:
-    """Return the point u of a box for which :math:`|J u - target|` is least.
+    """Return the point u of a box with the least :math:`|J u - target|`.
 
     Examples
     --------
@@ -389,15 +389,15 @@ def nearest_in_box(matrix: Array, target: Array, low: Array, high: Array) -> Arr
     free: Array = np.asarray(np.linalg.solve(matrix, target), dtype=np.float64)
     if np.all((low <= free) & (free <= high)):
         return free
-    # outside, the nearest point is on an edge: there the other part has a least of its own
+    # outside, the nearest point is on an edge, at the minimum over the other component
     candidates = []
     for fixed in (0, 1):
         other = 1 - fixed
         along = matrix[:, other]
         for end in (low[fixed], high[fixed]):
-            rest = target - matrix[:, fixed] * end
+            distance = target - matrix[:, fixed] * end
             u = np.empty(2)
             u[fixed] = end
-            u[other] = np.clip(along @ rest / (along @ along), low[other], high[other])
+            u[other] = np.clip(along @ distance / (along @ along), low[other], high[other])
             candidates.append(u)
     return min(candidates, key=lambda u: float(np.hypot(*(matrix @ u - target))))

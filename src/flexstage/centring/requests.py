@@ -1,4 +1,4 @@
-"""What is asked of records of a scale on a turning table."""
+"""Request for the analysis of records of a scale on a rotary table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ def read_orders(text: str) -> tuple[int, ...]:
     words = [word.strip() for word in text.replace(":", ",").split(",")]
     if not all(word.isdecimal() and 1 <= int(word) <= 10_000 for word in words):
         raise RecordError(f'must be such as "1:12" or "1,2,4", got \'{text}\'')
-    given = [int(word) for word in words]
+    orders = [int(word) for word in words]
     if ":" not in text:
-        return tuple(given) if "," in text else tuple(range(1, given[0] + 1))
-    if len(given) != 2 or given[0] > given[1]:
+        return tuple(orders) if "," in text else tuple(range(1, orders[0] + 1))
+    if len(orders) != 2 or orders[0] > orders[1]:
         raise RecordError(f"must be a range such as \"1:12\", got '{text}'")
-    return tuple(range(given[0], given[1] + 1))
+    return tuple(range(orders[0], orders[1] + 1))
 
 
 def read_positions(text: str) -> tuple[tuple[float, float], ...]:
@@ -39,7 +39,7 @@ def read_positions(text: str) -> tuple[tuple[float, float], ...]:
     pairs = [pair.split(",") for pair in text.split(";") if pair.strip()]
     if any(len(pair) != 2 for pair in pairs):
         raise RecordError(
-            f"gives x,y for each setting, such as '0,0; 20,0; 0,20' in um, got '{text}'"
+            f"must have x,y for each setup, such as '0,0; 20,0; 0,20' in um, got '{text}'"
         )
     x, y = (
         [parse(p[k].strip(), "length", bare_unit=_POSITION_UNIT) for p in pairs] for k in (0, 1)
@@ -55,33 +55,33 @@ def _orders_text(orders: Sequence[int]) -> str:
     return ",".join(map(str, orders)) if len(orders) > 1 else f"{orders[0]}:{orders[0]}"
 
 
-#: Where heads stand [rad].
+#: Angles of the heads [rad].
 HeadAngles = Annotated[tuple[Angle, ...], Written("ANGLES", bare="deg", commas=True)]
-#: At which radius a scale is read [m].
+#: Radius at which a scale is read [m].
 ScaleRadius = Annotated[Size, Written(bare="mm")]
-#: How a stage lies on its table [rad].
+#: Orientation of a stage on its table [rad].
 MountingAngle = Annotated[Angle, Written(bare="deg")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CentreRequest(Request):
-    """Eccentricity of a scale on a turning table, and the move that removes it."""
+    """Eccentricity of a scale on a rotary table, and the move that removes it."""
 
     error: ColumnList = ()
     """Numbers or names of the error columns, one for each head: angle reading minus true angle; or,
-    in a unit of length, the readings of indicators on the rim (default: with none of these options,
-    what is called angle and error).
+    in a unit of length, the readings of indicators on the rim (default, with none of these options:
+    the columns called angle and error).
     """
     reading: ColumnList = ()
     """Instead of --error: columns of the readings of the heads, wrapped at a turn or not; the true
     angle is subtracted.
     """
     angle: Column | None = None
-    """Number or name of the column of the true angle, wrapped or not, with its unit where the file
-    does not say it, "0 deg" (default: samples are evenly spaced over --turns).
+    """Number or name of the column of the true angle, wrapped or not, with its unit if the file
+    does not state it, such as "0 deg" (default: samples are evenly spaced over --turns).
     """
     unit: Annotated[str, Written("UNIT")] | None = None
-    """Unit of angle and error if neither the file says it nor --angle and --error, such as "deg",
+    """Unit of angle and error if neither the file nor --angle and --error state it, such as "deg",
     "rad", "arcsec", "turn" or "count"; harmonics are printed in it.
     """
     counts: float | None = None
@@ -103,7 +103,7 @@ class CentreRequest(Request):
     turns: Annotated[float, Range(low=0.9)] | None = None
     """Number of turns in the record, if there is no --angle."""
     sign: Annotated[int, Range(low=-1, high=1), Written("1|-1")] = 1
-    """-1 if the errors are true angle minus angle reading: all printed and drawn values change
+    """-1 if the errors are true angle minus angle reading: all printed and plotted values change
     their sign.
     """
     head_direction: Literal["ccw", "cw"] = "ccw"
@@ -115,9 +115,9 @@ class CentreRequest(Request):
         tuple[tuple[float, float], ...],
         Written("X,Y;...", read=read_positions, write=_positions_text),
     ] = ()
-    """Positions of the stage at each setting, bare numbers in um, such as "0,0; 20,0; 0,20; 20,20":
-    gives the orders that follow the moves, their gain, and the centre, for any scale and without a
-    radius.
+    """Position of the stage in each setup, bare numbers in um, such as "0,0; 20,0; 0,20; 20,20":
+    adds the orders that respond to the moves, their gain, and the centre, for any scale and without
+    a radius.
     """
     mounting_angle: MountingAngle = 0.0
     """Direction of the x axis of the stage in the frame that turns with the table, such as
@@ -132,17 +132,17 @@ class CentreRequest(Request):
             raise ModelError("--sign must be 1 or -1, got 0")
         if self.kind == MAGNET and self.radius is not None:
             raise ModelError(
-                "a magnet on the axis has no radius that its error could be turned into "
-                "micrometres by, and its harmonic of order 1 is that of offsets of its signals as "
-                "well: leave --radius out, and find the gain by trial moves (--stage-at)"
+                "no radius converts the error of a magnet on the axis to micrometres, and signal "
+                "offsets also contribute to its harmonic of order 1: omit --radius, and determine "
+                "the gain by trial moves (--stage-at)"
             )
 
     @property
     def names(self) -> tuple[str | int, ...]:
-        """The columns of errors or readings."""
+        """Columns of errors or readings."""
         return self.error or self.reading
 
     @property
     def columns(self) -> tuple[str | int, ...]:
-        """The columns that are read."""
+        """All columns to read."""
         return self.names if self.angle is None else (self.angle, *self.names)

@@ -1,4 +1,4 @@
-"""Turns of a record, and harmonics of curves that were sampled over them."""
+"""Turns of a record, and harmonics of curves sampled over them."""
 
 import math
 from collections.abc import Iterable
@@ -15,34 +15,31 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Turns:
-    """The angles of a record without their wraps, and where its turns begin."""
+    """Unwrapped angles of a record, and the beginnings of its turns."""
 
     angle: Array
-    """Angle of each sample [rad], shape (n,): from sample to sample it jumps no more."""
+    """Unwrapped angle of each sample [rad], shape (n,)."""
     direction: int
-    """Whether the angle falls or rises on the whole; 0 where its samples are in no order."""
+    """Overall direction of the angle, -1 or 1; 0 for unordered samples."""
     count: float
-    """How many turns the samples go over, that from the last to the first included."""
+    """Number of turns of the samples, including the step from the last to the first."""
     bounds: tuple[int, ...]
     """First sample of each turn and, at the end, the number of samples. The last turn is at least
     half of one, or part of that before it.
     """
     coverage: float
-    """Share of a turn that has samples [1]: what is left without the largest gap, less the usual
-    one.
-    """
+    """Share of a turn that has samples [1]: 1 minus the largest gap, plus the usual gap."""
 
 
 def find_turns(angle: ArrayLike) -> Turns:
-    """Take the wraps out of an angle, and find the turns.
+    """Unwrap an angle, and find the turns.
 
-    The angle [rad] rises or falls. One that goes over more than a turn is taken to have no wraps.
-    Of another, a step of more than half a turn is a wrap. Where samples follow one another in no
-    order, the angle stays as it is.
+    The angle [rad] rises or falls. An angle over more than a turn is taken as unwrapped. Otherwise
+    a step of more than half a turn is a wrap. The angle of unordered samples is unchanged.
 
     Validity
     --------
-    Neighbouring samples less than half a turn apart. Jitter is no matter.
+    Neighbouring samples less than half a turn apart. Jitter does not matter.
 
     Examples
     --------
@@ -62,10 +59,10 @@ def find_turns(angle: ArrayLike) -> Turns:
     if u.max() - u.min() <= 1.0 + 1e-6 + float(np.median(np.abs(steps))):
         wrapped = steps - np.rint(steps)
         forward = float(np.sum(wrapped))
-        # in no order the steps lead nowhere
+        # the steps of unordered samples cancel
         if abs(forward) >= 0.5 * float(np.abs(wrapped).sum()):
             u = u[0] + np.concatenate(([0.0], np.cumsum(wrapped)))
-            # the sum of the steps gathers rounding: the fraction is that of the angle itself
+            # the sum accumulates rounding errors: the fraction is that of the angle itself
             u = raw / _TURN + np.rint(u - raw / _TURN)
     return _described(u)
 
@@ -85,10 +82,10 @@ def _described(u: Array) -> Turns:
         )  # fmt: skip
     count = abs(net) * u.size / (u.size - 1)
     number = np.floor(np.abs(u - u[0]) + 1e-9 * count)
-    whole = max(1, round(count))
-    # the first sample at which a turn is full; jitter does not take it back
+    full_turns = max(1, round(count))
+    # the first sample of each turn, whatever the jitter
     reached = np.maximum.accumulate(number)
-    starts = [int(np.searchsorted(reached, k)) for k in range(whole)]
+    starts = [int(np.searchsorted(reached, k)) for k in range(full_turns)]
     bounds = (*sorted(set(starts)), u.size)
     return Turns(
         angle=_TURN * u, direction=1 if net > 0.0 else -1, count=count,
@@ -97,19 +94,18 @@ def _described(u: Array) -> Turns:
 
 
 def places(u: Array) -> int:
-    """Return about how many different angles [turn] a turn has samples at."""
+    """Return the approximate number of different angles [turn] in a turn."""
     return int(np.unique(np.rint((u % 1.0) * 1e6)).size)
 
 
 def unwrap_error(error: ArrayLike) -> Array:
-    """Take whole turns out of errors that were made as the difference of two wrapped angles.
+    """Remove full turns from errors that are differences of two wrapped angles.
 
-    Errors are in rad. They are then within half a turn of their mean direction, that of the first
-    turn.
+    The errors [rad] are then within half a turn of their mean direction.
 
     Validity
     --------
-    Errors that lie within less than half a turn of each other.
+    Errors within less than half a turn of each other.
 
     Examples
     --------
@@ -128,7 +124,7 @@ def unwrap_error(error: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnSpectrum:
-    r"""Harmonics of several curves that were sampled at the same angles.
+    r"""Harmonics of several curves sampled at the same angles.
 
     .. math:: y_j(\theta) = o_j + \mathrm{Re} \sum_n C_{jn} e^{i n \theta}
     """
@@ -136,44 +132,44 @@ class TurnSpectrum:
     orders: NDArray[np.int64]
     """The orders n, shape (n,)."""
     coefficients: Complex
-    """Complex amplitudes C, cosine less i times sine, shape (curves, n)."""
+    """Complex amplitudes C, cosine minus i times sine, shape (curves, n)."""
     residuals: Array
-    """What the harmonics leave, shape (curves, k)."""
+    """Residuals of the curves, shape (curves, k)."""
     spread: Array | None = None
     """Covariance of the real, then the imaginary parts of a curve's amplitudes for noise of
-    variance 1 in each sample, shape (2 n, 2 n); None where it is 2 / k times the unit matrix, as
-    for even sampling.
+    variance 1 in each sample, shape (2 n, 2 n); None if it is 2 / k times the unit matrix, as for
+    uniform sampling.
     """
 
 
 def whole_orders(orders: Iterable[int]) -> tuple[int, ...]:
-    """Return orders in rising order, each once."""
-    given = list(orders)
-    bad = [n for n in given if isinstance(n, bool) or int(n) != n or n < 1]
-    if bad or not given:
+    """Return distinct orders in rising order."""
+    listed = list(orders)
+    bad = [n for n in listed if isinstance(n, bool) or int(n) != n or n < 1]
+    if bad or not listed:
         raise RecordError(
             "orders must be whole numbers of 1 or more, got "
-            f"{'none' if not given else repr(bad[0])}"
+            f"{'none' if not listed else repr(bad[0])}"
         )
-    return tuple(sorted({int(n) for n in given}))
+    return tuple(sorted({int(n) for n in listed}))
 
 
 def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) -> TurnSpectrum:
-    """Return the harmonics of curves by least squares, by Fourier transform where that is the same.
+    """Return the harmonics of curves by least squares, or by the equivalent Fourier transform.
 
     Angles [rad] may be in any order, over one turn or several; a gap of more than a tenth of a turn
     is refused. `curves` has the shape (curves, k).
 
     Validity
     --------
-    Orders that are left out of the fit must be absent or orthogonal to the others: they are where
-    whole turns are sampled evenly, by more than twice as many samples as the highest order.
+    Orders that are not fitted must be absent or orthogonal to the others. They are orthogonal if
+    full turns are sampled uniformly, with more than twice as many samples as the highest order.
 
     Examples
     --------
     >>> t = 2.0 * np.pi * np.arange(36) / 36
-    >>> found = turn_spectrum(t, [3.0 * np.cos(2.0 * t) + 0.7 * np.sin(5.0 * t)], (2, 5))
-    >>> print(f"{found.coefficients[0, 0].real:.3f}, {found.coefficients[0, 1].imag:.3f}")
+    >>> spectrum = turn_spectrum(t, [3.0 * np.cos(2.0 * t) + 0.7 * np.sin(5.0 * t)], (2, 5))
+    >>> print(f"{spectrum.coefficients[0, 0].real:.3f}, {spectrum.coefficients[0, 1].imag:.3f}")
     3.000, -0.700
     """
     theta, y = np.asarray(angle, dtype=np.float64), np.asarray(curves, dtype=np.float64)
@@ -183,9 +179,9 @@ def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) ->
             f"shapes {theta.shape} and {y.shape}"
         )
     if not (np.isfinite(theta).all() and np.isfinite(y).all()):
-        raise RecordError("angles and readings must be finite: take out the samples that are not")
+        raise RecordError("angles and readings must be finite: remove samples that are not")
     n = np.asarray(whole_orders(orders), dtype=np.int64)
-    per_turn = _even(theta)
+    per_turn = _uniform(theta)
     if per_turn is None:
         return _fitted(theta, y, n)
     if 2 * n[-1] >= per_turn:
@@ -196,68 +192,70 @@ def turn_spectrum(angle: ArrayLike, curves: ArrayLike, orders: Iterable[int]) ->
 
 
 def point_variance(
-    spectrum: TurnSpectrum, gains: Complex, seen: NDArray[np.bool_], at: Array
+    spectrum: TurnSpectrum, gains: Complex, visible: NDArray[np.bool_], at: Array
 ) -> tuple[Array, Array]:
-    """Return the variance of a sum of curves at angles [rad], and the mean one of each order in it.
+    """Return the variance of a sum of curves at angles [rad], and the mean variance of each order.
 
-    `gains` are factors of each curve and order, times the noise of the curve; `seen` says which
-    orders are in the sum.
+    `gains` are factors of each curve and order, times the noise of the curve; `visible` is True for
+    the orders in the sum.
     """
-    h = gains[:, seen]
+    h = gains[:, visible]
     if spectrum.spread is None:
         per_order = (2.0 / spectrum.residuals.shape[1]) * np.sum(np.abs(h) ** 2, axis=0)
         return np.full(at.size, float(per_order.sum())), per_order
-    keep = np.flatnonzero(np.concatenate((seen, seen)))
+    keep = np.flatnonzero(np.concatenate((visible, visible)))
     Q = spectrum.spread[np.ix_(keep, keep)]
     covariance = np.zeros_like(Q)
     for row in h:
         a, b = np.diag(row.real), np.diag(row.imag)
         T = np.block([[a, -b], [b, a]])
         covariance += T @ Q @ T.T
-    phase = np.multiply.outer(at, spectrum.orders[seen].astype(np.float64))
+    phase = np.multiply.outer(at, spectrum.orders[visible].astype(np.float64))
     waves = np.hstack((np.cos(phase), -np.sin(phase)))
-    own = np.diag(covariance).reshape(2, -1).mean(axis=0)
-    return np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True), own
+    per_order = np.diag(covariance).reshape(2, -1).mean(axis=0)
+    return np.einsum("ij,jk,ik->i", waves, covariance, waves, optimize=True), per_order
 
 
-def _even(theta: Array) -> int | None:
-    """Samples in a turn, where whole turns were sampled evenly and in order, else None."""
+def _uniform(theta: Array) -> int | None:
+    """Return the samples per turn if full turns were sampled uniformly and in order, else None."""
     steps = np.diff(theta)
     step = float(steps.mean())
     if step == 0.0 or np.max(np.abs(steps - step)) > 1e-9 * abs(step):
         return None
     per_turn = 2.0 * np.pi / abs(step)
-    whole = round(per_turn)
-    off = abs(per_turn - whole) * theta.size / max(whole, 1)
-    return whole if whole >= 3 and theta.size % whole == 0 and off < 1e-9 * theta.size else None
+    samples = round(per_turn)
+    off = abs(per_turn - samples) * theta.size / max(samples, 1)
+    uniform = samples >= 3 and theta.size % samples == 0 and off < 1e-9 * theta.size
+    return samples if uniform else None
 
 
 def _transformed(theta: Array, y: Array, n: NDArray[np.int64], per_turn: int) -> TurnSpectrum:
     mean = y.reshape(y.shape[0], -1, per_turn).mean(axis=1)
     spectrum = np.fft.rfft(mean, axis=1) * (2.0 / per_turn)
-    # the transform counts samples from 0, rising; a turn may begin anywhere and go back
+    # the transform counts samples from 0, rising; a turn may begin anywhere and run backwards
     falling = theta[1] < theta[0]
-    found = spectrum[:, n]
-    found = (np.conj(found) if falling else found) * np.exp(-1j * n * theta[0])
-    kept = np.zeros_like(spectrum)
-    kept[:, n] = spectrum[:, n]
-    kept[:, 0] = spectrum[:, 0]
-    fit = np.fft.irfft(kept * (0.5 * per_turn), per_turn, axis=1)
+    coefficients = spectrum[:, n]
+    coefficients = (np.conj(coefficients) if falling else coefficients) * np.exp(-1j * n * theta[0])
+    fitted = np.zeros_like(spectrum)
+    fitted[:, n] = spectrum[:, n]
+    fitted[:, 0] = spectrum[:, 0]
+    fit = np.fft.irfft(fitted * (0.5 * per_turn), per_turn, axis=1)
     residuals = y - np.tile(fit, (1, theta.size // per_turn))
-    return TurnSpectrum(orders=n, coefficients=found, residuals=residuals)
+    return TurnSpectrum(orders=n, coefficients=coefficients, residuals=residuals)
 
 
 def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
     # the largest share of a turn that may lie between two neighbouring samples
     widest_gap = 0.1
-    # largest condition of the normal equations: beyond it a harmonic is not told from others
+    # largest condition number of the normal equations at which harmonics are separable
     worst_condition = 1e6
     at = np.sort(np.mod(theta, 2.0 * np.pi))
     gap = float(np.max(np.diff(np.append(at, at[0] + 2.0 * np.pi))))
     if gap > widest_gap * 2.0 * np.pi:
         raise RecordError(
-            f"the angles leave a gap of {np.degrees(gap):.3g} degrees, and may leave one of "
-            f"{360.0 * widest_gap:g}: measure a whole turn, and give the angles in radians"
+            f"the angles have a gap of {np.degrees(gap):.3g} degrees, at most "
+            f"{360.0 * widest_gap:g} are allowed: measure a full turn, and give the angles in "
+            "radians"
         )
     phase = np.multiply.outer(theta, n.astype(np.float64))
     X = np.hstack((np.ones((theta.size, 1)), np.cos(phase), -np.sin(phase)))
@@ -268,7 +266,7 @@ def _fitted(theta: Array, y: Array, n: NDArray[np.int64]) -> TurnSpectrum:
     normal = X.T @ X
     if np.linalg.cond(normal) > worst_condition:
         raise RecordError(
-            "the angles do not separate the orders: ask for fewer, or sample more evenly"
+            "the angles do not separate the orders: fit fewer orders, or sample more uniformly"
         )
     inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     solution, *_ = np.linalg.lstsq(X, y.T, rcond=None)

@@ -20,7 +20,7 @@ from flexstage.records.read_options import ReadOptions
 #: Angles of outliers that are printed.
 _MOST_ANGLES = 6
 #: Unit of the displacement by which a harmonic's gain is divided.
-_UNITS = {"in proportion": "µm", "as the square": "µm²"}
+_UNITS = {"linear": "µm", "quadratic": "µm²"}
 
 
 @from_docstring
@@ -159,22 +159,22 @@ def print_trial(result: dict[str, Any]) -> None:
     rows = []
     for row in result["orders"]:
         gain = ""
-        if row["follows"] is not None:
-            power = 2 if row["follows"] == "as the square" else 1
-            gain = f"{row['gain'] / size * 1e-6**power:.4g} {unit}/{_UNITS[row['follows']]}"
-        sizes = (f"{row[key] / size:.4g}" for key in ("change", "left"))
+        if row["relation"] is not None:
+            power = 2 if row["relation"] == "quadratic" else 1
+            gain = f"{row['gain'] / size * 1e-6**power:.4g} {unit}/{_UNITS[row['relation']]}"
+        sizes = (f"{row[key] / size:.4g}" for key in ("change", "residual"))
         places = (_place(row, axis) for axis in ("x", "y"))
-        rows.append((row["order"], *sizes, row["follows"] or "none", gain, *places))
+        rows.append((row["order"], *sizes, row["relation"] or "none", gain, *places))
     heads = (
         "order",
         f"change, {unit}",
         f"~residual, {unit}",
-        "<dependence",
+        "<relation",
         "<gain",
         "centre x, µm",
         "y, µm",
     )
-    title = f"harmonics over {len(result['positions'])} positions of the stage"
+    title = f"response to {len(result['positions'])} positions of the stage"
     print_table(screen, title, heads, rows)
     if "centre" in result:
         c = result["centre"]

@@ -57,7 +57,7 @@ def compensate(
     from flexstage.hysteresis.compensation import compensate as run
     from flexstage.hysteresis.inversion import command_record
     from flexstage.hysteresis.model_file import read_model_file
-    from flexstage.records.likely_columns import taken_drive
+    from flexstage.records.contents import default_drive_columns
     from flexstage.records.read import read_files
     from flexstage.records.write import record_bytes
     from flexstage.report.identification import command_in_words
@@ -65,7 +65,7 @@ def compensate(
     kind = record_format(out)
     file = read_model_file(model)
     if column_ is None:
-        _, (column,), _ = taken_drive(
+        _, (column,), _ = default_drive_columns(
             reference, (("none",), ()), read_options, options=("input", "column")
         )
     else:

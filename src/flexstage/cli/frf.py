@@ -24,7 +24,7 @@ from flexstage.records.read_options import ReadOptions
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from flexstage.measure.frf_result import DecayResult, FrfResult
+    from flexstage.measure.frf import DecayResult, FrfResult
 
 
 @from_docstring
@@ -70,7 +70,7 @@ def _write_files(
     out: Path | None, figure: Path | None, result: "FrfResult | DecayResult"
 ) -> list[Path]:
     """Write the requested files, after all of them are computed and drawn."""
-    from flexstage.measure.frf_result import FrfResult
+    from flexstage.measure.frf import FrfResult
     from flexstage.records.write import record_bytes
 
     content, figures = None, {}

@@ -49,8 +49,7 @@ def records(
 
 
 def _print(screen: "Console", listing: dict[str, Any], options: list[str]) -> None:
-    from flexstage.records.contents import contents_table, length_in_words
-    from flexstage.records.likely_columns import next_job
+    from flexstage.records.contents import contents_table, length_in_words, next_job
 
     display_table(screen, contents_table(listing, listing["file"]))
     print_text(screen, length_in_words(listing))

@@ -39,12 +39,11 @@ def uncertainty(
     figure
         Draw the distribution and the budget (.svg, .png or .pdf).
     """
-    from flexstage.measure.uncertainty.budget_file import read_budget
-    from flexstage.measure.uncertainty.evaluate import evaluate
+    from flexstage.measure.uncertainty.budget_file import evaluate_budget, read_budget
 
     budget = read_budget(file)
     with progress_bar("uncertainty", quiet=quiet):
-        result = evaluate(budget, request)
+        result = evaluate_budget(budget, request)
     files = write_picture(figure, result.plot)
     if json:
         print_result(result.to_dict(), files)

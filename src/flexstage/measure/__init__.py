@@ -1,4 +1,4 @@
-"""From measured records to the figures of a stage, each with its uncertainty."""
+"""Characteristics of a stage from measured records, each with its uncertainty."""
 
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from flexstage.measure.motion.curve_fit import fit_motion_curve
     from flexstage.measure.motion.motion_curve import MotionCurve, curve_loop_width, curve_range
     from flexstage.measure.motion.positioning import Positioning, positioning
-    from flexstage.measure.motion.reach import Stroke, Workspace, stroke, workspace
-    from flexstage.measure.motion.rigid_body import rigid_motion
+    from flexstage.measure.motion.reach import Stroke, Workspace, rigid_motion, stroke, workspace
     from flexstage.measure.noise.hold import HoldNoise, allan_deviation, hold_noise, mains_lines
     from flexstage.measure.noise.staircase import (
         Staircase,

@@ -1,4 +1,4 @@
-"""What is asked of records of vibration: responses and modes."""
+"""Requests for frequency responses and modes, and for an uncertainty budget."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def read_count(text: str) -> int | str:
 
 
 def read_trials(text: str) -> int | str:
-    """Return a number of trials, which may be written as 1e6, or auto."""
+    """Return a number of trials, also in the form 1e6, or auto."""
     word = text.strip().lower()
     if word == "auto":
         return word
@@ -41,18 +41,18 @@ _WINDOWS = ("hann", "hamming", "blackman", "boxcar")
 
 
 def _exponential(window: str) -> float | None:
-    """Return the share that an exponential window ends at; None of another window."""
+    """Return the final value of an exponential window; None for another window."""
     name, _, share = window.strip().partition(" ")
     if name != "exponential":
         if window not in _WINDOWS:
             raise ModelError(
-                f"there is no window '{window}': choose one of {', '.join(_WINDOWS)}, or "
+                f"the window '{window}' is unknown: use one of {', '.join(_WINDOWS)}, or "
                 'exponential with its value at the end of a hit, such as "exponential 5 %"'
             )
         return None
     value = read_number(share, 'the value of the window at the end of a hit, such as "5 %"')
     if not 0.0 < value < 1.0:
-        raise ModelError(f"--window exponential ends at a share between 0 and 1, got {share}")
+        raise ModelError(f"--window exponential needs a final value between 0 and 1, got {share}")
     return value
 
 
@@ -73,12 +73,12 @@ class FrfRequest(Request):
     """Frequency responses and modes of records."""
 
     input: Annotated[ColumnList, ONE_COLUMN] = ()
-    """Number or name of the input column (default: of a record over time the one in N, else in V,
-    or called so).
+    """Number or name of the input column (default, for a record over time: the column in N, else in
+    V, by its unit or name).
     """
     output: ColumnList = ()
-    """Numbers or names of the output columns, separated by commas (default: those in units of
-    motion, or called so).
+    """Numbers or names of the output columns, separated by commas (default: the columns in units of
+    motion, by their units or names).
     """
     response: Annotated[tuple[str, ...], Written("COLUMNS", commas=True)] = ()
     """Columns of a measured response, if the headings do not name them: frequency, real and
@@ -89,25 +89,25 @@ class FrfRequest(Request):
     excitation: Literal["auto", "random", "periodic", "hammer", "step", "sweep", "ring-down"] = (
         "auto"
     )
-    """Kind of excitation; auto recognises it from the input; ring-down is a free decay, of outputs
-    only and no input.
+    """Kind of excitation; auto recognises it from the input; ring-down is a free decay, with
+    outputs only.
     """
     resolution: PositiveFrequency | None = None
     """Frequency resolution, such as "0.5 Hz"."""
     window: Annotated[str, Written("NAME")] = "hann"
-    """Window of random segments: hann, hamming, blackman, boxcar; or of hits of a hammer, such as
-    "exponential 5 %", with its value at the end of a hit; the damping that it adds is subtracted.
+    """Window of random segments: hann, hamming, blackman, boxcar; or of hammer hits, such as
+    "exponential 5 %", with its value at the end of a hit; its added damping is subtracted.
     """
     band: (
         Annotated[tuple[float, float], DIMENSIONS["frequency"], POSITIVE, Written(bare="Hz")] | None
     ) = None
-    """Band in which modes are fitted, such as "200:800" in Hz or "0.2 kHz:0.8 kHz"."""
+    """Frequency band of the modal fit, such as "200:800" in Hz or "0.2 kHz:0.8 kHz"."""
     fit_modes: Annotated[int | Literal["auto"], Written("NUMBER|auto", read=read_count)] = "auto"
     """Number of modes to fit; 0 for none."""
     near: Annotated[
         tuple[PositiveFrequency, ...], Written("FREQUENCIES", bare="Hz", commas=True)
     ] = ()
-    """Fit modes near these frequencies alone, such as "365,660" in Hz."""
+    """Fit only modes near these frequencies, such as "365,660" in Hz."""
     weight: Literal["noise", "relative", "uniform"] = "noise"
     """Weight of the frequency lines: noise, by their variance or the residual of the fit; relative,
     by the inverse of their magnitude, for responses over decades; uniform.
@@ -115,9 +115,9 @@ class FrfRequest(Request):
     fit: Annotated[
         tuple[Literal["delay", "lag", "complex"], ...], Written("NAMES", commas=True)
     ] = ()
-    """What to fit as well, with commas between: delay (of the outputs; --fit-modes auto tries it
-    where the phase falls as of one), lag (of first order, of the outputs), and with either complex
-    (modes, for damping that is not proportional; needs a wide band).
+    """Additional parameters to fit, separated by commas: delay (of the outputs; --fit-modes auto
+    tries it if the phase suggests one), lag (first order, of the outputs), and with either complex
+    (modes, for nonproportional damping; needs a wide band).
     """
 
     def __post_init__(self) -> None:
@@ -126,28 +126,28 @@ class FrfRequest(Request):
             self._require_no_drive()
         if self.fit == ("complex",):
             raise ModelError(
-                "--fit complex goes with delay or lag, which assume real modes otherwise; without "
-                "them all modes are complex: leave it out"
+                "--fit complex needs delay or lag, which otherwise assume real modes; without them "
+                "all modes are complex: omit it"
             )
         _exponential(self.window)
         if self.near and self.fit_modes not in ("auto", len(self.near)):
             raise ModelError(
-                f"--fit-modes {self.fit_modes} and --near with {len(self.near)} frequencies "
-                "differ: leave --fit-modes out"
+                f"--fit-modes {self.fit_modes} contradicts --near with {len(self.near)} "
+                "frequencies: omit --fit-modes"
             )
         if self.response and (self.input or self.output):
             raise ModelError(
-                "--response names columns of a response that exists, --input and --output those of "
+                "--response names columns of a measured response, --input and --output columns of "
                 "a record over time: give one or the other"
             )
 
     @property
     def exponential(self) -> float | None:
-        """Value of an exponential window at the end of a hit; None where there is none."""
+        """Value of an exponential window at the end of a hit; None for another window."""
         return _exponential(self.window)
 
     def _require_no_drive(self) -> None:
-        """Refuse what a free decay has no use for."""
+        """Refuse options that do not apply to a free decay."""
         used = ("output", "fit_modes", "excitation")
         idle = [
             field.option
@@ -156,8 +156,11 @@ class FrfRequest(Request):
         ]
         if idle:
             raise ModelError(
-                f"{', '.join(idle)} has no meaning with --excitation ring-down, of which outputs "
-                "alone are fitted: leave it out"
+                f"{', '.join(idle)} does not apply to --excitation ring-down, which has outputs "
+                "only: omit it"
             )
         if self.fit_modes == 0:
-            raise ModelError("of a ring-down modes are all that is fitted: leave --fit-modes 0 out")
+            raise ModelError(
+                "--fit-modes 0 does not apply to --excitation ring-down, which only fits modes: "
+                "omit it"
+            )

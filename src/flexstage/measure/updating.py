@@ -191,7 +191,7 @@ _ITERATIONS = 40
 
 def predict(
     system: MechanicalSystem,
-    wanted: Sequence[tuple[str, str]],
+    quantities: Sequence[tuple[str, str]],
     *,
     drives: DriveCondition = "removed",
 ) -> Array:
@@ -201,7 +201,7 @@ def predict(
     ----------
     system : MechanicalSystem
         The model.
-    wanted : sequence of tuple of str
+    quantities : sequence of tuple of str
         Quantity, one of `UPDATABLE`, and name of an axis.
     drives : str
         Condition of the drives that frequencies and damping belong to; ratios and strokes are those
@@ -226,7 +226,7 @@ def predict(
     193.7
     """
     axes = {axis.name: axis for axis in system.axes}
-    for quantity, name in wanted:
+    for quantity, name in quantities:
         if quantity not in UPDATABLE:
             raise ModelError(
                 f"a stage cannot be fitted to '{quantity}': expected one of {', '.join(UPDATABLE)}"
@@ -234,10 +234,10 @@ def predict(
         if name not in axes:
             raise ModelError(has_no("the stage", "axis", name, axes))
     bare = modes(system, count=None)
-    found = bare if drives == "removed" else modes(system, drives=drives, count=None)
+    modal = bare if drives == "removed" else modes(system, drives=drives, count=None)
     pushed: dict[str, AxisAnalysis] = {
         name: analyse_axis(system, axes[name])
-        for name in sorted({name for quantity, name in wanted if quantity in _STATIC})
+        for name in sorted({name for quantity, name in quantities if quantity in _STATIC})
     }
 
     def value(quantity: str, axis: AxisPort) -> float:
@@ -246,10 +246,10 @@ def predict(
             if quantity == "transmission_ratio":
                 return one.output_displacement / one.input_displacement
             return getattr(one, quantity)
-        mode = axis_mode(system, found, axis.drive, axis.probe)
-        return float((found.frequency_hz if quantity == _MODAL[0] else found.damping_ratio)[mode])
+        mode = axis_mode(system, modal, axis.drive, axis.probe)
+        return float((modal.frequency_hz if quantity == _MODAL[0] else modal.damping_ratio)[mode])
 
-    return np.array([value(quantity, axes[name]) for quantity, name in wanted])
+    return np.array([value(quantity, axes[name]) for quantity, name in quantities])
 
 
 class UpdatingProblem:
@@ -289,8 +289,8 @@ class UpdatingProblem:
         spread = np.array([e.expanded / normal for e in measured.values()])
         covariance = np.diag(spread**2)
         for quantity in {q for q, _ in self.keys} - {"damping_ratio"}:
-            alike = np.array([q == quantity for q, _ in self.keys]) * self.y
-            covariance += model_uncertainty**2 * np.outer(alike, alike)
+            same = np.array([q == quantity for q, _ in self.keys]) * self.y
+            covariance += model_uncertainty**2 * np.outer(same, same)
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def values(self, x: Array) -> Array:
@@ -299,8 +299,10 @@ class UpdatingProblem:
 
     def stage_at(self, x: Array) -> Stage:
         """Return the stage that has parameters."""
-        named = dict(zip((p.name for p in self.parameters), self.values(x).tolist(), strict=True))
-        return stage_with(self.stage, self.parameters, named)
+        values_by_name = dict(
+            zip((p.name for p in self.parameters), self.values(x).tolist(), strict=True)
+        )
+        return stage_with(self.stage, self.parameters, values_by_name)
 
     def predicted(self, x: Array) -> Array:
         """Return what the model says of the measured quantities, in their units, shape (m,)."""
@@ -324,7 +326,7 @@ class UpdatingProblem:
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of the whitened prediction, by central differences.
 
-        Shape (m, p). Refused where there is no such stage beside these parameters.
+        Shape (m, p). Refused if there is no such stage near these parameters.
         """
         columns = []
         for step in _STEP * np.eye(x.size):
@@ -382,7 +384,7 @@ def _descended(problem: UpdatingProblem, x: Array, r: Array, step: Array) -> tup
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpdatedRow:
-    """One measured quantity beside the model before and after."""
+    """One measured quantity, with the model before and after."""
 
     quantity: str
     """The quantity that was measured."""
@@ -417,8 +419,8 @@ class Updated:
     unidentified: tuple[str, ...]
     """What the measurements do not tell, a sentence each."""
     rows: tuple[UpdatedRow, ...]
-    """Each measured quantity beside the model before and after."""
-    misfit: float
+    """Each measured quantity, with the model before and after."""
+    chi_squared: float
     """Twice the least Phi; of the chi-squared distribution with as many degrees of freedom as there
     are measured values, where model and expectation hold.
     """
@@ -437,10 +439,10 @@ class Updated:
 
     @property
     def probability(self) -> float:
-        """Probability of a misfit as large as this one, if model and expectation hold [1]."""
+        """Probability of a chi-squared as large as this, if model and expectation are right [1]."""
         from scipy.special import chdtrc
 
-        return float(chdtrc(len(self.rows), self.misfit))
+        return float(chdtrc(len(self.rows), self.chi_squared))
 
     def samples(self, count: int, *, seed: int = 0) -> Array:
         """Draw parameters from the posterior distribution, by its quadratic approximation.
@@ -478,8 +480,8 @@ def update_stage(
         Condition of the drives that frequencies and damping were measured in: ``removed``,
         ``in place`` or ``locked``.
     model_uncertainty : float
-        Relative standard uncertainty of the model itself [1], alike for all values of a quantity;
-        damping is left out of it.
+        Relative standard uncertainty of the model itself [1], equal for all values of a quantity;
+        it does not apply to damping.
 
     Returns
     -------
@@ -531,7 +533,7 @@ def update_stage(
         learned={q.name: float(1.0 - covariance[i, i]) for i, q in enumerate(parameters)},
         unidentified=_unidentified(parameters, information),
         rows=_rows(problem, r, jacobian, covariance),
-        misfit=2.0 * half_square(r, x),
+        chi_squared=2.0 * half_square(r, x),
         curvature_error=_curvature_error(problem, x, half_square(r, x), covariance),
         iterations=steps,
     )
@@ -561,19 +563,19 @@ def _require(
                 f"none (it has {', '.join(h.name for h in stage.hinges[:12])})"
             )
     if sum(p.kind == "damping_ratio" for p in parameters) > 1:
-        raise ModelError("one damping ratio holds for all modes: give one parameter of that kind")
+        raise ModelError("all modes have one damping ratio: give one parameter of that kind")
 
 
 def _estimate(parameter: UpdateParameter, value: float, covariance: Array, i: int) -> Estimate:
     # C = C (J'J) C + C C: the first part is the noise of the measurement, the second what was
     # known before
     before = float(covariance[i] @ covariance[i])
-    seen = max(float(covariance[i, i]) - before, 0.0)
+    gain = max(float(covariance[i, i]) - before, 0.0)
     return Estimate(
         value=value,
         unit=parameter.unit,
         components=(
-            Component(name="measured", uncertainty=parameter.spread * math.sqrt(seen), kind="B"),
+            Component(name="measured", uncertainty=parameter.spread * math.sqrt(gain), kind="B"),
             Component(name="before", uncertainty=parameter.spread * math.sqrt(before), kind="B"),
         ),
         note="most probable value, posterior spread",
@@ -582,7 +584,7 @@ def _estimate(parameter: UpdateParameter, value: float, covariance: Array, i: in
 
 def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> tuple[str, ...]:
     """Name the combinations of parameters on which the measurements say less than is known."""
-    found = []
+    notes = []
     strengths, directions = np.linalg.eigh(information)
     for strength, direction in zip(strengths, directions.T, strict=True):
         if strength >= 1.0:
@@ -594,11 +596,11 @@ def _unidentified(parameters: Sequence[UpdateParameter], information: Array) -> 
         what = f"{' '.join(parts)} (in units of their spreads)"
         if len(main) == 1:
             what = parameters[main[0]].name
-        found.append(
+        notes.append(
             f"the measured values hardly determine {what}: {100.0 * remains:.0f} % of its spread "
             "remains"
         )
-    return tuple(found)
+    return tuple(notes)
 
 
 def _rows(

@@ -1,4 +1,4 @@
-"""Measured and simulated data: records, the files they come from, and what is wrong with them."""
+"""Measured and simulated data: records, their file formats, and checks of their quality."""
 
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from flexstage.records.read import read_record
     from flexstage.records.record import Channel, Record
     from flexstage.records.responses import responses_in_columns
-    from flexstage.records.sampling import evened, resampled, step_uncertainty
+    from flexstage.records.sampling import resample_uniform, resampled, step_uncertainty
     from flexstage.records.write import write_record
 
 __all__ = [
@@ -25,8 +25,8 @@ __all__ = [
     "Record",
     "Saturation",
     "curves_in_rows",
-    "evened",
     "read_record",
+    "resample_uniform",
     "resampled",
     "responses_in_columns",
     "saturation",

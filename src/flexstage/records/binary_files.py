@@ -1,4 +1,4 @@
-"""Files of NumPy, TDMS and HDF5, which libraries read, as the columns that they hold."""
+"""Columns of NumPy, TDMS and HDF5 files."""
 
 import contextlib
 import logging
@@ -28,7 +28,7 @@ def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
     `dataset` names arrays of an archive, ``u,y``. The fields of a structured array are columns with
     their names.
 
-    Pickled objects are never loaded, as that would run what the file says.
+    Pickled objects are never loaded, as they could run code.
     """
     with reading(path, "a NumPy"):
         try:
@@ -37,8 +37,8 @@ def read_numpy(path: Path, dataset: str | None = None) -> FileColumns:
             if "pickle" not in str(error):
                 raise
             raise RecordError(
-                f"'{path}' is pickled, which is not loaded, as that would run what it says: save "
-                "plain arrays of numbers"
+                f"'{path}' is pickled, which is never loaded, as it could run code: save plain "
+                "arrays of numbers"
             ) from error
         return chosen_columns(_numpy_tree(arrays, path.stat().st_size), dataset)
 
@@ -55,7 +55,7 @@ def _arrays(path: Path) -> dict[str, NDArray]:
         names = content.namelist()
     if any(not name.endswith(".npy") for name in names):
         raise RecordError(
-            f"'{path}' is an archive of other files than NumPy's, such as a workbook: save the "
+            f"'{path}' is an archive of files other than NumPy's, such as a workbook: save the "
             "columns as CSV"
         )
     require_unpacked(size, path.stat().st_size, f"'{path}'")
@@ -78,7 +78,7 @@ _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of a TDMS file.
 
-    `dataset` is a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
+    `dataset` names a group, ``run1``, or channels, ``run1/drive,run1/position``. Their properties
     ``wf_increment`` and ``wf_start_offset`` give the times.
     """
     require_extra("labview", "nptdms", "a TDMS file of LabVIEW", RecordError)
@@ -92,15 +92,14 @@ def read_tdms(path: Path, dataset: str | None = None) -> FileColumns:
     ):
         if file.file_status.incomplete_final_segment:
             raise RecordError(
-                f"'{path}' was not written to its end: open and save it in LabVIEW, or record "
-                "it again"
+                f"'{path}' is incomplete: open and save it in LabVIEW, or record it again"
             )
         return chosen_columns(_tdms_tree(file, path.stat().st_size), dataset)
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the library from writing to the terminal what is said by an error here."""
+    """Suppress messages of the library that errors report here."""
     from nptdms.log import log_manager
 
     level = log_manager.log_level
@@ -150,12 +149,12 @@ _MOST = 20_000
 def read_hdf5(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of an HDF5 file.
 
-    `dataset` is a group, ``run1``, or datasets, ``run1/u,run1/y``. Attributes ``unit`` and ``name``
-    of a dataset are its unit and heading.
+    `dataset` names a group, ``run1``, or datasets, ``run1/u,run1/y``. Attributes ``unit`` and
+    ``name`` of a dataset are its unit and heading.
     """
     import h5py
 
-    with reading(path, "an HDF5", ": is it whole?"), h5py.File(str(path), "r") as file:
+    with reading(path, "an HDF5", ": is it complete?"), h5py.File(str(path), "r") as file:
         tree = Tree(file_size=path.stat().st_size)
         _Walk(tree, matlab="MATLAB_class" in _attribute_names(file)).group("", file, 0)
         return chosen_columns(tree, dataset)
@@ -181,7 +180,7 @@ class _Walk:
 
         self._describe(path, group)
         for name in group:
-            # a soft or external link would lead round in circles, or out of the file
+            # a soft or external link may be circular, or lead out of the file
             if not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue
             thing = group[name]
@@ -222,7 +221,7 @@ class _Walk:
             elif kind in "biuf":
                 self.tree.numbers[path] = float(np.asarray(value).reshape(-1)[0])
             return
-        self._leaf(parent, name, dataset, kind, _whole(dataset, turned=self.matlab))
+        self._leaf(parent, name, dataset, kind, _loader(dataset, turned=self.matlab))
 
     def _leaf(
         self, parent: str, name: str, dataset: Any, kind: str, load: Callable[[], NDArray]
@@ -245,7 +244,7 @@ class _Walk:
         )
 
 
-def _whole(dataset: Any, *, turned: bool) -> Callable[[], NDArray]:
+def _loader(dataset: Any, *, turned: bool) -> Callable[[], NDArray]:
     def load() -> NDArray:
         array = np.asarray(dataset[()])
         if array.dtype.names is not None:

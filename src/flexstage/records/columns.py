@@ -1,4 +1,4 @@
-"""What a reader of one format finds: named columns, and what the file itself says about them."""
+"""Columns of a file, as the reader of a format returns them, with their units and rate."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexstage.base.errors import RecordError, UnitError
 from flexstage.quantities.units import si_unit
 
-#: What stands for the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2], and its parts.
+#: Symbols of the standard acceleration of gravity (3rd CGPM, 1901) [m/s^2], and its fractions.
 GRAVITY = {
     **dict.fromkeys(("g", "G", "gn", "g_n", "gee"), 9.80665),
     "mg": 9.80665e-3,
@@ -22,28 +22,28 @@ _ACCELERATION = re.compile(
     r"(?<![a-z])(acc[a-z]{0,2}|accel[a-z]*|beschl[a-z]*|a[xyz])(?![a-z])", re.IGNORECASE
 )
 
-# the last integer up to which every integer is a float
+# the largest integer up to which every integer is a float
 _LAST_EXACT = 2**53
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FileColumn:
-    """One column as the file has it."""
+    """One column of a file."""
 
     name: str
-    """Its heading, without the unit."""
+    """Heading, without the unit."""
     values: NDArray[np.float64]
-    """Its numbers, in the unit of the file, shape (n,)."""
+    """Numbers, in the unit of the file, shape (n,)."""
     unit: str = ""
-    """The unit that the file says; empty where it says none that is known."""
+    """Unit in the file; empty if there is none or it is unknown."""
     si: tuple[float, str] | None = None
-    """How many SI units one `unit` is, and which, where the format says what the unit alone leaves
-    open: ``g`` of an acceleration is no gram.
+    """Factor and SI unit of `unit`, if the format defines them: ``g`` of an acceleration is no
+    gram.
     """
     words: NDArray[np.str_] | None = None
-    """What stands where a number should, shape (n,); empty where there is one."""
+    """Text in place of numbers, shape (n,); empty for numbers."""
     texts: tuple[str, ...] = ()
-    """The texts that its values number, of a column that labels rows."""
+    """Texts that the values number, of a column with labels of rows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,39 +53,38 @@ class FileColumns:
     columns: tuple[FileColumn, ...]
     """The columns, in the order of the file."""
     sample_rate_hz: float | None = None
-    """The sample rate that the file says [Hz]."""
+    """Sample rate in the file [Hz]."""
     start: float = 0.0
-    """The time of the first sample that the file says [s]; read with `sample_rate_hz`."""
+    """Time of the first sample in the file [s]; read with `sample_rate_hz`."""
     rate_source: str = ""
-    """Where in the file the sample rate stands."""
+    """Place of the sample rate in the file."""
     hint: str = ""
-    """What a user who gives no time should be told."""
+    """Advice for a user who gives no time."""
     notes: tuple[str, ...] = ()
-    """What was understood and left out."""
+    """Remarks on the parsed and the skipped parts of the file."""
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Further text of the file."""
     over: Literal["time", "frequency", "point"] = "time"
-    """What the samples follow one another by."""
+    """Independent variable of the samples."""
     axis: NDArray[np.float64] | None = None
-    """The frequency of each sample, where they follow by frequency [Hz], shape (n,)."""
+    """Frequency of each sample, if they are over frequency [Hz], shape (n,)."""
     groups: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    """Names that stand for several columns at once, and the numbers of those."""
+    """Names of groups of columns, with the numbers of the columns."""
     lines: NDArray[np.intp] | None = None
-    """The line that each row stands in, from 1, of a file with text among its numbers, shape (n,).
-    """
+    """Line number of each row, from 1, for a file with text among its numbers, shape (n,)."""
 
     def renamed(self, names: Sequence[str]) -> "FileColumns":
         """Return the same columns with other names."""
         if len(names) != len(self.columns):
             raise RecordError(
-                f"there are {len(self.columns)} columns in the file, got {len(names)} names: give "
-                "one for each"
+                f"the file has {len(self.columns)} columns, got {len(names)} names: give one for "
+                "each column"
             )
-        named = (
+        columns = (
             replace(labelled(label, c.values, c.unit), si=c.si, words=c.words)
             for label, c in zip(names, self.columns, strict=True)
         )
-        return replace(self, columns=tuple(named))
+        return replace(self, columns=tuple(columns))
 
     def part(self, rows: slice) -> "FileColumns":
         """Return some of the rows."""
@@ -106,16 +105,16 @@ class FileColumns:
         )
 
     def numbered(self, number: int) -> "FileColumns":
-        """Return the same columns, any texts of one numbered as they first appear."""
+        """Return the same columns, with the texts of one column numbered by first appearance."""
         column = self.columns[number]
         if column.words is None or not (column.words != "").any():
             return self
         texts = [w or f"{v:.17g}" for w, v in zip(column.words, column.values, strict=True)]
         order = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
         values = np.array([order[text] for text in texts])
-        made = replace(column, values=values, unit="", words=None, texts=tuple(order))
-        note = f"texts of '{column.name}' are numbered as they appear"
-        columns = (*self.columns[:number], made, *self.columns[number + 1 :])
+        labels = replace(column, values=values, unit="", words=None, texts=tuple(order))
+        note = f"texts of '{column.name}' are numbered by first appearance"
+        columns = (*self.columns[:number], labels, *self.columns[number + 1 :])
         return replace(self, columns=columns, notes=(*self.notes, note))
 
     def require_numbers(self, number: int) -> None:
@@ -123,19 +122,19 @@ class FileColumns:
         column = self.columns[number]
         if column.words is None or self.lines is None:
             return
-        held = np.flatnonzero(column.words != "")
-        if held.size:
+        rows = np.flatnonzero(column.words != "")
+        if rows.size:
             raise RecordError(
-                f"line {self.lines[held[0]]}, column {number}: '{column.words[held[0]]}' is not a "
-                f"number, and {held.size} of {column.words.size} rows of column '{column.name}' "
-                "hold text: correct them, read rows without them by the option rows, leave lines "
-                f"out by --text skip=N, or choose another column{self.hint}"
+                f"line {self.lines[rows[0]]}, column {number}: '{column.words[rows[0]]}' is not a "
+                f"number, and {rows.size} of {column.words.size} rows of column '{column.name}' "
+                "contain text: correct them, select rows without them by the option rows, skip "
+                f"lines by --text skip=N, or choose another column{self.hint}"
             )
 
 
 @lru_cache(maxsize=256)
 def measured_unit(text: str) -> tuple[float, str]:
-    """Return what a unit, of a quantity or of one over another, is in SI: factor and SI unit.
+    """Return the factor and SI unit of a unit, of a quantity or of a quotient of quantities.
 
     Examples
     --------
@@ -158,26 +157,26 @@ def measured_unit(text: str) -> tuple[float, str]:
 
 
 def _quotients(text: str) -> list[tuple[str, str]]:
-    """Return the ways to read a unit as a quotient, that of the last stroke first."""
-    found, depth = [], 0
+    """Return the ways to read a unit as a quotient, the last slash first."""
+    quotients, depth = [], 0
     for at in range(len(text) - 1, 0, -1):
         depth += (text[at] == ")") - (text[at] == "(")
         if text[at] == "/" and depth == 0:
-            found.append((_unwrapped(text[:at]), _unwrapped(text[at + 1 :])))
-    return found
+            quotients.append((_unwrapped(text[:at]), _unwrapped(text[at + 1 :])))
+    return quotients
 
 
 def _unwrapped(text: str) -> str:
     text = text.strip()
-    whole = text.startswith("(") and text.endswith(")") and text.count("(") == 1
-    return text[1:-1].strip() if whole else text
+    bracketed = text.startswith("(") and text.endswith(")") and text.count("(") == 1
+    return text[1:-1].strip() if bracketed else text
 
 
 def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> FileColumn:
-    """Return a column by its heading, which may hold a unit in brackets.
+    """Return a column with the name and the unit of its heading.
 
-    ``Voltage (V)``, ``pos [um]`` and ``U / V`` are understood. What stands in brackets and is no
-    unit stays a part of the name.
+    Accepted forms are ``Voltage (V)``, ``pos [um]`` and ``U / V``. Text in brackets that is no unit
+    remains a part of the name.
 
     Examples
     --------
@@ -187,20 +186,20 @@ def labelled(label: str, values: NDArray[np.float64], unit: str = "") -> FileCol
     label = " ".join(label.split())
     if unit:
         return FileColumn(name=label, values=values, unit=unit)
-    name, found = _split(label)
-    if not found:
-        # empty brackets say that there is no unit, and are no part of the name
+    name, unit = _split(label)
+    if not unit:
+        # empty brackets mean that there is no unit, and are no part of the name
         return FileColumn(name=name or label, values=values)
     try:
-        measured_unit(found)
+        measured_unit(unit)
     except UnitError:
-        if gravity_unit(found, name) is None:
+        if gravity_unit(unit, name) is None:
             return FileColumn(name=label, values=values)
-    return FileColumn(name=name or label, values=values, unit=found)
+    return FileColumn(name=name or label, values=values, unit=unit)
 
 
 def _split(label: str) -> tuple[str, str]:
-    """Split a heading into a name and what may be its unit."""
+    """Split a heading into a name and a possible unit."""
     for opening, closing in ("()", "[]"):
         if label.endswith(closing) and opening in label:
             name, _, inside = label[:-1].rpartition(opening)
@@ -210,7 +209,7 @@ def _split(label: str) -> tuple[str, str]:
 
 
 def is_acceleration(name: str) -> bool:
-    """Say whether a name is that of an acceleration.
+    """Return whether a name is that of an acceleration.
 
     Examples
     --------
@@ -221,10 +220,10 @@ def is_acceleration(name: str) -> bool:
 
 
 def gravity_unit(unit: str, name: str) -> tuple[float, str] | None:
-    """Return what a unit is in SI that means the acceleration of gravity, and no gram.
+    """Return the factor and SI unit of a unit that is the acceleration of gravity, not a gram.
 
-    In a column whose name is of no acceleration, ``g_n`` and a unit over a force are it, ``g``
-    alone is not.
+    In a column whose name is not that of an acceleration, ``g_n`` and a unit over a force are
+    accepted, ``g`` alone is not.
 
     Examples
     --------
@@ -258,7 +257,7 @@ def complex_parts(
 
 
 def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
-    """Return an array of a file as floats, or say why that would not be the same numbers.
+    """Return an array of a file as floats.
 
     Dates become seconds after the first. Integers that a float would round are refused.
     """
@@ -266,11 +265,13 @@ def as_float(values: NDArray, what: str) -> NDArray[np.float64]:
     if kind in "Mm":
         return _seconds(values, what)
     if kind not in "biuf":
-        raise RecordError(f"{what} holds {values.dtype.name}, no numbers: choose another column")
+        raise RecordError(
+            f"{what} contains {values.dtype.name}, not numbers: choose another column"
+        )
     if kind in "iu" and values.size and _is_rounded(values):
         raise RecordError(
-            f"{what} holds integers beyond 2^53, which a float would round: subtract an offset "
-            "before saving it"
+            f"{what} contains integers beyond 2^53, which a float would round: subtract an offset "
+            "before you save it"
         )
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(values, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Choosing the columns of a record among the arrays of a file that holds many."""
+"""Selection of the columns of a record among many arrays of a file."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,42 +25,42 @@ class StoredArray:
     """An array in a file."""
 
     parent: str
-    """Path of the group or structure that holds it; empty at the root."""
+    """Path of its group or structure; empty at the root."""
     name: str
-    """Its name there."""
+    """Name in the group."""
     shape: tuple[int, ...]
-    """Its shape in the file."""
+    """Shape in the file."""
     kind: str
-    """NumPy's letter of its type: ``f`` float, ``c`` complex..."""
+    """NumPy's letter of the type: ``f`` float, ``c`` complex..."""
     load: Callable[[], NDArray]
-    """Returns the array."""
+    """Function that returns the array."""
     label: str = ""
-    """Its heading, where the file holds a better one than `name`."""
+    """Heading, if the file has a better one than `name`."""
     unit: str = ""
-    """Its unit, where the file says it."""
+    """Unit in the file, if any."""
     interval: float | None = None
-    """Its sample interval, where the file says it [s]."""
+    """Sample interval in the file, if any [s]."""
     start: float = 0.0
-    """The time of its first sample, where the file says it [s]."""
+    """Time of the first sample in the file, if any [s]."""
 
     @property
     def path(self) -> str:
-        """Where it is in the file."""
+        """Path in the file."""
         return _path(self.parent, self.name)
 
     @property
     def core(self) -> tuple[int, ...]:
-        """Its shape without directions of length one."""
+        """Shape without dimensions of length one."""
         return tuple(n for n in self.shape if n != 1)
 
     @property
     def samples(self) -> int:
-        """The number of samples that it has as a column, or as columns."""
+        """Number of samples of its columns."""
         return max(self.core, default=0)
 
     @property
     def width(self) -> int:
-        """The number of columns that it is."""
+        """Number of columns."""
         return 1 if len(self.core) == 1 else min(self.core)
 
     @property
@@ -70,25 +70,25 @@ class StoredArray:
 
     def __str__(self) -> str:
         size = " x ".join(map(str, self.shape)) or "a number"
-        why = "" if self.kind in "biufM" else ", complex" if self.kind == "c" else ", no numbers"
+        why = "" if self.kind in "biufM" else ", complex" if self.kind == "c" else ", not numeric"
         return f"{self.path} ({size}{why})"
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Tree:
-    """All that a file holds."""
+    """Content of a file."""
 
     file_size: int
     """Size of the file [bytes]."""
     leaves: list[StoredArray] = field(default_factory=list)
-    """Its arrays, in the order of the file."""
+    """Arrays, in the order of the file."""
     numbers: dict[str, float] = field(default_factory=dict)
-    """Its single numbers, by path."""
+    """Single numbers, by path."""
     texts: dict[str, str] = field(default_factory=dict)
-    """Its texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
+    """Texts, by path. ``units/u`` is the unit of ``u``, ``names/u`` its heading."""
 
     def add(self, parent: str, name: str, array: NDArray) -> None:
-        """Take in an array: a single number or text as such, fields of a structure one by one."""
+        """Add an array, a single number, a text, or the fields of a structure."""
         path, kind = _path(parent, name), array.dtype.kind
         if array.dtype.names is not None:
             for field_name in array.dtype.names:
@@ -113,43 +113,43 @@ def _in_memory(parent: str, name: str, array: NDArray) -> StoredArray:
 
 @contextmanager
 def reading(path: Path, kind: str, hint: str = "") -> Iterator[None]:
-    """Refuse a file on which its library fails, with the first line of why."""
+    """Refuse a file on which its library fails, with the first line of the reason."""
     try:
         yield
     except RecordError as error:
         if str(path) in str(error):
             raise
         raise RecordError(f"'{path}': {error}") from error
-    except Exception as error:  # a damaged file makes nearly any error there
+    except Exception as error:  # a damaged file may cause almost any error in a library
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
         raise RecordError(f"'{path}' cannot be read as {kind} file ({reason}){hint}") from error
 
 
 def chosen_columns(tree: Tree, dataset: str | None) -> FileColumns:
-    """Return the columns of a file: those that were asked for, or the only ones there are.
+    """Return the columns of a file: the selected ones, or the only matching ones.
 
-    `dataset` is the path of a group or an array, or of several arrays with commas between.
+    `dataset` is the path of a group or an array, or of several arrays, separated by commas.
 
-    Arrays in one group that have as many samples as each other belong together; so do the columns
-    of a matrix, whose samples run along its longer side.
+    Arrays of a group with equal numbers of samples belong together; so do the columns of a matrix,
+    whose samples are along its longer side.
     """
-    leaves = _asked(tree, dataset) if dataset else _only(tree.leaves)
+    leaves = _selected(tree, dataset) if dataset else _only(tree.leaves)
     for leaf in leaves:
         _require_usable(leaf)
     lengths = {leaf.samples for leaf in leaves}
     if len(lengths) > 1:
         listed = ", ".join(map(str, leaves))
-        raise RecordError(f"the datasets {listed} differ in length: choose equally long ones")
+        raise RecordError(f"the datasets {listed} differ in length: select equally long ones")
     size = 8 * sum(leaf.samples * leaf.width for leaf in leaves)
     require_unpacked(size, tree.file_size, _some(leaves))
     columns: list[FileColumn] = []
     notes: list[str] = []
     for leaf in leaves:
         notes += _append(columns, leaf, tree)
-    taken = {id(leaf) for leaf in leaves}
-    left = [leaf for leaf in tree.leaves if id(leaf) not in taken]
-    if left and not dataset:
-        notes.append(f"left out, as of another length or kind: {_some(left)}")
+    used = {id(leaf) for leaf in leaves}
+    skipped = [leaf for leaf in tree.leaves if id(leaf) not in used]
+    if skipped and not dataset:
+        notes.append(f"skipped arrays of another length or kind: {_some(skipped)}")
     rate, start, source, hint = _sampling(leaves, tree.numbers)
     attributes = {path: text for path, text in tree.texts.items() if not _is_label(path)}
     attributes |= {path: repr(number) for path, number in tree.numbers.items()}
@@ -176,34 +176,34 @@ def _some(leaves: Sequence[StoredArray], most: int = 12) -> str:
 
 def _require_usable(leaf: StoredArray) -> None:
     if not leaf.usable:
-        raise RecordError(f"{leaf} cannot be columns of a record: choose a vector or a matrix")
+        raise RecordError(f"{leaf} cannot be columns of a record: select a vector or a matrix")
 
 
-def _asked(tree: Tree, dataset: str) -> list[StoredArray]:
-    found: list[StoredArray] = []
+def _selected(tree: Tree, dataset: str) -> list[StoredArray]:
+    leaves: list[StoredArray] = []
     for word in dataset.split(","):
-        found += _at(tree, word.strip().strip("/"))
-    return found
+        leaves += _at(tree, word.strip().strip("/"))
+    return leaves
 
 
 def _at(tree: Tree, path: str) -> list[StoredArray]:
-    for wanted in (path, path.replace(".", "/")):
-        exact = [leaf for leaf in tree.leaves if leaf.path == wanted]
+    for candidate in (path, path.replace(".", "/")):
+        exact = [leaf for leaf in tree.leaves if leaf.path == candidate]
         if exact:
             return exact
-        inside = [leaf for leaf in tree.leaves if f"{leaf.parent}/".startswith(f"{wanted}/")]
+        inside = [leaf for leaf in tree.leaves if f"{leaf.parent}/".startswith(f"{candidate}/")]
         if inside:
             return _only(inside)
-    held = _some(tree.leaves) or "no arrays"
-    raise RecordError(f"there is no dataset '{path}': the file contains {held}")
+    content = _some(tree.leaves) or "no arrays"
+    raise RecordError(f"there is no dataset '{path}': the file contains {content}")
 
 
 def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:
-    """Return the leaves that belong together, where there is only one such set."""
+    """Return the leaves that belong together, if there is only one such set."""
     usable = [leaf for leaf in leaves if leaf.usable]
     if not usable:
-        held = f"it holds {_some(leaves)}" if leaves else "it holds no arrays"
-        raise RecordError(f"the file has no column of numbers: {held}")
+        content = f"it contains {_some(leaves)}" if leaves else "it contains no arrays"
+        raise RecordError(f"the file has no numeric column: {content}")
     sets: dict[tuple[str, int], list[StoredArray]] = {}
     for leaf in usable:
         sets.setdefault((leaf.parent, leaf.samples), []).append(leaf)
@@ -218,27 +218,27 @@ def _only(leaves: Sequence[StoredArray]) -> list[StoredArray]:
             return usable
     example = (several[0] if several else usable)[0]
     raise RecordError(
-        f"it is not clear which columns are meant: the file contains {_some(usable)}; choose by "
-        f"the option dataset, such as '{example.parent or example.path}', or several paths with "
-        "commas"
+        f"the choice of columns is ambiguous: the file contains {_some(usable)}; select by the "
+        f"option dataset, such as '{example.parent or example.path}', or several paths separated "
+        "by commas"
     )
 
 
 def _append(columns: list[FileColumn], leaf: StoredArray, tree: Tree) -> list[str]:
-    """Add the columns of an array; return what to note about it."""
-    label = leaf.label or _text_beside(tree, "names", leaf) or leaf.name
-    unit = leaf.unit or _text_beside(tree, "units", leaf)
+    """Add the columns of an array; return notes on it."""
+    label = leaf.label or _text_of(tree, "names", leaf) or leaf.name
+    unit = leaf.unit or _text_of(tree, "units", leaf)
     array = leaf.load()
     if array.size != int(np.prod(leaf.shape)):
-        raise RecordError(f"{leaf} is cut short: the file ends before its last sample")
+        raise RecordError(f"{leaf} is truncated: the file ends before its last sample")
     if leaf.kind == "c":
         first = len(columns)
         notes = _real_columns(columns, leaf, label, unit, np.real(array))
         real, columns[first:] = columns[first:], []
         _real_columns(columns, leaf, label, unit, np.imag(array))
         imaginary, columns[first:] = columns[first:], []
-        for above, beside in zip(real, imaginary, strict=True):
-            columns += complex_parts(above, beside.values)
+        for real_part, imaginary_part in zip(real, imaginary, strict=True):
+            columns += complex_parts(real_part, imaginary_part.values)
         return notes
     return _real_columns(columns, leaf, label, unit, array)
 
@@ -250,14 +250,14 @@ def _real_columns(
     notes = []
     if leaf.kind == "M":
         unit = "s"
-        notes.append(f"dates of '{label}' are taken as seconds after the first")
+        notes.append(f"dates of '{label}' are read as seconds after the first")
     matrix = values.reshape(leaf.core)
     if matrix.ndim == 1:
         columns.append(labelled(label, matrix, unit))
         return notes
     if matrix.shape[0] < matrix.shape[1]:
         matrix = matrix.T
-        notes.append(f"the samples of '{leaf.path}' run along its rows")
+        notes.append(f"the samples of '{leaf.path}' are along its rows")
     columns += (
         FileColumn(name=f"{label} {j}", values=np.ascontiguousarray(matrix[:, j]), unit=unit)
         for j in range(matrix.shape[1])
@@ -265,7 +265,7 @@ def _real_columns(
     return notes
 
 
-def _text_beside(tree: Tree, kind: str, leaf: StoredArray) -> str:
+def _text_of(tree: Tree, kind: str, leaf: StoredArray) -> str:
     prefix = f"{leaf.parent}/" if leaf.parent else ""
     return tree.texts.get(f"{prefix}{kind}/{leaf.name}", "")
 
@@ -273,7 +273,7 @@ def _text_beside(tree: Tree, kind: str, leaf: StoredArray) -> str:
 def _sampling(
     leaves: Sequence[StoredArray], numbers: Mapping[str, float]
 ) -> tuple[float | None, float, str, str]:
-    """Return sample rate, time of the first sample, where they stand, and a hint."""
+    """Return sample rate, time of the first sample, their place in the file, and a hint."""
     timed = [leaf for leaf in leaves if leaf.interval]
     for leaf in timed:
         first = timed[0]
@@ -281,7 +281,7 @@ def _sampling(
             raise RecordError(
                 f"'{first.path}' and '{leaf.path}' are sampled at different times (every "
                 f"{first.interval} s from {first.start} s, every {leaf.interval} s from "
-                f"{leaf.start} s): choose columns of one rate by the option dataset"
+                f"{leaf.start} s): select columns of one rate by the option dataset"
             )
     if timed and timed[0].interval:
         return 1.0 / timed[0].interval, timed[0].start, f"'{timed[0].path}'", ""
@@ -305,7 +305,7 @@ def _sampling(
 
 
 def most_unpacked(packed: int) -> int:
-    """Return how much a file may unpack to.
+    """Return the largest allowed size of an unpacked file.
 
     Examples
     --------
@@ -316,7 +316,7 @@ def most_unpacked(packed: int) -> int:
 
 
 def require_unpacked(unpacked: int, packed: int, what: str) -> None:
-    """Refuse what unpacks to more than measured data do, before memory is taken for it."""
+    """Refuse implausibly large unpacked data, before memory is allocated for it."""
     if unpacked > most_unpacked(packed):
         raise RecordError(
             f"{what} is too large to read: {unpacked / 1e6:,.0f} MB from a file of "

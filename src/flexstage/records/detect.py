@@ -1,14 +1,14 @@
-"""Which format a file of measured data has: by what was asked, its first bytes, its suffix."""
+"""Format of a file of measured data: by request, by its first bytes, or by its suffix."""
 
 from pathlib import Path
 
 from flexstage.base.errors import RecordError
 from flexstage.records.cmm import has_report
-from flexstage.records.gcs_array import is_gcs_array
+from flexstage.records.text import is_gcs_array
 from flexstage.records.text_rows import decoded
 from flexstage.records.universal_sets import is_universal
 
-#: Suffixes of the formats that `read_record` knows; reports of measuring machines have none.
+#: Suffixes of the formats of `read_record`; reports of measuring machines have none.
 FORMATS: dict[str, tuple[str, ...]] = {
     "text": (".csv", ".txt", ".dat", ".tsv", ".asc", ".lvm"),
     "matlab": (".mat",),
@@ -27,18 +27,18 @@ _SIGNATURES = (
     (b"TDSm", "tdms"),
     (b"\x93NUMPY", "numpy"),
 )
-# enough for the preamble of a report, little to look through in a file of many samples
+# bytes to examine: enough for the preamble of a report
 _HEAD = 65_536
 
 
-def format_of(file: Path, wanted: str | None = None) -> str:
-    """Return the format of a file: as told (or a suffix), by its first bytes, by its suffix."""
-    if wanted is not None:
-        suffix = f".{wanted.lower().lstrip('.')}"
+def format_of(file: Path, requested: str | None = None) -> str:
+    """Return the format of a file: by request, by its first bytes, or by its suffix."""
+    if requested is not None:
+        suffix = f".{requested.lower().lstrip('.')}"
         for name, suffixes in FORMATS.items():
-            if wanted.lower() == name or suffix in suffixes:
+            if requested.lower() == name or suffix in suffixes:
                 return name
-        raise RecordError(f"the format must be one of {', '.join(FORMATS)}, got '{wanted}'")
+        raise RecordError(f"the format must be one of {', '.join(FORMATS)}, got '{requested}'")
     with file.open("rb") as stream:
         head = stream.read(_HEAD)
     suffix = file.suffix.lower()
@@ -47,19 +47,19 @@ def format_of(file: Path, wanted: str | None = None) -> str:
             return name
     if head.startswith(b"PK\x03\x04"):
         return "numpy"
-    known = next((name for name, suffixes in FORMATS.items() if suffix in suffixes), "text")
-    if known == "matlab" and _is_text(head[:64]):
+    kind = next((name for name, suffixes in FORMATS.items() if suffix in suffixes), "text")
+    if kind == "matlab" and _is_ascii(head[:64]):
         return "text"
-    return _kind_of_text(head) if known == "text" else known
+    return _kind_of_text(head) if kind == "text" else kind
 
 
-def _is_text(head: bytes) -> bool:
-    """Say whether a file could be what MATLAB writes by its option -ascii."""
+def _is_ascii(head: bytes) -> bool:
+    """Return whether a file may be text, as MATLAB writes with its option -ascii."""
     return bool(head) and all(byte >= 32 or byte in b"\t\r\n" for byte in head) and max(head) < 127
 
 
 def _kind_of_text(head: bytes) -> str:
-    """Return which text a file is, whose suffix does not say more."""
+    """Return the format of a text file, by its first lines."""
     if is_universal(head):
         return "universal"
     # whole lines, as half a letter would change the encoding

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import RecordError
-from flexstage.records.likely_columns import taken_drive
+from flexstage.records.contents import default_drive_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import (
     DriveColumns,
@@ -22,13 +22,13 @@ from flexstage.records.read_options import (
 from flexstage.records.record import Channel, Record
 from flexstage.records.sampling import require_rate
 
-#: A loop is closed whose ends are no further apart than this share of its width.
+#: Largest distance between the ends of a closed loop, as a share of its width.
 _CLOSED = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
-    """Rows that were measured one after another while the input went one way."""
+    """Consecutive rows with a monotonic input."""
 
     u: Array
     y: Array
@@ -38,7 +38,7 @@ class _Piece:
 
     @property
     def way(self) -> float:
-        """1 where the input rises, -1 where it falls."""
+        """1 if the input rises, -1 if it falls."""
         return float(np.sign(self.u[-1] - self.u[0]))
 
     def turned(self) -> "_Piece":
@@ -53,14 +53,13 @@ def from_branches(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the loop that a table of its two branches holds.
+    """Return the loop from a table of its two branches.
 
-    One row for each input, rising or falling; where nothing was measured, the output is NaN and so
-    is the number of the sample. Without a sample rate it is 1 Hz.
+    The table has one row for each input, rising or falling; unmeasured outputs and their sample
+    numbers are NaN. The default sample rate is 1 Hz.
 
-    The input rises along the first branch and falls along the second. Where the loop is closed, it
-    was run before: it then begins with a loop that nothing was measured in. Where it is open at its
-    lower end, the first branch began at rest.
+    The input rises along the first branch and falls along the second. A closed loop is preceded by
+    an unmeasured loop. A loop that is open at its lower end begins at rest.
 
     Examples
     --------
@@ -83,9 +82,9 @@ def from_branches(
     low, high = float(rise.u[0]), float(rise.u[-1])
     before = [_unmeasured(rise.u[:1]), _way([low, high, low], step)] if closed else []
     state = (
-        "the loop is closed: taken as run before, so that the memory is that of a loop"
+        "the loop is closed: assumed to follow earlier loops"
         if closed
-        else "the loop is open at its lower end: taken to begin at rest"
+        else "the loop is open at its lower end: assumed to begin at rest"
     )
     output = replace(branches[0], name=f"{branches[0].name}, {branches[1].name}")
     return _assembled(record, driven, output, [*before, rise, fall], sample_rate_hz, state)
@@ -99,10 +98,10 @@ def curves_in_rows(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the measurement of reversal curves that stand below one another in a table.
+    """Return the measurement of reversal curves in consecutive rows of a table.
 
-    First-order reversal curves (I. D. Mayergoyz, Phys. Rev. Lett. 56 (1986) 1518): from saturation
-    the input goes to a reversal, where nothing is measured, and back, which is measured.
+    First-order reversal curves (I. D. Mayergoyz, Phys. Rev. Lett. 56 (1986) 1518): the input goes
+    from saturation to a reversal, unmeasured, and back, measured.
 
     Parameters
     ----------
@@ -111,20 +110,20 @@ def curves_in_rows(
     input, output : str or int
         The columns of input and output.
     curve : str or int
-        The column that is the same in all rows of a curve: its number, or where it was reversed.
+        The column with a constant value in each curve: its number, or its reversal point.
     sample_rate_hz : float, optional
-        Rate at which the rows were measured [Hz]; 1 Hz where not given.
+        Sample rate of the rows [Hz]; 1 Hz if not given.
 
     Returns
     -------
     Record
-        Input and output over time, from the first way to saturation on; the output is NaN, and so
-        is the number of the sample, where nothing was measured.
+        Input and output over time, from the first approach to saturation on; unmeasured outputs and
+        their sample numbers are NaN.
 
     Raises
     ------
     RecordError
-        The column numbers no curves, or the input of one goes back and forth.
+        The column does not number curves, or the input of a curve is not monotonic.
     """
     driven, follows, labels = (record.channel(c) for c in (input, output, curve))
     _require_three("input, output and curve", driven, follows, labels)
@@ -132,8 +131,8 @@ def curves_in_rows(
     bounds = [0, *ends.tolist(), record.size]
     if len(bounds) - 1 > record.size // 2:
         raise RecordError(
-            f"column '{labels.name}' has {len(bounds) - 1} values in {record.size} rows, one after "
-            "another: it does not number curves of several rows; choose the column that does"
+            f"column '{labels.name}' has {len(bounds) - 1} successive values in {record.size} "
+            "rows: it does not number curves of several rows; select the column that does"
         )
     pieces = [
         replace(
@@ -152,12 +151,12 @@ def curves_in_columns(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the measurement of reversal curves that have a column each."""
+    """Return the measurement of reversal curves in separate columns."""
     driven = [record.channel(c) for c in inputs]
     follow = [record.channel(c) for c in outputs]
     if len(driven) not in (1, len(follow)):
         raise RecordError(
-            f"{len(follow)} curves need one column of input, or one each, got {len(driven)}"
+            f"{len(follow)} curves need one input column, or one for each, got {len(driven)}"
         )
     for channels in (driven, follow):
         _require_one_unit("curves", channels)
@@ -175,7 +174,7 @@ def curves_in_records(
     *,
     sample_rate_hz: float | None = None,
 ) -> Record:
-    """Return the measurement of reversal curves that have a record each."""
+    """Return the measurement of reversal curves in separate records."""
     pairs = [(r.channel(input), r.channel(output)) for r in records]
     for channels in zip(*pairs, strict=True):
         _require_one_unit("curves", channels)
@@ -198,17 +197,17 @@ def curves_in_records(
 
 def _require_three(what: str, *channels: Channel) -> None:
     if len({id(channel) for channel in channels}) < 3:
-        raise RecordError(f"{what} must be three columns: choose one for each")
+        raise RecordError(f"{what} must be three columns: select one for each")
 
 
 def _require_one_unit(what: str, channels: Sequence[Channel]) -> None:
     if len({channel.unit for channel in channels}) > 1:
         listed = ", ".join(f"{c.name} in {c.unit or 'no unit'}" for c in channels)
-        raise RecordError(f"the {what} have different units ({listed}): give them by option")
+        raise RecordError(f"the {what} have different units ({listed}): give equal units")
 
 
 def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(None)) -> _Piece:
-    """Return the rows of a curve at which it was measured."""
+    """Return the measured rows of a curve."""
     numbers = np.arange(record.size, dtype=np.float64) if record.numbers is None else record.numbers
     there = np.isfinite(u[rows]) & np.isfinite(y[rows])
     if not there.any():
@@ -217,7 +216,7 @@ def _piece(record: Record, u: Array, y: Array, name: str, rows: slice = slice(No
 
 
 def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
-    # an input that is measured may go back by this share of its range
+    # largest setback of a measured input, as a share of its range
     setback = 0.02
     for piece in pieces:
         u = piece.u if piece.way >= 0.0 else -piece.u
@@ -225,10 +224,10 @@ def _require_one_way(pieces: Sequence[_Piece], span: float, name: str) -> None:
         at = int(back.argmax())
         if back[at] > setback * span:
             raise RecordError(
-                f"the input '{name}' of '{piece.name}' goes back and forth, as at row "
-                f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve is run "
-                "one way; a table that holds the way to each reversal too is a plain record: leave "
-                "the option of branches or curves out"
+                f"the input '{name}' of '{piece.name}' is not monotonic, as at row "
+                f"{piece.rows[at]:.0f}, where it is {piece.u[at]:g}: a branch or a curve needs a "
+                "monotonic input; a table with the complete input path is a plain record: omit "
+                "--branches or --curve"
             )
 
 
@@ -237,7 +236,7 @@ def _step(pieces: Sequence[_Piece]) -> float:
     steps = np.concatenate([np.abs(np.diff(p.u)) for p in pieces])
     steps = steps[steps > 0.0]
     if not steps.size:
-        raise RecordError("the input is the same in all rows: choose the column that drives")
+        raise RecordError("the input is constant: select the column of the command")
     return float(np.median(steps))
 
 
@@ -246,11 +245,11 @@ def _unmeasured(u: Array) -> _Piece:
 
 
 def _way(corners: Sequence[float], step: float) -> _Piece:
-    """Return the way through some inputs that nothing was measured on, without its two ends."""
-    own = [c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]]
+    """Return the unmeasured path through some inputs, without its two ends."""
+    distinct = [c for i, c in enumerate(corners) if i == 0 or c != corners[i - 1]]
     parts = [
         np.linspace(a, b, max(int(np.ceil(abs(b - a) / step - 1e-9)), 1) + 1)[:-1]
-        for a, b in pairwise(own)
+        for a, b in pairwise(distinct)
     ]
     return _unmeasured(np.concatenate(parts)[1:] if parts else np.zeros(0))
 
@@ -262,7 +261,7 @@ def _reversal_curves(
     pieces: Sequence[_Piece],
     rate: float | None,
 ) -> Record:
-    """Put curves one after another, each from saturation to its reversal and back."""
+    """Join curves into one record, each from saturation to its reversal and back."""
     every, step = np.concatenate([p.u for p in pieces]), _step(pieces)
     _require_one_way(pieces, float(np.ptp(every)), driven.name)
     ways = {p.way for p in pieces} - {0.0}
@@ -270,8 +269,8 @@ def _reversal_curves(
         falls = [p.name for p in pieces if p.way < 0.0]
         raise RecordError(
             f"the input '{driven.name}' rises along some curves and falls along others "
-            f"({', '.join(falls[:5])}): reversal curves are all measured one way; give those of "
-            "either way by themselves"
+            f"({', '.join(falls[:5])}): reversal curves need one direction; give the curves of "
+            "each direction separately"
         )
     way = ways.pop()
     saturated = float((way * every).max() * way)
@@ -282,22 +281,22 @@ def _reversal_curves(
         path += [_way([last, saturated, reversal, float(piece.u[0])], step), piece]
         last = float(piece.u[-1])
     state = (
-        f"{len(pieces)} reversal curves, each taken to start from {saturated:g}"
-        f"{' ' + driven.unit if driven.unit else ''}, the end of the table, as from saturation"
+        f"{len(pieces)} reversal curves, each assumed to start from saturation at {saturated:g}"
+        f"{' ' + driven.unit if driven.unit else ''}, the end of the table"
     )
     return _assembled(record, driven, follows, path, rate, state)
 
 
 def _reversals(pieces: Sequence[_Piece], way: float, step: float) -> list[float]:
-    """Return where each curve was reversed: as its label says, or at its first row."""
+    """Return the reversal point of each curve: its label, or its first row."""
     first = [float(p.u[0]) for p in pieces]
-    said = [p.reversal for p in pieces]
-    # a label that is next below the first row of every curve is the reversal, and no number
+    labels = [p.reversal for p in pieces]
+    # a label just below the first row of every curve is the reversal point, not a number
     if all(
         s is not None and 0.0 <= way * (u - s) <= 1.5 * step
-        for s, u in zip(said, first, strict=True)
+        for s, u in zip(labels, first, strict=True)
     ):
-        return [float(s) for s in said if s is not None]
+        return [float(s) for s in labels if s is not None]
     return first
 
 
@@ -311,12 +310,12 @@ def _assembled(
 ) -> Record:
     require_rate(rate)
     u, y, rows = (np.concatenate([getattr(p, f) for p in path]) for f in ("u", "y", "rows"))
-    # rows of a table without times are taken to follow one another at this rate [Hz]
+    # assumed rate of the rows of a table without times [Hz]
     nominal_hz = 1.0
     if rate is None:
         state += (
-            f"; rows without times are taken as {nominal_hz:g} in a second: delay and creep "
-            "cannot be found"
+            f"; {nominal_hz:g} row per second is assumed without times: delay and creep cannot be "
+            "identified"
         )
     return Record(
         channels=(replace(driven, values=u), replace(follows, values=y)),
@@ -332,74 +331,76 @@ def _assembled(
 def read_drive(
     files: Sequence[Path], columns: DriveColumns, how: ReadOptions = ReadOptions()
 ) -> tuple[list[Record], str | int, str | int]:
-    """Read what a drive was told and what followed: over time, or as tables of curves.
+    """Read commands and responses of a drive: over time, or as tables of curves.
 
-    Returns the records, evenly sampled and NaN where nothing was measured, then the columns that
-    drive and follow. Over time those that are not given are taken of the first file, where units
-    and names leave no choice; a note says so.
+    Returns the records, uniformly sampled with NaN for unmeasured outputs, then the columns of
+    input and output. Over time, default columns follow from units and names in the first file, with
+    a note.
     """
     input, output = columns.input, columns.output
     if not columns.is_table:
-        said: list[str] = []
+        column_notes: list[str] = []
         if not (input and output):
-            input, output, *said = taken_drive(files[0], (input, output), how)
-        wanted = [*input, *output]
-        if len(wanted) != 2:
-            raise RecordError("--input and --output name one column each, but of --curve columns")
-        read = read_files(files, wanted, options=how, even=True)
-        read[0] = replace(read[0], notes=(*said, *read[0].notes))
-        return read, wanted[0], wanted[1]
+            input, output, *column_notes = default_drive_columns(files[0], (input, output), how)
+        pair = [*input, *output]
+        if len(pair) != 2:
+            raise RecordError(
+                "--input and --output must name one column each, except with --curve columns"
+            )
+        read = read_files(files, pair, options=how, even=True)
+        read[0] = replace(read[0], notes=(*column_notes, *read[0].notes))
+        return read, pair[0], pair[1]
     if not input or not (output or columns.branches):
         raise RecordError(
             "a table without times needs --input, and --output or --branches: name the columns"
         )
     option = "--branches" if columns.branches else "--curve"
-    for other, given in (("--time", how.time), ("--resample", how.resample or None)):
-        if given is not None:
-            raise RecordError(f"{option} is for tables without times: leave {other} out")
+    for other, value in (("--time", how.time), ("--resample", how.resample or None)):
+        if value is not None:
+            raise RecordError(f"{option} is for tables without times: omit {other}")
     if columns.branches and (columns.curve is not None or output):
         other = "--output" if output else "--curve"
-        raise RecordError(f"--branches names both columns of the output: leave {other} out")
-    made = (_loops if columns.branches else _curves)(files, columns, how)
-    driven, follows = made[0].channels
-    return made, driven.name, follows.name
+        raise RecordError(f"--branches names both columns of the output: omit {other}")
+    records = (_loops if columns.branches else _curves)(files, columns, how)
+    driven, follows = records[0].channels
+    return records, driven.name, follows.name
 
 
-def train_range(given: RowRange | None, read: list[Record]) -> tuple[int, int] | None:
-    """Return the samples to fit, first and one behind the last, as counted in what was read.
+def train_range(rows: RowRange | None, read: list[Record]) -> tuple[int, int] | None:
+    """Return the samples to fit, first and one after the last, by their number in the records.
 
-    What is given counts them as they are in the files.
+    `rows` numbers them as in the files.
     """
-    if given is None:
+    if rows is None:
         return None
-    spans = {_span(given, record) for record in read}
+    spans = {_span(rows, record) for record in read}
     if len(spans) > 1:
         raise RecordError(
-            "--train is one range of samples for all files, which differ in how they were "
-            "resampled: give one file, or leave --train out"
+            "--train is one range of samples for all files, but their resampling differs: give "
+            "one file, or omit --train"
         )
     first, stop = spans.pop()
     size = max(r.size for r in read)
     if first >= size or (stop is not None and stop <= 0):
         raise RecordError(
-            f"--train {write_rows(given)} holds none of the samples that are read, "
-            f"{_numbered(read)}"
+            f"--train {write_rows(rows)} contains none of the samples {_numbered(read)} of the "
+            "files"
         )
     return max(first, 0), size if stop is None else stop
 
 
-def _span(given: tuple[int | None, int | None], record: Record) -> tuple[int, int | None]:
+def _span(rows: RowRange, record: Record) -> tuple[int, int | None]:
     numbers = record.numbers
     if numbers is None:
-        return given[0] or 0, given[1]
+        return rows[0] or 0, rows[1]
     if np.isnan(numbers).any():
         raise RecordError(
-            "--train counts samples over time: of branches or curves, leave rows out by --rows"
+            "--train is for samples over time: for branches or curves, select rows by --rows"
         )
     if np.array_equal(numbers, numbers[0] + np.arange(numbers.size)):
         begin = int(numbers[0])
-        return (given[0] or 0) - begin, None if given[1] is None else given[1] - begin
-    first, stop = (None if n is None else int(np.searchsorted(numbers, n)) for n in given)
+        return (rows[0] or 0) - begin, None if rows[1] is None else rows[1] - begin
+    first, stop = (None if n is None else int(np.searchsorted(numbers, n)) for n in rows)
     return first or 0, stop
 
 
@@ -432,11 +433,11 @@ def _curves(files: Sequence[Path], columns: DriveColumns, how: ReadOptions) -> l
     rates = [each.rate for each in how.of_each(len(files))]
     if curve != "columns" and len(inputs) * len(outputs) != 1:
         raise RecordError(
-            "--input and --output name one column each; where each curve has its own column, say "
-            "so by --curve columns"
+            "--input and --output must name one column each; if each curve has its own column, use "
+            "--curve columns"
         )
     if curve == "columns":
-        # where a curve was not measured its column is empty
+        # unmeasured rows of a curve are empty
         read = table(inputs[:1], partial=[*inputs[1:], *outputs])
         return [
             curves_in_columns(one, inputs, outputs, sample_rate_hz=rate)

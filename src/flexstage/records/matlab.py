@@ -1,8 +1,8 @@
-"""Files of MATLAB: versions 4 to 7 here, version 7.3 as the HDF5 file that it is.
+"""MATLAB files: versions 4 to 7 by SciPy, version 7.3 as HDF5.
 
-SciPy's reader takes the type codes and lengths in a file on trust, and a damaged one can end the
-whole process (SciPy 1.17: a type code out of range reads outside its table). So the tags are
-followed here first: MathWorks, MAT-File Format, 2019, chapter 1.
+SciPy's reader does not check the type codes and lengths in a file, and a damaged file can end the
+process (SciPy 1.17: a type code out of range reads outside its table). The tags are therefore
+checked here first: MathWorks, MAT-File Format, 2019, chapter 1.
 """
 
 import struct
@@ -33,7 +33,7 @@ _MOST_ITEMS = 200
 def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
     """Read the columns of a MATLAB file, of any version.
 
-    `dataset` is variables, ``data.u,data.y``, or a structure, ``data``.
+    `dataset` names variables, ``data.u,data.y``, or a structure, ``data``.
     """
     with path.open("rb") as stream:
         head = stream.read(520)
@@ -47,12 +47,12 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
         warnings.catch_warnings(),
         path.open("rb") as stream,
     ):
-        # the version that the reader below goes by, whatever the text at the start says
+        # the version for the reader below, whatever the text at the start of the file
         if matfile_version(stream)[0] != 0:
             stream.seek(0)
             require_sound(stream.read())
         stream.seek(0)
-        # it warns of a variable that it cannot read, which is missing then and said to be
+        # it warns of a variable that it cannot read, which is reported as missing
         warnings.simplefilter("ignore")
         variables = loadmat(stream, struct_as_record=True, chars_as_strings=True)
     unread: list[str] = []
@@ -62,7 +62,7 @@ def read_matlab(path: Path, dataset: str | None = None) -> FileColumns:
             _gather(tree, unread, "", name, value)
     if unread and not any(leaf.usable for leaf in tree.leaves):
         raise RecordError(
-            f"'{path}' holds objects that only MATLAB reads ({', '.join(unread)}): save their "
+            f"'{path}' contains objects that only MATLAB reads ({', '.join(unread)}): save their "
             "columns as plain arrays"
         )
     return chosen_columns(tree, dataset)
@@ -105,38 +105,35 @@ _DEEPEST_TAG = 40
 
 
 def _require(sound: bool, fault: str) -> None:
-    """Refuse what is cut short or damaged."""
+    """Refuse truncated or damaged data."""
     if not sound:
         raise ValueError(fault)
 
 
 def require_sound(data: bytes) -> None:
-    """Refuse a MATLAB 5 file whose tags contradict each other.
-
-    A ValueError says what is cut short or damaged.
-    """
+    """Refuse a MATLAB 5 file with inconsistent tags, by a ValueError with the reason."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128], "")
     _require(bool(order), "its heading is damaged")
     position, unpacked, most = 128, 0, most_unpacked(len(data))
     while position + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, position)
         start, position = position + 8, position + 8 + size
-        _require(position <= len(data), "it is cut short")
+        _require(position <= len(data), "it is truncated")
         if kind == _COMPRESSED:
             inner = _inflated(data[start:position], most - unpacked)
             unpacked += len(inner)
-            require_unpacked(unpacked, len(data), "the whole of its variables")
+            require_unpacked(unpacked, len(data), "the sum of its variables")
             walk = _Tags(inner, order)
             kind, start, end, _ = walk.tag(0, len(inner))
             _require(kind == _MATRIX, "a compressed variable is damaged")
             walk.matrix(start, end, 0)
         else:
-            _require(kind == _MATRIX, f"a variable of the unknown type {kind}")
+            _require(kind == _MATRIX, f"a variable has the unknown type {kind}")
             _Tags(data, order).matrix(start, position, 0)
 
 
 def _inflated(packed: bytes, most: int) -> bytes:
-    """Unpack a variable, and no more than a byte beyond what it may have."""
+    """Return an unpacked variable, at most one byte more than allowed."""
     try:
         inner = zlib.decompressobj().decompress(packed, most + 1)
     except zlib.error as error:
@@ -145,18 +142,18 @@ def _inflated(packed: bytes, most: int) -> bytes:
 
 
 class _Tags:
-    """Follows the tags of one variable."""
+    """Check of the tags of one variable."""
 
     def __init__(self, data: bytes, order: str) -> None:
         self.data = data
         self.order = order
 
     def tag(self, at: int, end: int) -> tuple[int, int, int, int]:
-        """Return type, first byte and end of an element, and where the next one begins."""
-        _require(at + 8 <= end, "a variable is cut short")
+        """Return type, start and end of an element, and the start of the next one."""
+        _require(at + 8 <= end, "a variable is truncated")
         kind, size = struct.unpack_from(f"{self.order}II", self.data, at)
         if kind >> 16:
-            # up to four bytes stand in the tag itself
+            # up to four bytes are in the tag itself
             kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
             following = at + 8
             _require(size <= 4, "a short element is damaged")
@@ -167,16 +164,16 @@ class _Tags:
         return kind, start, start + size, following
 
     def element(self, at: int, end: int, kinds: Container[int]) -> tuple[int, int, int, int]:
-        """Return an element, which must be of a given type."""
-        found = self.tag(at, end)
-        _require(found[0] in kinds, f"an element of the unexpected type {found[0]}")
-        return found
+        """Return an element of one of the required types."""
+        tag = self.tag(at, end)
+        _require(tag[0] in kinds, f"an element has the unexpected type {tag[0]}")
+        return tag
 
     def matrix(self, at: int, end: int, depth: int) -> None:
-        """Follow a matrix of numbers, texts or other matrices."""
+        """Check a matrix of numbers, texts or other matrices."""
         if at == end:
             return
-        _require(depth <= _DEEPEST_TAG, "structures are nested too deep")
+        _require(depth <= _DEEPEST_TAG, "structures are nested too deeply")
         _, start, stop, at = self.element(at, end, (6,))
         _require(stop - start == 8, "the flags of a variable are damaged")
         (flags,) = struct.unpack_from(f"{self.order}I", self.data, start)
@@ -206,7 +203,7 @@ class _Tags:
             *_, at = self.element(at, end, (5, 6))
             self.element(at, end, _SIZES)
         else:
-            _require(kind == _FUNCTION, f"a variable of the unknown class {kind}")
+            _require(kind == _FUNCTION, f"a variable has the unknown class {kind}")
             self._items(at, end, 1, depth)
 
     def _numbers(self, at: int, end: int, count: int, parts: int) -> None:
@@ -214,7 +211,7 @@ class _Tags:
             kind, start, stop, at = self.element(at, end, _SIZES)
             _require(
                 stop - start == count * _SIZES[kind],
-                "a variable has not as many numbers as it says",
+                "the size of a variable contradicts its dimensions",
             )
 
     def _items(self, at: int, end: int, count: int, depth: int) -> None:

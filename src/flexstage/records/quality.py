@@ -1,4 +1,4 @@
-"""What is wrong with a column of measured values (dead, clipped, coarse, noisy); refusing it."""
+"""Quality of a column of measured values: constant, clipped, coarse or noisy."""
 
 import math
 from collections.abc import Sequence
@@ -10,30 +10,30 @@ from numpy.typing import ArrayLike, NDArray
 from flexstage.base.errors import RecordError
 from flexstage.records.record import Record
 
-#: A normal distribution's rms over the median of its absolute values.
+#: Ratio of the rms of a normal distribution to the median of its absolute values.
 RMS_OVER_MEDIAN = 1.4826022185056018
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation:
-    """How a column rests at its ends."""
+    """Samples of a column at its extremes."""
 
     low: float
-    """The least value, in the unit of the column."""
+    """Minimum, in the unit of the column."""
     high: float
-    """The greatest value."""
+    """Maximum."""
     at_low: int
-    """How many samples are at the least value."""
+    """Number of samples at the minimum."""
     at_high: int
-    """How many are at the greatest."""
+    """Number of samples at the maximum."""
     clipped_low: bool
-    """Whether the column looks cut off at the least value."""
+    """Whether the column is probably clipped at the minimum."""
     clipped_high: bool
-    """Whether it looks cut off at the greatest."""
+    """Whether the column is probably clipped at the maximum."""
 
     @property
     def clipped(self) -> bool:
-        """Whether the column looks cut off at an end."""
+        """Whether the column is probably clipped at an extreme."""
         return self.clipped_low or self.clipped_high
 
 
@@ -48,12 +48,12 @@ def _finite(values: ArrayLike, least: int) -> NDArray[np.float64]:
 
 
 def saturation(values: ArrayLike) -> Saturation:
-    """Say whether a column is cut off at its least or greatest value.
+    """Return whether a column is clipped at its minimum or maximum.
 
-    A smooth peak spends at most (1 + sqrt 2) times as long in its highest step of a converter as
-    in the one below, and no longer than in the three below. A column counts as cut off where it
-    rests at an end for three samples in a row or more, and has over four times as many samples
-    there as at the next value and, in steps, over twice as many as at the next three.
+    A smooth peak has at most (1 + sqrt 2) times as many samples in its highest converter step as in
+    the next, and no more than in the next three. A column counts as clipped if it has three or more
+    consecutive samples at an extreme, over four times as many samples there as at the next value
+    and, in steps, over twice as many as at the next three.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def saturation(values: ArrayLike) -> Saturation:
     Returns
     -------
     Saturation
-        Counts, and the verdict.
+        Counts, and the assessment.
 
     Validity
     --------
-    A drive that holds its end looks the same; so does a peak flatter than a parabola, seen in
-    coarse steps. An amplifier that limits softly is not found. A constant column is not cut off.
+    A drive at rest at its end counts as clipped, as does a peak flatter than a parabola in coarse
+    steps. Soft limiting of an amplifier is not detected. A constant column is not clipped.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def saturation(values: ArrayLike) -> Saturation:
     for level, inwards in ((0, counts), (-1, counts[::-1])):
         count, after = int(inwards[0]), inwards[1:4]
         longest = _longest_run(x == levels[level])
-        # of few samples in a step, those of one step alone are too few to go by
+        # with few samples per step, a single step is not significant
         rests = after.size > 0 and count > 4 * after[0]
         rests = rests and (after.max() == 1 or count > 2 * after.sum())
         ends.append((count, bool(longest >= 3 and rests)))
@@ -107,7 +107,7 @@ def _longest_run(where: NDArray[np.bool_]) -> int:
 
 
 def quantisation_step(values: ArrayLike) -> float:
-    """Return the step of which all differences of a column are multiples.
+    """Return the quantisation step of a column, of which all differences are multiples.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def quantisation_step(values: ArrayLike) -> float:
     Returns
     -------
     float
-        The step, in the unit of the column; 0 where there is none, or the column is constant.
+        The step, in the unit of the column; 0 if there is none, or the column is constant.
 
     Validity
     --------
-    It is that of the converter, or of the last printed digit: the coarser. Steps below 1e-9 of the
-    largest value are lost in the rounding of floats and count as none.
+    It is that of the converter or of the last printed digit, whichever is coarser. Steps below 1e-9
+    of the largest value are within the rounding of floats and count as none.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def quantisation_step(values: ArrayLike) -> float:
     if levels.size < 2:
         return 0.0
     largest = float(np.abs(levels).max())
-    # what rounding makes of equal differences, and the least step that stands out from it
+    # rounding errors of equal differences, and the least step above them
     rounding, floor = 1e-12 * largest, 1e-9 * largest
     gaps = np.diff(levels)
     gaps = gaps[gaps > rounding]
@@ -147,24 +147,24 @@ def quantisation_step(values: ArrayLike) -> float:
     step = float(gaps.min())
     # Euclid's algorithm, as the least gap may itself be several steps
     for _ in range(64):
-        left = np.abs(gaps - step * np.round(gaps / step))
-        rest = left[left > max(rounding, 1e-4 * step)]
-        if rest.size == 0:
+        remainders = np.abs(gaps - step * np.round(gaps / step))
+        remainders = remainders[remainders > max(rounding, 1e-4 * step)]
+        if remainders.size == 0:
             multiples = np.round((levels - levels[0]) / step)
             return float((levels[-1] - levels[0]) / multiples[-1])
-        step = float(rest.min())
+        step = float(remainders.min())
         if step < floor:
             break
     return 0.0
 
 
 def difference_noise(values: NDArray[np.float64], order: int) -> float:
-    """Return the rms of white noise by a difference of some order; 0 where most neighbours agree.
+    """Return the rms of white noise from a difference; 0 if most neighbours are equal.
 
     A difference of order k of a smooth motion vanishes, and that of white noise of rms s has the
     rms s sqrt((2 k)! / k!^2) (von Neumann, 1941, Annals of Mathematical Statistics 12, for
-    k = 1). The median of its absolute values, over 0.6745, stands for the rms, so that spikes do
-    not count.
+    k = 1). The median of its absolute values, over 0.6745, replaces the rms, so that spikes do not
+    count.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def difference_noise(values: NDArray[np.float64], order: int) -> float:
     Returns
     -------
     float
-        The rms, in the unit of the column; 0 of fewer samples than the difference needs.
+        The rms, in the unit of the column; 0 if there are too few samples for the difference.
     """
     if values.size <= order:
         return 0.0
@@ -185,11 +185,11 @@ def difference_noise(values: NDArray[np.float64], order: int) -> float:
 
 
 def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
-    """Refuse columns that are cut off at an end, as by the range of a converter.
+    """Refuse columns that are clipped, as by the range of a converter.
 
     Validity
     --------
-    That of `saturation`: a motion that holds its end looks the same, if it is free of noise.
+    That of `saturation`: a noise-free motion at rest at its end also counts as clipped.
 
     Examples
     --------
@@ -201,36 +201,36 @@ def require_unclipped(record: Record, columns: Sequence[str | int]) -> None:
     ...     require_unclipped(record, ["pos"])
     ... except RecordError as error:
     ...     print(str(error).partition(":")[0])
-    column 'pos' is cut off at 0.83 m (80 of 400 samples)
+    column 'pos' is clipped at 0.83 m (80 of 400 samples)
     """
     for selector in columns:
         channel = record.channel(selector)
         if channel.values.size < 3:
             continue
-        found = saturation(channel.values)
+        limits = saturation(channel.values)
         ends = [
             f"{value:.6g}{' ' + channel.unit if channel.unit else ''} ({count} of "
             f"{channel.values.size} samples)"
             for clipped, value, count in (
-                (found.clipped_low, found.low, found.at_low),
-                (found.clipped_high, found.high, found.at_high),
+                (limits.clipped_low, limits.low, limits.at_low),
+                (limits.clipped_high, limits.high, limits.at_high),
             )
             if clipped
         ]
         if ends:
             raise RecordError(
-                f"column '{channel.name}' is cut off at {' and at '.join(ends)}: widen the range "
-                "of its sensor or converter and record it again, or read rows without it by the "
-                "option rows"
+                f"column '{channel.name}' is clipped at {' and at '.join(ends)}: widen the range "
+                "of its sensor or converter and record it again, or select rows without clipping "
+                "by the option rows"
             )
 
 
 def require_live(record: Record, columns: Sequence[str | int]) -> None:
-    """Refuse columns that never change, as those of a sensor that is dead or not connected.
+    """Refuse constant columns, as those of a sensor that is dead or not connected.
 
     Validity
     --------
-    An open input that picks up noise is not found.
+    An open input with noise is not detected.
 
     Examples
     --------
@@ -241,14 +241,14 @@ def require_live(record: Record, columns: Sequence[str | int]) -> None:
     ...     require_live(record, ["y"])
     ... except RecordError as error:
     ...     print(str(error).partition(":")[0])
-    column 'y' is 0.7 m at all of its 3 samples
+    column 'y' is 0.7 m in all of its 3 samples
     """
     for selector in columns:
         channel = record.channel(selector)
         if (channel.values == channel.values[0]).all():
             unit = f" {channel.unit}" if channel.unit else ""
             raise RecordError(
-                f"column '{channel.name}' is {channel.values[0]:.6g}{unit} at all of its "
+                f"column '{channel.name}' is {channel.values[0]:.6g}{unit} in all of its "
                 f"{channel.values.size} samples: its sensor is dead or not connected; choose "
                 "another column, or record it again"
             )

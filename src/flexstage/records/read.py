@@ -1,4 +1,4 @@
-"""Reading measured files into records: format, columns, units, time, and the checks."""
+"""Reading of measured files into records: format, columns, units, time and checks."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,22 +23,21 @@ from flexstage.records.columns import (
     measured_unit,
 )
 from flexstage.records.detect import format_of
-from flexstage.records.gcs_array import read_gcs_array
 from flexstage.records.matlab import read_matlab
 from flexstage.records.read_options import ReadOptions, TextLayout
 from flexstage.records.record import Channel, Record, column_and_unit, column_number
 from flexstage.records.sampling import (
     LARGEST_STEP,
     LARGEST_UNEVEN_STEP,
-    evened,
     require_complete,
     require_uniform,
+    resample_uniform,
     timed,
 )
-from flexstage.records.text import read_text
+from flexstage.records.text import read_gcs_array, read_text
 from flexstage.records.universal_file import read_universal
 
-# with marks of thousands, two decimal signs, or none that is known
+# with thousands separators, two decimal signs, or an unknown one
 _LIKE_NUMBER = re.compile(r"(?!\d\d?\.\d\d?\.\d{2,4}$)[+-]?[\d.,' ]+([eE][+-]?\d+)?")
 
 
@@ -53,53 +52,53 @@ def read_record(
     over: Literal["time", "point"] = "time",
     largest_step: float | None = None,
     labels: str | int | None = None,
-    **how: Any,
+    **fields: Any,
 ) -> Record:
     r"""Read columns of measured data from a file.
 
-    The format is known by the first bytes, then by the suffix. Every column of the file is a
-    channel with the number that it has in the file, the time too. Units come from `units`, or from
-    behind the names of columns that are asked for, ``"2 um"``, then from the file; a column without
-    one keeps its numbers. Times come from `time`, then from the
-    file's own sample rate, then from a column that is called time and says its unit. A file of
-    frequency responses, and a report of a measuring machine, has no times: `Record.over` says so.
+    The format follows from the first bytes, then from the suffix. Every column of the file,
+    including the time, is a channel with the number that it has in the file. Units come from
+    `units`, or from the text after a selected column, ``"2 um"``, then from the file; a column
+    without unit keeps its numbers. Times come from `time`, then from the sample rate in the file,
+    then from a column called time with a unit. A file of frequency responses, and a report of a
+    measuring machine, has no times, see `Record.over`.
 
     Parameters
     ----------
     path : str or pathlib.Path
         The file.
     options : ReadOptions, optional
-        What the file does not say itself: rate, time, rows, format.
+        Rate, time, rows and format, if the file does not state them.
     units : Mapping, optional
-        Units by name or number of column, ``{"0": "V", "position": "um"}``; ``"length"`` stands for
-        all lengths of a measuring machine, the name of a complex function for both its parts.
+        Units by name or number of column, ``{"0": "V", "position": "um"}``; ``"length"`` selects
+        all lengths of a measuring machine, the name of a complex function both its parts.
     names : sequence of str, optional
         Names of the columns, in place of those in the file.
     columns : sequence of str or int, optional
-        The columns that will be used: only they must be complete. All, where not given, but those
-        that hold nothing but text, whose values are NaN.
+        The used columns: only these must be complete. By default all except text columns, whose
+        values are NaN.
     partial : sequence of str or int, optional
         Further columns, which may be incomplete.
     over : {"time", "point"}
-        What the rows of a file follow one another by that does not say it: time, or their number.
+        Independent variable of the rows, if the file does not state it: time, or their number.
     largest_step : float, optional
-        Longest step of a column of time that is no gap, over the median one.
+        Longest step of a column of time that is no gap, over the median step.
     labels : str or int, optional
         A column that labels the rows: texts in it are numbered as they first appear.
-    **how
+    **fields
         Fields of `ReadOptions`, in place of those of `options`.
 
     Returns
     -------
     Record
-        Channels in SI units, rising times [s], the file's hash, and notes on what was understood.
-        Of functions in a universal file, ``output of NAME``, ``input of NAME``, ``output unit of
-        NAME``, ``input unit of NAME`` and ``kind of NAME`` are attributes.
+        Channels in SI units, rising times [s], the hash of the file, and notes. For functions in a
+        universal file, ``output of NAME``, ``input of NAME``, ``output unit of NAME``, ``input unit
+        of NAME`` and ``kind of NAME`` are attributes.
 
     Validity
     --------
-    A factor turns a unit into an SI unit: logarithmic units (dB) are unknown, and a temperature in
-    degrees Celsius stays one. Numbers are double precision.
+    Units convert to SI by a factor: logarithmic units (dB) are unknown, and a temperature in
+    degrees Celsius remains so. Numbers are double precision.
 
     Raises
     ------
@@ -117,7 +116,7 @@ def read_record(
     >>> record.channel("pos").values, record.channel("pos").unit
     (array([1.25e-06, 1.50e-06]), 'm')
     """
-    file, options = Path(path), request_of(ReadOptions, options, how)
+    file, options = Path(path), request_of(ReadOptions, options, fields)
     rows = options.rows
     try:
         content_hash = _hash(file)
@@ -130,25 +129,27 @@ def read_record(
             first = slice(*rows).indices(raw.columns[0].values.size)[0]
             raw = raw.part(slice(*rows))
         if not raw.columns or raw.columns[0].values.size < 2:
-            raise RecordError("there are fewer than two samples: a record needs at least two")
+            raise RecordError("a record needs at least two samples")
         if labels is not None:
             raw = raw.numbered(column_number([c.name for c in raw.columns], labels))
         used = _used(raw, columns)
         for number in sorted(used):
             raw.require_numbers(number)
         timed_by = () if options.time is None else (options.time,)
-        said = _units_said(raw, (*(columns or ()), *partial, *timed_by), units or {})
-        channels, notes = _in_si(raw, said, _accelerations(raw, file))
+        user_units = _user_units(raw, (*(columns or ()), *partial, *timed_by), units or {})
+        channels, notes = _in_si(raw, user_units, _accelerations(raw, file))
         kind = _kind(raw, over, options)
         if kind == "time":
             if largest_step is None:
                 largest_step = LARGEST_UNEVEN_STEP if options.resample else LARGEST_STEP
-            channels, times, more = timed(raw, channels, options.time, options.rate, largest_step)
-            notes += more
+            channels, times, time_notes = timed(
+                raw, channels, options.time, options.rate, largest_step
+            )
+            notes += time_notes
         else:
             size = raw.columns[0].values.size
             times = np.arange(size, dtype=np.float64) if raw.axis is None else raw.axis
-        notes += _left_out(raw, channels, used)
+        notes += _unused_notes(raw, channels, used)
     except OSError as error:
         raise RecordError(f"'{file}' cannot be read: {error.strerror or error}") from error
     except RecordError as error:
@@ -169,33 +170,32 @@ def read_record(
         return record
     if kind != "time":
         raise RecordError(
-            f"'{record.source}' is over {kind}, and --resample is for samples over time: leave it "
-            "out"
+            f"'{record.source}' is over {kind}, but --resample is for samples over time: omit it"
         )
-    return evened(record, options.resample[0])
+    return resample_uniform(record, options.resample[0])
 
 
 def _hash(file: Path) -> str:
     if not file.exists():
         raise RecordError(f"there is no file '{file}'")
     if not file.is_file():
-        raise RecordError(f"'{file}' is no file: give one file of measured columns")
+        raise RecordError(f"'{file}' is not a file: give a file of measured columns")
     return file_hash(file)
 
 
-def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:
-    dataset, how = options.dataset, options.text
-    if known in ("text", "gcs") and dataset is not None:
-        raise RecordError(f"'{file}' is a text file: it has no datasets, leave the option out")
-    if known == "text":
-        return read_text(file, how)
-    if known == "cmm":
-        return read_coordinates(file, dataset, how)
-    if how != TextLayout():
+def _read(file: Path, format_name: str, options: ReadOptions) -> FileColumns:
+    dataset, layout = options.dataset, options.text
+    if format_name in ("text", "gcs") and dataset is not None:
+        raise RecordError(f"'{file}' is a text file without datasets: omit the option dataset")
+    if format_name == "text":
+        return read_text(file, layout)
+    if format_name == "cmm":
+        return read_coordinates(file, dataset, layout)
+    if layout != TextLayout():
         raise RecordError(
-            f"'{file}' is no text file of columns: the layout of one (--text) has no meaning for it"
+            f"'{file}' is not a text file of columns: --text does not apply to it, omit it"
         )
-    if known == "gcs":
+    if format_name == "gcs":
         return read_gcs_array(file)
     readers = {
         "matlab": read_matlab,
@@ -204,46 +204,48 @@ def _read(file: Path, known: str, options: ReadOptions) -> FileColumns:
         "numpy": read_numpy,
         "universal": read_universal,
     }
-    return readers[known](file, dataset)
+    return readers[format_name](file, dataset)
 
 
 def _distinct(raw: FileColumns) -> FileColumns:
     """Number columns that have the same name."""
     names = [c.name for c in raw.columns]
-    again = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
-    if not again:
+    repeated = (
+        sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
+    )
+    if not repeated:
         return raw
-    taken = set(names)
+    used = set(names)
     columns = []
     for number, column in enumerate(raw.columns):
         name = column.name
-        if name in again:
+        if name in repeated:
             name = f"{name} #{number}"
-            while name in taken:
+            while name in used:
                 name += "'"
-            taken.add(name)
+            used.add(name)
         columns.append(replace(column, name=name))
-    note = f"columns of the same name ({', '.join(again)}) are distinguished by their number"
+    note = f"columns of the same name ({', '.join(repeated)}) are distinguished by their number"
     return replace(raw, columns=tuple(columns), notes=(*raw.notes, note))
 
 
 def _kind(
-    raw: FileColumns, wanted: str, options: ReadOptions
+    raw: FileColumns, requested: str, options: ReadOptions
 ) -> Literal["time", "frequency", "point"]:
-    """Return what the samples follow one another by: as the file says, else as asked."""
-    if wanted not in ("time", "point"):
-        raise RecordError(f"rows follow one another by time or by point, got {wanted!r}")
+    """Return the independent variable of the samples, of the file or else the requested one."""
+    if requested not in ("time", "point"):
+        raise RecordError(f"rows must be over time or point, got {requested!r}")
     kind = raw.over
-    if kind == "time" and wanted == "point" and raw.sample_rate_hz is None:
+    if kind == "time" and requested == "point" and raw.sample_rate_hz is None:
         kind = "point"
     if kind != "time" and (options.time is not None or options.sample_rate):
         why = "its rows are points" if kind == "point" else "it is over frequency"
-        raise RecordError(f"{why}, without times: leave sample rate and column of time out")
+        raise RecordError(f"{why}, without times: omit sample rate and time column")
     return kind
 
 
-def _asked(raw: FileColumns, selector: str | int) -> tuple[tuple[int, ...], str]:
-    """Return the columns that a name or number stands for, and the unit behind it."""
+def _selected_columns(raw: FileColumns, selector: str | int) -> tuple[tuple[int, ...], str]:
+    """Return the columns of a name or number, and the unit after it."""
     if (text := str(selector).strip()) in raw.groups:
         return raw.groups[text], ""
     group, _, unit = text.partition(" ")
@@ -253,115 +255,112 @@ def _asked(raw: FileColumns, selector: str | int) -> tuple[tuple[int, ...], str]
     return (number,), unit
 
 
-def _units_said(
+def _user_units(
     raw: FileColumns, columns: Sequence[str | int], units: Mapping[str, str]
 ) -> dict[int, str]:
-    """Return the units that are given to columns, behind them or by themselves."""
-    given = [(_asked(raw, column)[0], unit, False) for column, unit in units.items()]
-    behind = [(*_asked(raw, column), True) for column in columns]
-    said: dict[int, str] = {}
-    for numbers, unit, again in (*given, *behind):
+    """Return the units that the user gave to columns, after their names or in `units`."""
+    by_name = [(_selected_columns(raw, column)[0], unit, False) for column, unit in units.items()]
+    after_name = [(*_selected_columns(raw, column), True) for column in columns]
+    user_units: dict[int, str] = {}
+    for numbers, unit, again in (*by_name, *after_name):
         for number in numbers if unit else ():
-            if number in said and not (again and said[number] == unit):
-                raise RecordError(
-                    f"column '{raw.columns[number].name}' is given two units: give one"
-                )
-            said[number] = unit
-    return said
+            if number in user_units and not (again and user_units[number] == unit):
+                raise RecordError(f"column '{raw.columns[number].name}' has two units: give one")
+            user_units[number] = unit
+    return user_units
 
 
 def _accelerations(raw: FileColumns, file: Path) -> str:
-    """Return what says that a file is of accelerations, where its columns do not; empty if none."""
+    """Return the evidence that a file is of accelerations, other than its column; else empty."""
     if raw.attributes.get("heading", "").startswith("LabVIEW Measurement"):
-        return "of an acquisition by LabVIEW"
+        return "as the file is an acquisition by LabVIEW"
     for column in raw.columns:
         if is_acceleration(column.name) or column.unit == "m/s^2":
-            return f"beside column '{column.name}'"
+            return f"as in column '{column.name}'"
     return "by the name of the file" if is_acceleration(file.stem) else ""
 
 
 def _in_si(
-    raw: FileColumns, said: Mapping[int, str], accelerations: str
+    raw: FileColumns, user_units: Mapping[int, str], accelerations: str
 ) -> tuple[list[Channel], list[str]]:
-    """Return the columns in SI units, by those that are said of some, and what was done."""
-    channels, notes, found = [], [], []
+    """Return the columns in SI units, by units of the user or of the file, and notes."""
+    channels, notes, file_units = [], [], []
     for number, column in enumerate(raw.columns):
-        text = said.get(number, column.unit)
-        meant = column
-        if column.si is None and text.strip() in GRAVITY and number not in said:
-            meant, note = _weighed(column, accelerations)
+        text = user_units.get(number, column.unit)
+        source = column
+        if column.si is None and text.strip() in GRAVITY and number not in user_units:
+            source, note = _gravity_or_gram(column, accelerations)
             notes += note
         try:
-            factor, unit = _si(meant, text, number in said)
+            factor, unit = _si(source, text, number in user_units)
         except UnitError as error:
-            if number in said:
+            if number in user_units:
                 raise RecordError(f"column '{column.name}': {error}") from error
-            notes.append(
-                f"'{text}' of column '{column.name}' is no known unit: left as in the file"
-            )
+            notes.append(f"unknown unit '{text}' of column '{column.name}': values as in the file")
             factor, unit = 1.0, ""
-        if unit and number not in said:
-            found.append(f"{column.name} in {text}")
-        if number in said and column.unit and (column.si or _known(column.unit)) != (factor, unit):
+        if unit and number not in user_units:
+            file_units.append(f"{column.name} in {text}")
+        differs = (column.si or _si_or_none(column.unit)) != (factor, unit)
+        if number in user_units and column.unit and differs:
             notes.append(
-                f"column '{column.name}' says {column.unit!r} in the file, and is read as {text!r}"
+                f"column '{column.name}' is in {column.unit!r} in the file, but read as {text!r}"
             )
         values = column.values if factor == 1.0 else _scaled(column.values, factor)
         channels.append(Channel(name=column.name, values=values, unit=unit, texts=column.texts))
-    if found:
-        notes.append(f"units of the file: {', '.join(found)}")
+    if file_units:
+        notes.append(f"units of the file: {', '.join(file_units)}")
     return channels, notes
 
 
-def _weighed(column: FileColumn, accelerations: str) -> tuple[FileColumn, list[str]]:
-    """Return a column in g with what that is, and a note where its unit does not say it."""
+def _gravity_or_gram(column: FileColumn, accelerations: str) -> tuple[FileColumn, list[str]]:
+    """Return a column in g with the meaning of its unit, and a note if that was assumed."""
     unit = column.unit.strip()
     if gravity_unit(unit, "") is not None:
         return column, []
-    because = "as its name says" if is_acceleration(column.name) else accelerations
+    because = "by its name" if is_acceleration(column.name) else accelerations
     if because:
         note = (
             f"'{unit}' of column '{column.name}' is taken as the acceleration of gravity, "
-            f"{because}: of a mass, give its unit as gram"
+            f"{because}: for a mass, give the unit gram"
         )
         return replace(column, si=(GRAVITY[unit], "m/s^2")), [note]
-    if _known(unit) is None:
+    if _si_or_none(unit) is None:
         return column, []
     note = (
-        f"'{unit}' of column '{column.name}' is taken as a mass: of an acceleration, give its unit "
-        "as g_n"
+        f"'{unit}' of column '{column.name}' is taken as a mass: for an acceleration, give the "
+        "unit g_n"
     )
     return column, [note]
 
 
 def _scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """Return values in SI, rounded once: 1.25 um is 1.25e-06 m, and not its neighbour."""
-    whole = round(1.0 / factor)
-    # a millionth is no float, but a million is
-    return values / whole if whole > 1 and 1.0 / whole == factor else values * factor
+    """Return values in SI with one rounding, so that 1.25 um is 1.25e-06 m."""
+    divisor = round(1.0 / factor)
+    # a millionth is not exact in binary, but a million is
+    return values / divisor if divisor > 1 and 1.0 / divisor == factor else values * factor
 
 
-def _si(column: FileColumn, text: str, given: bool) -> tuple[float, str]:
-    """Return what the unit of a column is in SI: as given, as its format says, by its name."""
-    if column.si is not None and not given:
+def _si(column: FileColumn, text: str, by_user: bool) -> tuple[float, str]:
+    """Return factor and SI unit of a column: by the user, by its format, or by its name."""
+    if column.si is not None and not by_user:
         return column.si
-    if (meant := gravity_unit(text.strip(), column.name)) is not None:
-        return meant
+    if (gravity := gravity_unit(text.strip(), column.name)) is not None:
+        return gravity
     return measured_unit(text) if text.strip() else (1.0, "")
 
 
-def _known(text: str) -> tuple[float, str] | None:
-    """Return what a unit is in SI, if it is known."""
+def _si_or_none(text: str) -> tuple[float, str] | None:
+    """Return factor and SI unit of a unit; None if it is unknown."""
     try:
         return measured_unit(text)
     except UnitError:
         return None
 
 
-def _used(raw: FileColumns, wanted: Sequence[str | int] | None) -> set[int]:
-    """Return the columns that must be complete: those wanted, or all that hold numbers."""
-    if wanted is not None:
-        return {number for selector in wanted for number in _asked(raw, selector)[0]}
+def _used(raw: FileColumns, selected: Sequence[str | int] | None) -> set[int]:
+    """Return the columns that must be complete: the selected ones, or all with numbers."""
+    if selected is not None:
+        return {number for selector in selected for number in _selected_columns(raw, selector)[0]}
     return {
         i
         for i, column in enumerate(raw.columns)
@@ -370,14 +369,14 @@ def _used(raw: FileColumns, wanted: Sequence[str | int] | None) -> set[int]:
 
 
 def _is_text(column: FileColumn) -> bool:
-    """Say whether a column holds text alone, and none that was meant as a number."""
+    """Return whether a column contains only text that is not like a number."""
     if column.words is None or np.isfinite(column.values).any():
         return False
     return not any(_LIKE_NUMBER.fullmatch(word) for word in np.unique(column.words) if word)
 
 
-def _left_out(raw: FileColumns, channels: Sequence[Channel], used: set[int]) -> list[str]:
-    """Refuse incomplete columns among those that are used; return notes on the others."""
+def _unused_notes(raw: FileColumns, channels: Sequence[Channel], used: set[int]) -> list[str]:
+    """Refuse incomplete used columns; return notes on incomplete other columns."""
     incomplete, text = [], []
     for number, (column, channel) in enumerate(zip(raw.columns, channels, strict=True)):
         if number in used:
@@ -386,9 +385,9 @@ def _left_out(raw: FileColumns, channels: Sequence[Channel], used: set[int]) -> 
             text.append(f"{channel.name} ('{column.words[(column.words != '').argmax()]}')")
         elif not np.isfinite(channel.values).all():
             incomplete.append(channel.name)
-    notes = [f"left out, as they hold text: {', '.join(text)}"] if text else []
+    notes = [f"skipped columns with text: {', '.join(text)}"] if text else []
     if incomplete:
-        notes.append(f"incomplete, as it is not used: column {', '.join(incomplete)}")
+        notes.append(f"incomplete columns that are not used: {', '.join(incomplete)}")
     return notes
 
 
@@ -411,10 +410,10 @@ def read_files(
 ) -> list[Record]:
     """Read files, one record for each.
 
-    `columns` are those that are used (all, where None); `partial` are further ones, which may be
-    incomplete. `over` is what the samples must follow one another by: with point, rows of a text
-    need no times; with table, times are not looked at. With `even`, uneven times are refused.
-    `labels` is the column that labels the rows, with numbers or texts.
+    `columns` are the used columns (None for all); `partial` are further ones, which may be
+    incomplete. `over` is the required independent variable: with point, rows of a text need no
+    times; with table, times are ignored. With `even`, non-uniform times are refused. `labels` is
+    the column with labels of the rows, numbers or texts.
     """
     read = []
     for file, how in zip(files, options.of_each(len(files)), strict=True):

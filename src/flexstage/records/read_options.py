@@ -1,4 +1,4 @@
-"""How measured files are read: what they do not say themselves."""
+"""Options for reading measured files, and the selection of their columns."""
 
 import csv
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from flexstage.files.ranges import POSITIVE, CountOrZero, Written
 from flexstage.files.request import Request
 from flexstage.quantities.units import parse
 
-#: The first sample of a part of a file, and the one before which it stops.
+#: First sample of a part of a file, and the sample after its last.
 RowRange = tuple[int | None, int | None]
 _MEDIAN = "median"
 
 
 def read_column(text: str) -> str | int:
-    """Return what names a column: its number, or its name.
+    """Return the number or the name of a column.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def read_column(text: str) -> str | int:
 
 
 def read_columns(text: str) -> tuple[str | int, ...]:
-    """Return what names several columns, with commas between; quotes hold a name with commas.
+    """Return numbers or names of columns, separated by commas; a name with commas needs quotes.
 
     Examples
     --------
@@ -38,12 +38,12 @@ def read_columns(text: str) -> tuple[str | int, ...]:
     try:
         (words,) = csv.reader([text], skipinitialspace=True)
     except (csv.Error, ValueError):
-        raise RecordError(f"must be columns with commas between, got {text[:60]!r}") from None
+        raise RecordError(f"must be columns separated by commas, got {text[:60]!r}") from None
     return tuple(read_column(word) for word in words if word.strip())
 
 
 def read_rows(text: str) -> RowRange:
-    """Return a range of samples: the first, and the one before which to stop.
+    """Return a range of samples: the first, and the one after the last.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def columns_text(columns: Sequence[str | int]) -> str:
     return ",".join(quoted)
 
 
-#: What may divide columns, by the words for it; a shell passes a backslash and a letter.
+#: Delimiters of columns by name; a shell passes a backslash and a letter.
 _DELIMITERS = {"tab": "\t", "comma": ",", "semicolon": ";", "space": " ", "\\t": "\t"}
 
 
@@ -100,16 +100,17 @@ def _write_delimiter(sign: str) -> str:
     return {"\t": "tab", " ": "space"}.get(sign, sign)
 
 
-#: What a column that is asked for may say besides.
-_BEHIND = 'A unit that the file does not say stands behind the column: "2 um".'
+#: Help on the unit of a selected column.
+_UNIT_HELP = 'If the file does not state a unit, give it after the column: "2 um".'
 #: Number or name of a column.
 Column = Annotated[str | int, Written("COLUMN", read=read_column)]
 #: Numbers or names of columns.
 ColumnList = Annotated[
-    tuple[str | int, ...], Written("COLUMNS", read=read_columns, write=columns_text, help=_BEHIND)
+    tuple[str | int, ...],
+    Written("COLUMNS", read=read_columns, write=columns_text, help=_UNIT_HELP),
 ]
-#: Columns of which a command takes one, but of curves in columns of their own.
-ONE_COLUMN = Written("COLUMN", read=read_columns, write=columns_text, help=_BEHIND)
+#: Column option that accepts several columns only for curves in separate columns.
+ONE_COLUMN = Written("COLUMN", read=read_columns, write=columns_text, help=_UNIT_HELP)
 #: A range of samples.
 Rows = Annotated[RowRange, Written("START:STOP", read=read_rows, write=write_rows)]
 _Rate = Annotated[float, POSITIVE]
@@ -122,7 +123,7 @@ _NewRates = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLayout(Request):
-    """How columns stand in a text file."""
+    """Layout of the columns of a text file."""
 
     one_value: ClassVar[bool] = True
     refused_as: ClassVar[type[FlexstageError]] = RecordError
@@ -132,7 +133,7 @@ class TextLayout(Request):
     delimiter: (
         Annotated[str, Written("SIGN", read=_read_delimiter, write=_write_delimiter)] | None
     ) = None
-    """What separates columns: a sign such as ; or tab, comma, semicolon or space."""
+    """Delimiter of columns: a character such as ; or tab, comma, semicolon or space."""
     decimal: Literal[".", ","] | None = None
     """Decimal sign."""
 
@@ -144,7 +145,7 @@ class TextLayout(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions(Request):
-    """How measured files are read; what they say themselves need not be repeated."""
+    """Options for reading measured files, where a file does not state them itself."""
 
     heading: ClassVar[str] = "Reading files"
     refused_as: ClassVar[type[FlexstageError]] = RecordError
@@ -154,7 +155,7 @@ class ReadOptions(Request):
     time: Column | None = None
     """Number or name of the time column."""
     resample: _NewRates = ()
-    """Resample unevenly timed samples to even times: at a rate such as "10 Hz", not finer than the
+    """Resample non-uniform samples to uniform times: at a rate such as "10 Hz", at most that of the
     samples, or at that of the median step; one for each file if separated by commas.
     """
     rows: Rows | None = None
@@ -178,16 +179,16 @@ class ReadOptions(Request):
 
     @property
     def rate(self) -> float | None:
-        """The sample rate of one file [Hz]; None where none is given."""
+        """Sample rate of one file [Hz]; None if none is given."""
         return self.sample_rate[0] if self.sample_rate else None
 
     def of_each(self, files: int) -> "tuple[ReadOptions, ...]":
-        """Return how each of some files is read, with its own rates."""
+        """Return the options of each file, with its own rates."""
         for name in ("sample_rate", "resample"):
-            if len(given := getattr(self, name)) not in (0, 1, files):
+            if len(rates := getattr(self, name)) not in (0, 1, files):
                 raise RecordError(
                     f"--{name.replace('_', '-')} needs one rate, or one for each of {files} files, "
-                    f"got {len(given)}"
+                    f"got {len(rates)}"
                 )
         return tuple(
             replace(
@@ -201,29 +202,29 @@ class ReadOptions(Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveColumns(Request):
-    """Which columns of files are what a drive was told, and what followed."""
+    """Columns of the command of a drive and of its response."""
 
     refused_as: ClassVar[type[FlexstageError]] = RecordError
 
     input: Annotated[ColumnList, ONE_COLUMN] = ()
-    """Number or name of the input column (default: the one in V, or called so)."""
+    """Number or name of the input column (default: the column in V, by its unit or name)."""
     output: Annotated[ColumnList, ONE_COLUMN] = ()
-    """Number or name of the output column (default: the one in a unit of length or angle, or called
-    so).
+    """Number or name of the output column (default: the column in a unit of length or angle, by its
+    unit or name).
     """
     branches: Annotated[
         tuple[str | int, ...], Written("UP,DOWN", read=read_columns, write=columns_text)
     ] = ()
-    """Instead of --output: columns of the rising and the falling branch, in a table with one row
-    for each input and no times.
+    """Instead of --output: columns of the rising and the falling branch, in a table without times
+    and with one row for each input.
     """
     curve: Annotated[str, Written("COLUMN|files|columns")] | None = None
     """First-order reversal curves, measured on the way back to saturation: the column of their
-    numbers or reversal points; "files" if each file is one curve, "columns" if --output lists one
-    column for each.
+    numbers or reversal points; "files" if each file is one curve; "columns" if --output lists one
+    column for each curve.
     """
 
     @property
     def is_table(self) -> bool:
-        """Whether it is of branches or curves, in tables without times."""
+        """Whether the files are tables of branches or curves, without times."""
         return bool(self.branches or self.curve)

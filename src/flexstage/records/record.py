@@ -22,42 +22,42 @@ class Channel:
     """One column of a record."""
 
     name: str
-    """What it is called."""
+    """Name of the column."""
     values: Array
-    """Its samples, shape (n,): SI where `unit` is an SI unit, else as in the file."""
+    """Samples, shape (n,): in SI if `unit` is an SI unit, else as in the file."""
     unit: str = ""
-    """Unit of `values`: ``V``, ``m``, ``N``...; empty where nobody has said."""
+    """Unit of `values`: ``V``, ``m``, ``N``...; empty if unknown."""
     texts: tuple[str, ...] = ()
-    """The texts that `values` number, from 0, of a column that labels rows."""
+    """Texts that `values` number, from 0, of a column with labels of rows."""
 
     __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Record:
-    """Columns that were sampled together."""
+    """Columns sampled together."""
 
     channels: tuple[Channel, ...]
     """The columns, each with n samples."""
     time: Array
-    """Time of each sample, rising [s], shape (n,); the frequency [Hz], or the number of the point
-    from 0, where `over` says so.
+    """Time of each sample, rising [s], shape (n,); by `over`, instead the frequency [Hz] or the
+    number of the point from 0.
     """
     source: str = ""
-    """Where it comes from: a file, an instrument, a simulation."""
+    """Source: a file, an instrument, a simulation."""
     source_hash: str = ""
-    """SHA-256 of the file; empty where there is none."""
+    """SHA-256 of the file; empty without a file."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Remarks on the record."""
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Further text from the file."""
     over: Literal["time", "frequency", "point"] = "time"
-    """What the samples follow one another by: time, frequency as in a spectrum, or no more than
-    their number, as points of a measuring machine.
+    """Independent variable of the samples: time, frequency as in a spectrum, or only their number,
+    as for points of a measuring machine.
     """
     numbers: Array | None = None
-    """Number that each sample has in the file, from 0, where it is not the one that it has here: of
-    a part, and between two where it was resampled; NaN where nothing was measured. Shape (n,).
+    """Number of each sample in the file, from 0, if it differs from that in the record: of a part,
+    fractional if resampled; NaN for samples that were not measured. Shape (n,).
     """
 
     __repr__ = short_repr
@@ -65,16 +65,16 @@ class Record:
     def __post_init__(self) -> None:
         t = self.time
         if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
-            raise RecordError("the times of a record must be at least two and rise")
+            raise RecordError("a record needs at least two times, in rising order")
         for channel in self.channels:
             if channel.values.shape != t.shape:
                 raise RecordError(
-                    f"column '{channel.name}' must have {t.size} samples as the time has, got "
-                    f"shape {channel.values.shape}"
+                    f"column '{channel.name}' must have {t.size} samples, like the time, got shape "
+                    f"{channel.values.shape}"
                 )
         if self.numbers is not None and self.numbers.shape != t.shape:
             raise RecordError(
-                f"the {t.size} samples of a record must have a number each, got shape "
+                f"each of the {t.size} samples of a record needs a number, got shape "
                 f"{self.numbers.shape}"
             )
 
@@ -85,7 +85,7 @@ class Record:
 
     @property
     def sample_rate_hz(self) -> float:
-        """Mean number of samples in a second [Hz]."""
+        """Mean sample rate [Hz]."""
         return (self.time.size - 1) / float(self.time[-1] - self.time[0])
 
     @property
@@ -100,8 +100,7 @@ class Record:
         Parameters
         ----------
         name : str or int
-            Its name, or its number from 0, which may be a text; a unit by which it was read may
-            stand behind.
+            Name, or number from 0, also as text; the unit by which it was read may follow.
 
         Returns
         -------
@@ -115,10 +114,9 @@ class Record:
         """
         names = [c.name for c in self.channels]
         number, unit = column_and_unit(names, name)
-        found = self.channels[number]
         if unit and not _is_unit(unit):
-            column_number(names, name)  # which says that there is no such column
-        return found
+            column_number(names, name)  # this raises the error of a missing column
+        return self.channels[number]
 
     def to_frame(self) -> "pandas.DataFrame":
         """Return time and channels as a data frame, named with their units; needs pandas."""
@@ -138,9 +136,9 @@ def _is_unit(text: str) -> bool:
 
 
 def column_number(names: Sequence[str], selector: str | int) -> int:
-    """Return the number of a column that is asked for by name or by number.
+    """Return the number of a column, given by name or number.
 
-    A selector is a name, or a number from 0, also as text; a name goes before a number.
+    A selector is a name, or a number from 0, also as text; a name takes precedence.
 
     Examples
     --------
@@ -156,7 +154,7 @@ def column_number(names: Sequence[str], selector: str | int) -> int:
         same = exact or [i for i, n in enumerate(names) if n.lower() == text.lower()]
         if len(same) > 1:
             raise RecordError(
-                f"there are {len(same)} columns '{text}': choose one by its number, of {listed}"
+                f"there are {len(same)} columns '{text}': select one by its number, of {listed}"
             )
         if same:
             return same[0]
@@ -169,9 +167,9 @@ def column_number(names: Sequence[str], selector: str | int) -> int:
 
 
 def column_and_unit(names: Sequence[str], selector: str | int) -> tuple[int, str]:
-    """Return the number of a column that is asked for, and the unit that stands behind it.
+    """Return the number of a selected column, and the unit after it.
 
-    The unit is empty where there is none; what is a name as a whole has none behind it.
+    The unit is empty if there is none; a complete name has no unit after it.
 
     Examples
     --------

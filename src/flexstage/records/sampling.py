@@ -1,4 +1,4 @@
-"""When samples were taken, whether they rise evenly and are complete; parts and even times."""
+"""Times of samples, checks that they are uniform and complete, and resampling."""
 
 import math
 from collections.abc import Sequence
@@ -16,33 +16,33 @@ from flexstage.records.quality import quantisation_step
 from flexstage.records.record import Channel, Record, column_and_unit
 from flexstage.records.text_rows import X_VALUE
 
-#: A step this many times the usual one means that samples are missing, ...
+#: Largest step over the median, beyond which samples are missing, ...
 LARGEST_STEP = 1.5
-#: ... and of times that are to be made even, that more than one is.
+#: ... and for resampling, beyond which more than one is missing.
 LARGEST_UNEVEN_STEP = 2.5
-#: A rate below this share of that of the samples has several in each new step.
+#: New rate over that of the samples, below which each new step has several samples.
 _COARSE = 0.8
-#: A step of fewer digits is meant, and so is one whose reciprocal has no more than ...
+#: A step with fewer digits is exact, and so is one whose reciprocal has at most ...
 _FEW, _MANY = 3, 5
-# times are looked through in pieces of so many steps
+# steps per block, which fits in the cache
 _PIECE = 65_536
 
 
 def require_complete(values: Array, name: str) -> None:
-    """Refuse a column with samples that are no numbers."""
+    """Refuse a column with samples that are not finite."""
     bad = ~np.isfinite(values)
     if bad.any():
         first, count = int(bad.argmax()), int(bad.sum())
-        kind = "missing or no number (NaN)" if np.isnan(values[first]) else "infinite"
+        kind = "missing or not a number (NaN)" if np.isnan(values[first]) else "infinite"
         raise RecordError(
             f"column '{name}' is {kind} at sample {first}, and {count} of its {values.size} "
-            "samples are not finite: correct them, read rows without them by the option rows, or "
-            "name the columns that you need by the option columns"
+            "samples are not finite: correct them, select rows without them by the option rows, or "
+            "name only the required columns by the option columns"
         )
 
 
 def require_rate(rate_hz: float | None) -> None:
-    """Refuse a sample rate that is given and is none."""
+    """Refuse an impossible sample rate."""
     if rate_hz is not None and not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise RecordError(f"the sample rate must be positive, got {rate_hz} Hz")
 
@@ -50,7 +50,7 @@ def require_rate(rate_hz: float | None) -> None:
 def require_rising(time: Array, name: str = "time", largest_step: float = LARGEST_STEP) -> None:
     """Refuse times that do not rise, and gaps between them.
 
-    `largest_step` is the longest step that is no gap, over the median one.
+    `largest_step` is the longest step that is no gap, over the median step.
     """
     require_complete(time, name)
     if time.size < 2:
@@ -63,12 +63,12 @@ def require_rising(time: Array, name: str = "time", largest_step: float = LARGES
             raise RecordError(
                 f"the time in '{name}' is repeated: samples {at} and {at + 1} are both at "
                 f"{time[at]:.9g} s ({count} such steps): if it was written with too few digits, "
-                f"give the sample rate instead{_mean_rate(time)}; if rows stand there twice, take "
-                "them out"
+                f"give the sample rate instead{_mean_rate(time)}; if rows are duplicated, remove "
+                "them"
             )
         raise RecordError(
             f"the time in '{name}' goes back from {time[at]:.9g} s to {time[at + 1]:.9g} s after "
-            f"sample {at} ({count} such steps): is it a column of time, and the file one "
+            f"sample {at} ({count} such steps): is it a column of time, and is the file one "
             "recording? Read a part by the option rows, or give the sample rate instead"
         )
     usual = float(np.median(steps))
@@ -76,23 +76,21 @@ def require_rising(time: Array, name: str = "time", largest_step: float = LARGES
     if wide.any():
         at = int(wide.argmax())
         even = steps.max() <= LARGEST_UNEVEN_STEP * usual
-        uneven = (
-            ", or, if no more than one sample is lost, make the times even by the option resample"
-        )
+        resample = ", or, if only single samples are lost, use the option resample"
         raise RecordError(
             f"the time in '{name}' has a gap of {steps[at]:.6g} s after sample {at} (t = "
             f"{time[at]:.9g} s), where a step is {usual:.6g} s; {int(wide.sum())} such gaps: read "
-            f"the part before or after by the option rows{uneven if even else ''}"
+            f"the part before or after by the option rows{resample if even else ''}"
         )
 
 
 def _mean_rate(time: Array) -> str:
     span = float(time[-1] - time[0])
-    return f" (in the mean it is {(time.size - 1) / span:.6g} Hz)" if span > 0.0 else ""
+    return f" (its mean is {(time.size - 1) / span:.6g} Hz)" if span > 0.0 else ""
 
 
 def extreme_steps(time: Array) -> tuple[float, float]:
-    """Return the least and the greatest step of times, in pieces that stay in the cache.
+    """Return the smallest and the largest step of times.
 
     Examples
     --------
@@ -118,11 +116,11 @@ def time_jitter(time: Array) -> float:
 
 
 def step_uncertainty(time: Array) -> float:
-    """Return how far the step of even times is unknown, as it was written with few digits.
+    """Return the relative uncertainty of the step of uniform times written with few digits.
 
-    A step such as 0.000977 s is that of 1024 Hz, and of all rates from 1023.0 to 1024.1 Hz: the
-    mean of the steps does not tell, as they are all the same. A step of one or two digits, or one
-    whose reciprocal has no more than five, is taken as meant: 0.3 ms, 0.00128 s of 781.25 Hz.
+    A step such as 0.000977 s may be of 1024 Hz, or of any rate from 1023.0 to 1024.1 Hz; the mean
+    does not help, as all steps are equal. A step of one or two digits, or one whose reciprocal has
+    at most five, is taken as exact: 0.3 ms, 0.00128 s of 781.25 Hz.
 
     Parameters
     ----------
@@ -132,13 +130,13 @@ def step_uncertainty(time: Array) -> float:
     Returns
     -------
     float
-        Half a unit of the last digit over the step; 0 where that is below what a crystal promises,
-        50 in a million, or steps differ.
+        Half a unit of the last digit over the step; 0 if that is below the accuracy of a crystal,
+        50 ppm, or if steps differ.
 
     Validity
     --------
-    A clock whose period happens to be a number of three or four digits, such as 0.000977 s itself,
-    is taken for a rounded one.
+    A clock whose period is exactly a number of three or four digits, such as 0.000977 s, counts as
+    rounded.
 
     Examples
     --------
@@ -147,7 +145,7 @@ def step_uncertainty(time: Array) -> float:
     """
     step = float(time[-1] - time[0]) / (time.size - 1)
     low, high = extreme_steps(time)
-    # times that were made by adding a step differ by rounding alone
+    # times from sums of a step differ only by rounding
     same_step = 1e-6
     if max(abs(low / step - 1.0), abs(high / step - 1.0)) > same_step:
         return 0.0
@@ -156,13 +154,13 @@ def step_uncertainty(time: Array) -> float:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(step)) - digits + 1)
     share = 0.5 * unit / step
-    # what a crystal clock is good for
+    # accuracy of a crystal clock
     crystal = 5e-5
     return share if share > crystal else 0.0
 
 
 def _digits(value: float) -> int:
-    """How many digits a number has, as far as it stands for more than rounding."""
+    """Return the number of significant digits of a number, within rounding."""
     return next(
         (n for n in range(1, 9) if abs(float(f"{value:.{n - 1}e}") / value - 1.0) < 1e-9), 9
     )
@@ -171,9 +169,9 @@ def _digits(value: float) -> int:
 def require_uniform(record: Record) -> None:
     """Refuse a record whose samples are not evenly spaced in time."""
     if not record.uniform:
-        mend = "make them even by the option resample, resampled(record) in Python, or"
+        mend = "use the option resample, resampled(record) in Python, or"
         if _is_rounded(record.time):
-            mend = "they are even but for the digits that times are written with:"
+            mend = "they are uniform except for the rounding of the times:"
         raise RecordError(
             f"the samples of '{record.source or 'the record'}' are not evenly spaced: steps "
             f"differ from their mean by up to {100.0 * time_jitter(record.time):.3g} %; {mend} "
@@ -182,8 +180,8 @@ def require_uniform(record: Record) -> None:
 
 
 def _is_rounded(time: Array) -> bool:
-    """Say whether times are even but for the digits that they are written with."""
-    # even times that were rounded when they were written are told from uneven ones by so many
+    """Return whether times are uniform except for the rounding of their digits."""
+    # number of samples that distinguishes rounded uniform times from non-uniform ones
     fewest = 20
     if time.size < fewest:
         return False
@@ -198,17 +196,17 @@ def resampled(
     *,
     kind: Literal["linear", "cubic", "mean"] = "cubic",
 ) -> Record:
-    """Return a record at evenly spaced times, by interpolation.
+    """Return a record at uniform times, by interpolation.
 
     Parameters
     ----------
     record : Record
         A record without gaps.
     sample_rate_hz : float, optional
-        The new sample rate [Hz]; the mean one of the record where not given.
+        The new sample rate [Hz]; by default the mean rate of the record.
     kind : {"linear", "cubic", "mean"}
-        Straight lines between the samples, a cubic spline through them, or the mean of the straight
-        lines over each new step.
+        Linear interpolation, a cubic spline, or the mean of linear interpolation over each new
+        step.
 
     Returns
     -------
@@ -218,10 +216,10 @@ def resampled(
 
     Validity
     --------
-    Interpolation is no filter: below the record's own rate, what is faster than half the new rate
-    comes back as slow motion, but from means. A line lowers a sine of f by (pi f / rate)^2 / 2 at
-    the most, a mean by (pi f / rate)^2 / 6, a spline far less where there are more than some 5
-    samples in a period; a spline swings over at a step.
+    Interpolation is no anti-aliasing filter: at a lower rate, content above half the new rate
+    aliases, except with means. Linear interpolation attenuates a sine of f by up to (pi f /
+    rate)^2 / 2, a mean by (pi f / rate)^2 / 6, a spline far less with more than about 5 samples per
+    period; a spline overshoots at a step.
 
     Raises
     ------
@@ -242,7 +240,7 @@ def resampled(
     require_rate(rate)
     old = record.time
     span = float(old[-1] - old[0])
-    # the last sample is kept where it falls on the new times but for rounding
+    # the last sample is included if it is on a new time within rounding
     count = int(np.floor(span * rate * (1.0 + 1e-12) + 1e-9)) + (kind != "mean")
     if count < 2 or count > 2**29:
         raise RecordError(f"at {rate:g} Hz a record of {span:g} s would have {count} samples")
@@ -288,23 +286,23 @@ def _interpolated(time: Array, old: Array, values: Array, kind: str, rate: float
     return np.asarray(make_interp_spline(old - old[0], values, k=3)(time - old[0]))
 
 
-def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
-    """Return a record whose samples came at uneven times at even ones, no finer than they were.
+def resample_uniform(record: Record, sample_rate_hz: float | None = None) -> Record:
+    """Return a record with non-uniform samples at uniform times, at most at their rate.
 
-    Straight lines between the samples make no turning point that was not measured, as a spline
-    does; of a lower rate each sample is the mean over its step.
+    Linear interpolation adds no turning point, unlike a spline; at a lower rate each sample is the
+    mean over its step.
 
     Parameters
     ----------
     record : Record
         A record without gaps.
     sample_rate_hz : float, optional
-        The new sample rate [Hz]; the reciprocal of the record's median step where not given.
+        The new sample rate [Hz]; by default the reciprocal of the median step.
 
     Returns
     -------
     Record
-        The same columns, with a note that says what is lost.
+        The same columns, with a note on the loss of accuracy.
 
     Raises
     ------
@@ -316,89 +314,88 @@ def evened(record: Record, sample_rate_hz: float | None = None) -> Record:
     >>> from flexstage.records import Channel
     >>> t = np.array([0.0, 0.9, 2.1, 3.0])
     >>> r = Record(channels=(Channel(name="x", values=2.0 * t),), time=t)
-    >>> evened(r).channel("x").values.round(2)
+    >>> resample_uniform(r).channel("x").values.round(2)
     array([0. , 1.8, 3.6, 5.4])
     """
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     rate = 1.0 / usual if sample_rate_hz is None else sample_rate_hz
-    # an even rate may be said with so few digits that it is a little above that of the samples
+    # a rate with few digits may be a little above that of the samples
     finest = 1.05
     if rate * usual > finest:
         raise RecordError(
-            f"'{record.source or 'the record'}' cannot be resampled at {rate:g} Hz, as its samples "
-            f"come at {1.0 / usual:.6g} Hz: give that rate or a lower one"
+            f"'{record.source or 'the record'}' cannot be resampled at {rate:g} Hz, as its sample "
+            f"rate is {1.0 / usual:.6g} Hz: give this rate or a lower one"
         )
     coarse = rate * usual < _COARSE
-    made = resampled(record, rate, kind="mean" if coarse else "linear")
-    off = steps - usual
-    # where a sine is lowered by a hundredth, by the straight lines and by the means
+    uniform = resampled(record, rate, kind="mean" if coarse else "linear")
+    deviation = steps - usual
+    # frequency at which interpolation and means attenuate a sine by 1 %
     slow = np.sqrt(0.01 / (usual**2 / 2.0 + coarse / (6.0 * rate**2))) / np.pi
-    rms, largest = float(np.std(off)), float(np.abs(off).max())
-    # turning points lie anywhere in a step that is averaged
+    rms, largest = float(np.std(deviation)), float(np.abs(deviation).max())
+    # turning points are anywhere in an averaged step
     late = float(np.hypot(rms, 0.1 * coarse / rate))
-    lost = (
+    loss = (
         f"steps of time differ from their median by {100.0 * rms / usual:.3g} % rms and up to "
-        f"{100.0 * largest / usual:.3g} %; a delay is uncertain to about "
-        f"{readable('s', late, digits=2)}, and motion above {slow:.3g} Hz is lowered by more "
+        f"{100.0 * largest / usual:.3g} %; the uncertainty of a delay is about "
+        f"{readable('s', late, digits=2)}, and motion above {slow:.3g} Hz is attenuated by more "
         "than 1 %"
     )
-    return replace(made, notes=(*record.notes, f"{made.notes[-1]}: {lost}"))
+    return replace(uniform, notes=(*record.notes, f"{uniform.notes[-1]}: {loss}"))
 
 
-#: What a column of times may be called.
+#: Accepted names of a column of times.
 TIME_NAMES = frozenset(("t", "time", "times", "timestamp", "zeit", "x_value"))
-# two statements of one sample rate may differ by their printed digits, and by no more
+# largest relative difference of two statements of a sample rate, by their printed digits
 _SAME_RATE = 0.01
 
 
 def timed(
     raw: FileColumns,
     channels: list[Channel],
-    wanted: str | int | None,
+    time_column: str | int | None,
     rate: float | None,
     largest_step: float,
 ) -> tuple[list[Channel], NDArray[np.float64], list[str]]:
-    """Return the times, and the channels with the column of time in seconds.
+    """Return the channels with the time column in seconds, the times, and notes on their source.
 
-    The channel that is chosen as time is replaced by one in seconds. `largest_step` is the longest
-    step that is no gap, over the median one. The strings say where the times come from.
+    `largest_step` is the longest step that is no gap, over the median step.
     """
     require_rate(rate)
     names = [c.name for c in channels]
-    if wanted is not None:
-        number = column_and_unit(names, wanted)[0]
+    if time_column is not None:
+        number = column_and_unit(names, time_column)[0]
         raw.require_numbers(number)
         channels[number], notes = _as_seconds(channels[number])
         times = channels[number].values
         require_rising(times, names[number], largest_step)
-        given = rate if rate is not None else raw.sample_rate_hz
+        stated = rate if rate is not None else raw.sample_rate_hz
         where = "given" if rate is not None else f"in {raw.rate_source}"
-        _require_same_rate(times, given, names[number], where)
+        _require_same_rate(times, stated, names[number], where)
         return channels, times, notes + _unevenness(times) + _coarseness(times)
     size = channels[0].values.size
-    own = raw.sample_rate_hz
-    if rate is not None and own is not None and abs(own / rate - 1.0) > _SAME_RATE:
+    file_rate = raw.sample_rate_hz
+    if rate is not None and file_rate is not None and abs(file_rate / rate - 1.0) > _SAME_RATE:
         raise RecordError(
-            f"the sample rate is given as {rate:g} Hz, and {raw.rate_source} of the file says "
-            f"{own:g} Hz: leave one out, or correct it"
+            f"the given sample rate, {rate:g} Hz, conflicts with {raw.rate_source} of the file, "
+            f"{file_rate:g} Hz: omit or correct it"
         )
-    called = [
+    candidates = [
         i
         for i, c in enumerate(channels)
         if (c.name.lower() in TIME_NAMES and c.unit in ("s", ""))
-        # a column without a name whose unit is said
+        # a column without a name but with a unit
         or (c.name == f"column {i}" and c.unit == "s")
     ]
-    sure = [i for i in called if channels[i].unit == "s"]
-    if rate is not None or own is not None:
-        used = rate if rate is not None else own
+    sure = [i for i in candidates if channels[i].unit == "s"]
+    if rate is not None or file_rate is not None:
+        used = rate if rate is not None else file_rate
         assert used is not None
         for i in sure:
             if np.isfinite(channels[i].values).all():
                 _require_same_rate(channels[i].values, used, names[i], "given")
         source = "as given" if rate is not None else f"from {raw.rate_source} of the file"
-        start = raw.start if own is not None else 0.0
+        start = raw.start if file_rate is not None else 0.0
         times = start + np.arange(size) / used
         notes = [f"sample rate {used:g} Hz, {source}"]
         return channels, times, notes if rate is not None else notes + _coarseness(times)
@@ -407,41 +404,44 @@ def timed(
         raw.require_numbers(number)
         times = channels[number].values
         require_rising(times, names[number], largest_step)
-        said = [f"times from column '{names[number]}'", *_unevenness(times), *_coarseness(times)]
-        return channels, times, said
-    raise RecordError(_no_time(raw, names, called))
+        notes = [f"times from column '{names[number]}'", *_unevenness(times), *_coarseness(times)]
+        return channels, times, notes
+    raise RecordError(_no_time(raw, names, candidates))
 
 
 def _own_time(names: Sequence[str], sure: Sequence[int]) -> int | None:
-    """Return the only column of time, or the one that is called just so among several."""
+    """Return the only column of time, or the only one called "time" among several."""
     exact = [i for i in sure if names[i] == "time"]
-    found = exact or list(sure)
-    return found[0] if len(found) == 1 else None
+    candidates = exact or list(sure)
+    return candidates[0] if len(candidates) == 1 else None
 
 
-def _no_time(raw: FileColumns, names: Sequence[str], called: Sequence[int]) -> str:
+def _no_time(raw: FileColumns, names: Sequence[str], candidates: Sequence[int]) -> str:
     hint = raw.hint
     several = [name for name in names if name.startswith(f"{X_VALUE} of ")]
     if several:
-        hint = f"; its channels have different times: choose one by time, such as '{several[0]}'"
-    if called and not hint:
-        listed = " or ".join(f"'{names[i]}'" for i in called)
-        hint = f"; column {listed} may be it: choose it by time"
+        hint = (
+            "; its channels have different times: select one by the option time, such as "
+            f"'{several[0]}'"
+        )
+    if candidates and not hint:
+        listed = " or ".join(f"'{names[i]}'" for i in candidates)
+        hint = f"; column {listed} may be the time: select it by the option time"
     return (
-        "the file does not say when its samples were taken: give the sample rate, or the column of "
-        f"time (columns: {', '.join(f'{i}: {n}' for i, n in enumerate(names[:20]))}){hint}"
+        "the file has no times of its samples: give the sample rate, or the column of time "
+        f"(columns: {', '.join(f'{i}: {n}' for i, n in enumerate(names[:20]))}){hint}"
     )
 
 
 def _as_seconds(channel: Channel) -> tuple[Channel, list[str]]:
-    """Return a column that was chosen as time, in seconds."""
+    """Return the selected time column, in seconds."""
     if channel.unit == "":
         return replace(channel, unit="s"), [
-            f"times from column '{channel.name}', which has no unit: taken as seconds"
+            f"times from column '{channel.name}', without unit: assumed in seconds"
         ]
     if channel.unit != "s":
         raise RecordError(
-            f"column '{channel.name}' is in {channel.unit}, and cannot be the time: choose "
+            f"column '{channel.name}' is in {channel.unit}, and cannot be the time: select "
             "another, or give its unit, s or ms"
         )
     return channel, [f"times from column '{channel.name}'"]
@@ -453,11 +453,11 @@ def _require_same_rate(
     if rate is None or times.size < 2:
         return
     span = float(times[-1] - times[0])
-    found = (times.size - 1) / span if span > 0.0 else np.inf
-    if abs(found / rate - 1.0) > _SAME_RATE:
+    mean_rate = (times.size - 1) / span if span > 0.0 else np.inf
+    if abs(mean_rate / rate - 1.0) > _SAME_RATE:
         raise RecordError(
-            f"the sample rate {rate:g} Hz ({where}) and the times in column '{name}', whose mean "
-            f"rate is {found:g} Hz, conflict: leave one out, or give the unit of the time (s or ms)"
+            f"the sample rate {rate:g} Hz ({where}) conflicts with the times in column '{name}', "
+            f"whose mean rate is {mean_rate:g} Hz: omit one, or give the unit of the time (s or ms)"
         )
 
 
@@ -469,14 +469,14 @@ def _unevenness(times: NDArray[np.float64]) -> list[str]:
 
 
 def _coarseness(times: NDArray[np.float64]) -> list[str]:
-    """Say between which rates a step of few digits leaves the choice."""
+    """Return a note on the range of rates for a step of few digits."""
     share = step_uncertainty(times) if times.size > 1 else 0.0
     if share == 0.0:
         return []
     step = float(times[-1] - times[0]) / (times.size - 1)
     low, high = 1.0 / step / (1.0 + share), 1.0 / step / (1.0 - share)
     return [
-        f"the step of time is written as {step:.4g} s, which leaves the sample rate between "
-        f"{low:.6g} and {high:.6g} Hz, and every frequency uncertain by {100.0 * share:.2g} %: say "
-        "the rate by the option sample-rate"
+        f"the step of time, {step:.4g} s, has so few digits that the sample rate is between "
+        f"{low:.6g} and {high:.6g} Hz, and every frequency uncertain by {100.0 * share:.2g} %: "
+        "give the rate by the option sample-rate"
     ]

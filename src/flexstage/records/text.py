@@ -1,8 +1,8 @@
-"""Text files of numbers in columns: CSV, tabs, spaces; of any country and of LabVIEW."""
+"""Text files of numbers in columns: CSV, tabs, spaces, LabVIEW; array files of PI (GCS)."""
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -30,16 +30,23 @@ from flexstage.records.text_rows import (
 )
 
 _OPEN_DATES = (
-    "; dates such as {} may begin with the month or the day, and none of them tells: write them as "
-    "2026-05-31"
+    "; dates such as {} may begin with the month or the day, and none of them is unambiguous: "
+    "write them as 2026-05-31"
 )
-#: Letters of a text that are kept to tell it by.
+#: Largest number of stored letters of a text.
 _LETTERS = 30
+# keys, numbers and separators of an array file of a GCS controller
+_KEY = re.compile(r"#\s*(?:REM\s+)?([A-Z_]+[0-9]*)\s*=\s*(.*)")
+_KEYS = re.compile(r"^#\s*(SEPARATOR|DIM|NDATA|SAMPLE_TIME|END_HEADER)\b", re.MULTILINE)
+_GCS_NUMBER = re.compile(
+    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)", re.IGNORECASE
+)
+_SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
 
 
 @dataclass(slots=True, eq=False)
 class _Table:
-    """The rows of a file, and the text that stands beside the numbers."""
+    """Rows of a file, and the text next to its numbers."""
 
     values: Array
     lines: list[int] = field(default_factory=list)
@@ -50,20 +57,20 @@ class _Table:
 def read_text(path: Path, how: TextLayout) -> FileColumns:
     """Read the columns of a text file.
 
-    Delimiter and decimal sign are found where not given. An empty field is not a number (NaN), nor
-    is text, which is kept beside.
+    Delimiter and decimal sign are recognised if not given. An empty field is not a number (NaN),
+    nor is text, which is stored separately.
     """
     delimiters = _delimiters(how.delimiter)
     lines = text_lines(path)
-    if lines[-1].strip() == "END":  # of what a network analyser writes between BEGIN and END
+    if lines[-1].strip() == "END":  # a network analyser writes between BEGIN and END
         lines.pop()
     row = first_row(lines, how.skip, delimiters, how.decimal)
     if row is None:
-        raise RecordError(f"'{path}' has no row of numbers: is it the file that was meant?")
+        raise RecordError(f"'{path}' contains no numeric rows: is it the right file?")
     first, layout = row
     heading = heading_of(lines[how.skip : first], layout.width, layout.delimiter)
     if layout.trailing and not heading.names:
-        # the name of a last column in which nothing stands
+        # the last column has a name but no values
         wider = heading_of(lines[how.skip : first], layout.width + 1, layout.delimiter)
         heading = replace(wider, names=wider.names[:-1], units=wider.units[:-1])
     one_name = len(heading.names) != 2 and lines[first - 1].strip().count(",") == 0
@@ -72,21 +79,22 @@ def read_text(path: Path, how: TextLayout) -> FileColumns:
     return _columns(_without_last(_numbers(lines, first, layout)), heading, layout)
 
 
-def _delimiters(wanted: str | None) -> tuple[str | None, ...]:
-    """Return what may divide the columns; None is any white space."""
-    if wanted is None:
+def _delimiters(requested: str | None) -> tuple[str | None, ...]:
+    """Return the possible delimiters of columns; None is any white space."""
+    if requested is None:
         return ("\t", ";", ",", None)
-    if len(wanted) != 1 or wanted.isalnum() or wanted in '+-."\n\r':
+    if len(requested) != 1 or requested.isalnum() or requested in '+-."\n\r':
         raise RecordError(
-            f"columns are divided by one sign, or tab, comma, semicolon, space, got {wanted!r}"
+            "the delimiter must be one character, or tab, comma, semicolon or space, got "
+            f"{requested!r}"
         )
-    return (None if wanted == " " else wanted,)
+    return (None if requested == " " else requested,)
 
 
 def _one_or_two(
     lines: list[str], first: int, layout: RowLayout, heading: Heading, one_name: bool
 ) -> tuple[RowLayout, Heading]:
-    """Tell one column of decimal commas from two columns of integers, by the heading."""
+    """Distinguish one column of decimal commas from two columns of integers, by the heading."""
     sample = [line for line in lines[first : first + 200] if line.strip()]
     if one_name and all(re.fullmatch(r"\s*[+-]?\d+,\d+\s*", line) for line in sample):
         single = RowLayout(delimiter=None, comma=True, width=1, trailing=False)
@@ -95,17 +103,17 @@ def _one_or_two(
 
 
 def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
-    """Read the rows; those that a fast reader refuses are read one by one, to say why."""
+    """Read the rows, one by one if the fast reader refuses them."""
     body = lines[first:]
     if layout.trailing:
         mark = layout.delimiter or ""
         body = [line.rstrip().removesuffix(mark.strip() or mark) for line in body]
     block = "\n".join(body)
-    # the sign in numbers of which only some have decimals
+    # the decimal sign, even if only some numbers have decimals
     comma = layout.delimiter != "," and "," in block
     plain = not (layout.words and any(m in block for m in COMMENT_MARKS if m != layout.delimiter))
     if plain and not (layout.stamps or '"' in block or (comma and "." in block)):
-        beside = _text_beside(lines, first, layout) if layout.words else _Table(np.zeros(0))
+        table = _text_columns(lines, first, layout) if layout.words else _Table(np.zeros(0))
         used = [j for j in range(layout.width) if j not in layout.words]
         try:
             with io.StringIO(block.replace(",", ".") if comma else block) as stream:
@@ -117,26 +125,27 @@ def _numbers(lines: list[str], first: int, layout: RowLayout) -> _Table:
                     dtype=np.float64,
                     usecols=used if layout.words else None,
                 )
-            if beside is not None and values.shape[1] == len(used):
-                beside.values = np.full((values.shape[0], layout.width), np.nan)
-                beside.values[:, used] = values
-                return beside
+            if table is not None and values.shape[1] == len(used):
+                table.values = np.full((values.shape[0], layout.width), np.nan)
+                table.values[:, used] = values
+                return table
         except ValueError:
             pass
     return _numbers_slowly(lines, first, layout)
 
 
 def _without_last(table: _Table) -> _Table:
-    """Leave out rows of empty fields at the end, as oscilloscopes write them."""
-    held = np.flatnonzero(np.isfinite(table.values).any(axis=1))
-    last = max(int(held[-1]) if held.size else -1, max((row for row, _ in table.words), default=-1))
+    """Remove rows of empty fields at the end, as oscilloscopes write them."""
+    numeric = np.flatnonzero(np.isfinite(table.values).any(axis=1))
+    last_number = int(numeric[-1]) if numeric.size else -1
+    last = max(last_number, max((row for row, _ in table.words), default=-1))
     table.values = table.values[: last + 1]
     table.lines = table.lines[: last + 1]
     return table
 
 
-def _text_beside(lines: list[str], first: int, layout: RowLayout) -> _Table | None:
-    """Return the text of plain rows without their numbers; None where one is unlike the others."""
+def _text_columns(lines: list[str], first: int, layout: RowLayout) -> _Table | None:
+    """Return the text of plain rows without their numbers; None if a row differs."""
     table = _Table(np.zeros(0))
     for number, line in enumerate(lines[first:], start=first + 1):
         if not line.strip():
@@ -147,7 +156,7 @@ def _text_beside(lines: list[str], first: int, layout: RowLayout) -> _Table | No
         for j in layout.words:
             text = fields[j].strip()
             if not is_missing(text):
-                table.words[len(table.lines), j] = _kept(text)
+                table.words[len(table.lines), j] = _stored_text(text)
         table.lines.append(number)
     return table
 
@@ -160,21 +169,21 @@ def _numbers_slowly(lines: list[str], first: int, layout: RowLayout) -> _Table:
         if not line.strip() or is_comment(line, layout.delimiter):
             continue
         fields, remark = row_of(line, layout.delimiter)
-        fields, more = _fitted(fields, number, layout)
-        if remark or more:
-            table.remarks.append((number, remark or more))
+        fields, excess = _fitted(fields, number, layout)
+        if remark or excess:
+            table.remarks.append((number, remark or excess))
         row = []
         for j, text in enumerate(fields):
             value = _value(text, j, layout)
             if value is None:
-                table.words[len(rows), j] = _kept(text)
+                table.words[len(rows), j] = _stored_text(text)
             elif j not in layout.stamps:
                 signs |= {sign: number for sign in ".," if sign in text and sign not in signs}
             row.append(np.nan if value is None else value)
         if len(signs) > 1:
             raise RecordError(
-                f"line {number} has a decimal comma where others have a point, or marks thousands: "
-                "write the numbers with one sign"
+                f"line {number} has a decimal comma where others have a point, or a thousands "
+                "separator: write the numbers with one decimal sign"
             )
         rows.append(row)
         table.lines.append(number)
@@ -183,19 +192,19 @@ def _numbers_slowly(lines: list[str], first: int, layout: RowLayout) -> _Table:
 
 
 def _fitted(fields: list[str], number: int, layout: RowLayout) -> tuple[list[str], str]:
-    """Return a field for each column, and the text behind the last."""
+    """Return a field for each column, and the text after the last."""
     count, width = len(fields), layout.width
-    more = fields[width:]
-    if any(NUMBER.fullmatch(f) for f in more) or not layout.words.issuperset(range(count, width)):
+    excess = fields[width:]
+    if any(NUMBER.fullmatch(f) for f in excess) or not layout.words.issuperset(range(count, width)):
         raise RecordError(
             f"line {number} has {count} columns where the first row has {width}: correct the line, "
-            "or leave lines above it out by --text skip=N"
+            "or skip lines above it by --text skip=N"
         )
-    return fields[:width] + [""] * (width - count), " ".join(more).strip()
+    return fields[:width] + [""] * (width - count), " ".join(excess).strip()
 
 
 def _value(text: str, column: int, layout: RowLayout) -> float | None:
-    """Return the number in a field, NaN where it is missing; None for a text."""
+    """Return the number in a field, NaN if it is missing; None for a text."""
     if is_missing(text):
         return np.nan
     if column in layout.stamps:
@@ -203,23 +212,23 @@ def _value(text: str, column: int, layout: RowLayout) -> float | None:
     return float(text.replace(",", ".")) if NUMBER.fullmatch(text) else None
 
 
-def _kept(text: str) -> str:
+def _stored_text(text: str) -> str:
     return text if COMPLEX.fullmatch(text) else text[:_LETTERS]
 
 
 def _seconds(text: str, layout: RowLayout) -> float | None:
-    """Return the seconds that a date or a time of day is after a day has begun.
+    """Return a date or a time of day, in seconds from the beginning of the first day.
 
-    Counted from that day, and not from 1970, a float keeps the nanoseconds.
+    Counted from that day, and not from 1970, a float resolves nanoseconds.
     """
-    own, found = day(text, layout.month_first), STAMP.fullmatch(text)
-    if found is None or own < 0:
+    date, stamp = day(text, layout.month_first), STAMP.fullmatch(text)
+    if stamp is None or date < 0:
         return None
-    hours = int(found["h"])
-    if found["half"]:
-        hours = hours % 12 + 12 * (found["half"] == "P")
-    seconds = float(found["s"].replace(",", "."))
-    return 86400.0 * (own - layout.first_day) + 3600.0 * hours + 60.0 * int(found["min"]) + seconds
+    hours = int(stamp["h"])
+    if stamp["half"]:
+        hours = hours % 12 + 12 * (stamp["half"] == "P")
+    seconds = float(stamp["s"].replace(",", "."))
+    return 86400.0 * (date - layout.first_day) + 3600.0 * hours + 60.0 * int(stamp["min"]) + seconds
 
 
 def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
@@ -235,7 +244,7 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
         if j in layout.stamps:
             origin = numbers[np.isfinite(numbers).argmax()]
             column = FileColumn(name=column.name, values=numbers - origin, unit="s")
-            notes.append(f"dates of '{column.name}' are taken as seconds after the first")
+            notes.append(f"dates of '{column.name}' are read as seconds after the first")
         words = {row: text for (row, at), text in table.words.items() if at == j}
         if words and all(map(COMPLEX.fullmatch, words.values())):
             imaginary = np.where(np.isfinite(numbers), 0.0, np.nan)
@@ -245,9 +254,9 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
             columns += complex_parts(column, imaginary)
             continue
         if words:
-            beside = np.zeros(numbers.size, dtype=f"<U{max(map(len, words.values()))}")
-            beside[list(words)] = list(words.values())
-            column = replace(column, words=beside)
+            texts = np.zeros(numbers.size, dtype=f"<U{max(map(len, words.values()))}")
+            texts[list(words)] = list(words.values())
+            column = replace(column, words=texts)
         columns.append(column)
     dates = (f"'{text}'" for text in table.words.values() if "/" in text and STAMP.fullmatch(text))
     example = next(dates, "")
@@ -264,9 +273,9 @@ def _columns(table: _Table, heading: Heading, layout: RowLayout) -> FileColumns:
 
 
 def _x_named(names: Sequence[str], values: Array) -> Sequence[str]:
-    """Return names of columns of which LabVIEW wrote times before each channel.
+    """Return names of columns for which LabVIEW wrote times before each channel.
 
-    The times of the first are those of all, where they are the same.
+    The times of the first channel are used for all with equal times.
     """
     xs = [j for j, name in enumerate(names) if name == X_VALUE]
     if len(xs) < 2:
@@ -285,6 +294,146 @@ def _remarks(table: _Table) -> list[str]:
         return []
     number, text = table.remarks[0]
     return [
-        f"left out: text behind the numbers of {len(table.remarks)} rows, such as "
+        f"skipped text after the numbers of {len(table.remarks)} rows, such as "
         f"'{text[:_LETTERS]}' in line {number}"
     ]
+
+
+def is_gcs_array(head: str) -> bool:
+    r"""Return whether a text begins like an array file of a GCS controller.
+
+    Examples
+    --------
+    >>> is_gcs_array("# SEPARATOR = 32\n# DIM = 2\n"), is_gcs_array("# DIM = 2\n1 2")
+    (True, False)
+    """
+    return head.lstrip().startswith("#") and len(set(_KEYS.findall(head[:8192]))) > 1
+
+
+def read_gcs_array(path: Path) -> FileColumns:
+    r"""Read the columns of an array file of a GCS controller.
+
+    Columns go by their ``NAME``, ``SAMPLE_TIME`` gives the sample rate. Units are not part of the
+    format.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> head = "# SEPARATOR = 32\n# DIM = 1\n# SAMPLE_TIME = 0.002\n# NDATA = 2\n# END_HEADER\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "trace.gcs"
+    ...     _ = file.write_text(head + "0.25\n0.75\n")
+    ...     read_gcs_array(file).sample_rate_hz
+    500.0
+    """
+    lines = text_lines(path)
+    keys, first = _gcs_heading(lines)
+    width, count = _positive_integer(keys, "DIM"), _positive_integer(keys, "NDATA")
+    if width is None:
+        raise RecordError("the heading has no '# DIM = ...', the number of columns: add it")
+    values = _gcs_rows(lines, first, width, _separator(keys))
+    if count is not None and len(values) != count:
+        raise RecordError(
+            f"there are {len(values)} rows of numbers, but the heading has NDATA = {count}: the "
+            "file is truncated or joined from several; record it again"
+        )
+    names = [keys.get(f"NAME{j}") or f"column {j}" for j in range(width)]
+    interval = _sample_time(keys)
+    return FileColumns(
+        columns=tuple(
+            labelled(name, np.ascontiguousarray(values[:, j])) for j, name in enumerate(names)
+        ),
+        sample_rate_hz=None if interval is None else 1.0 / interval,
+        rate_source="'SAMPLE_TIME'",
+        notes=() if count is not None else ("the heading has no number of rows",),
+        attributes={key: value for key, value in keys.items() if not key.startswith("NAME")},
+    )
+
+
+def _gcs_heading(lines: Sequence[str]) -> tuple[dict[str, str], int]:
+    """Return the keys of the heading, and the number of the first line below it."""
+    keys: dict[str, str] = {}
+    for number, line in enumerate(lines):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            break
+        if re.fullmatch(r"#\s*END_HEADER", text):
+            return keys, number + 1
+        entry = _KEY.fullmatch(text)
+        if entry is not None:
+            key, value = entry.groups()
+            if keys.get(key, value) != value:
+                raise RecordError(
+                    f"line {number + 1} has {key} = {value}, but a line above {key} = {keys[key]}: "
+                    "the file joins several records; split it"
+                )
+            keys[key] = value
+    raise RecordError(
+        "the heading has no '# END_HEADER': the file is truncated or is not an array file of a GCS "
+        "controller; use the format text for other files"
+    )
+
+
+def _positive_integer(keys: Mapping[str, str], key: str) -> int | None:
+    text = keys.get(key)
+    if text is None:
+        return None
+    number = int(text) if re.fullmatch(r"\d{1,12}", text) else 0
+    _require_key(number > 0, key, "a whole number from 1", text)
+    return number
+
+
+def _require_key(sound: bool, key: str, required: str, text: str) -> None:
+    if not sound:
+        raise RecordError(f"{key} in the heading must be {required}, got '{text[:30]}'")
+
+
+def _separator(keys: Mapping[str, str]) -> str | None:
+    """Return the delimiter of the columns; None is any white space."""
+    text = keys.get("SEPARATOR", "32")
+    code = int(text) if re.fullmatch(r"\d{1,3}", text) else -1
+    required = "the code of space (32), tab (9), comma (44) or semicolon (59)"
+    _require_key(code in _SEPARATORS, "SEPARATOR", required, text)
+    return _SEPARATORS[code]
+
+
+def _sample_time(keys: Mapping[str, str]) -> float | None:
+    text = keys.get("SAMPLE_TIME")
+    if text is None:
+        return None
+    interval = float(text) if _GCS_NUMBER.fullmatch(text) else 0.0
+    sound = bool(np.isfinite(interval)) and interval > 0.0
+    _require_key(sound, "SAMPLE_TIME", "a positive number of seconds", text)
+    return interval
+
+
+def _is_plain(line: str) -> bool:
+    return line.isascii() and "_" not in line
+
+
+def _gcs_rows(lines: Sequence[str], first: int, width: int, separator: str | None) -> Array:
+    rows = []
+    for number, line in enumerate(lines[first:], start=first + 1):
+        fields = line.split(separator)
+        while fields and not fields[-1].strip():
+            fields.pop()
+        if not fields:
+            continue
+        if len(fields) != width:
+            raise RecordError(
+                f"line {number} has {len(fields)} columns, but the heading has DIM = {width}: the "
+                "file is truncated or damaged; record it again"
+            )
+        try:
+            # "1_000" and digits of other scripts are numbers for Python
+            rows.append([float(field) for field in fields] if _is_plain(line) else [])
+        except ValueError:
+            rows.append([])
+        if not rows[-1]:
+            bad = next((f.strip() for f in fields if not _GCS_NUMBER.fullmatch(f.strip())), line)
+            raise RecordError(
+                f"line {number}: '{bad[:30]}' is not a number: correct the line, or record it again"
+            )
+    if not rows:
+        raise RecordError("there are no numeric rows below the heading: record it again")
+    return np.array(rows, dtype=np.float64)

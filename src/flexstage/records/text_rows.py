@@ -1,4 +1,4 @@
-"""The lines of a text file: what stands above its numbers, and where and how their rows stand."""
+"""Lines of a text file: its heading, and the place and layout of its rows of numbers."""
 
 import csv
 import re
@@ -13,29 +13,29 @@ from flexstage.quantities.units import si_unit
 
 COMMENT_MARKS = ("#", "%", ";", "//", "!")
 
-# a word with the bracket behind it, for headings that only spaces divide
+# a word with the bracket after it, for headings with only spaces as delimiters
 _WORD = re.compile(r"[^\s()\[\]]+(?:\s?(?:\([^()]*\)|\[[^\[\]]*\]))?")
 _END_OF_HEADER = "***End_of_Header***"
-#: What LabVIEW calls a column of times.
+#: Name of a column of times in LabVIEW.
 X_VALUE = "X_Value"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heading:
-    """What the lines above the numbers say."""
+    """Content of the lines above the numbers."""
 
     names: tuple[str, ...] = ()
-    """Heading of each column; empty where there is none that fits."""
+    """Heading of each column; empty without a matching line."""
     units: tuple[str, ...] = ()
-    """Unit of each column; empty where there is no line of units."""
+    """Unit of each column; empty without a line of units."""
     interval: float | None = None
     """Sample interval [s]."""
     start: float = 0.0
     """Time of the first sample [s]."""
     interval_source: str = ""
-    """Where the interval stands."""
+    """Place of the interval in the file."""
     empty_first: bool = False
-    """Whether the first column is left empty, as LabVIEW does where it writes no times."""
+    """Whether the first column is empty, as in LabVIEW files without times."""
     text: str = ""
     """The lines themselves."""
 
@@ -51,28 +51,28 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
 
 
 def heading_of(lines: Sequence[str], width: int, delimiter: str | None) -> Heading:
-    """Understand the lines above the numbers.
+    """Parse the lines above the numbers.
 
-    A file of LabVIEW that holds more than one part is refused.
+    A LabVIEW file with more than one part is refused.
     """
-    written = [line for line in lines if line.strip()]
-    text = "\n".join(written)[:4000]
-    if written and written[0].startswith("LabVIEW Measurement"):
-        return _labview(written, width, text)
-    if not written:
+    nonblank = [line for line in lines if line.strip()]
+    text = "\n".join(nonblank)[:4000]
+    if nonblank and nonblank[0].startswith("LabVIEW Measurement"):
+        return _labview(nonblank, width, text)
+    if not nonblank:
         return Heading()
-    if len(written) > 1 and (found := _sequence(written, width, delimiter, text)) is not None:
-        return found
-    last = _names(written[-1], width, delimiter)
-    if len(written) > 1 and last and _are_units(last):
-        above = _names(written[-2], width, delimiter)
+    if len(nonblank) > 1 and (heading := _sequence(nonblank, width, delimiter, text)) is not None:
+        return heading
+    last = _names(nonblank[-1], width, delimiter)
+    if len(nonblank) > 1 and last and _are_units(last):
+        above = _names(nonblank[-2], width, delimiter)
         if above:
             return Heading(names=above, units=tuple(map(_bare, last)), text=text)
     return Heading(names=last, text=text)
 
 
 def _sequence(lines: Sequence[str], width: int, delimiter: str | None, text: str) -> Heading | None:
-    """Understand an oscilloscope's numbered samples, whose step stands beside the units."""
+    """Parse the heading of numbered samples of an oscilloscope, with the step next to the units."""
     names, units = (split_line(line, delimiter) for line in lines[-2:])
     while names and not names[-1]:
         names.pop()
@@ -89,10 +89,10 @@ def _sequence(lines: Sequence[str], width: int, delimiter: str | None, text: str
 
 
 def _names(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:
-    """Return the names of the columns in a line, if it holds as many as there are columns."""
+    """Return the names of the columns in a line, if their number is that of the columns."""
     for mark in COMMENT_MARKS:
         if line.lstrip().startswith(mark):
-            # an empty field, where what divides the fields would mark a remark too
+            # an empty first field, if the delimiter is a comment mark too
             if mark != delimiter or len(split_line(line, delimiter)) != width:
                 line = line.lstrip().lstrip(mark)
             break
@@ -102,7 +102,7 @@ def _names(line: str, width: int, delimiter: str | None) -> tuple[str, ...]:
             names.pop()
         if len(names) == width and any(names):
             return tuple(names)
-        # numbers in columns of spaces often stand under names that tabs or commas divide
+        # names above numbers with spaces often have tabs or commas as delimiters
     for other in ("\t", ";", ","):
         names = split_line(line, other)
         if delimiter is None and width > 1 and len(names) == width and all(names):
@@ -131,9 +131,9 @@ def _are_units(fields: Sequence[str]) -> bool:
 
 
 def _labview(lines: Sequence[str], width: int, text: str) -> Heading:
-    """Understand the heading of a LabVIEW measurement file."""
+    """Parse the heading of a LabVIEW measurement file."""
     if sum(line.startswith(_END_OF_HEADER) for line in lines) > 2:
-        raise RecordError("the file contains several parts of LabVIEW: save each to its own file")
+        raise RecordError("the LabVIEW file has several parts: save each part to its own file")
     keys: dict[str, list[str]] = {}
     delimiter = "," if "\t" not in text else "\t"
     for line in lines:
@@ -144,7 +144,7 @@ def _labview(lines: Sequence[str], width: int, text: str) -> Heading:
         names.pop()
     empty_first = keys.get("X_Columns", ["One"])[0] == "No"
     is_time = keys.get("X_Dimension", [""])[0] == "Time"
-    # what is said of a channel stands in its column, whatever columns of times are between
+    # entries of a channel are in its column, whatever columns of times are between
     units = ["", *keys.get("Y_Unit_Label", []), *[""] * width][:width]
     if is_time and not empty_first:
         units = ["s" if n == X_VALUE else u for n, u in zip(names, units, strict=False)]
@@ -171,7 +171,7 @@ def _number(words: Sequence[str]) -> float:
         return 0.0
 
 
-# control characters that no text has: a form feed, an escape and the old end of file may occur
+# control characters that do not occur in text; form feed, escape and the old end of file may
 _BINARY = re.compile("[\x00-\x08\x0e-\x19\x1c-\x1f]")
 
 
@@ -179,7 +179,7 @@ def text_lines(path: Path) -> list[str]:
     """Return the lines of a text file, UTF-8, UTF-16 with a mark, or Latin-1."""
     data = path.read_bytes()
     if not data.strip():
-        raise RecordError(f"'{path}' is empty: there is nothing to read")
+        raise RecordError(f"'{path}' is empty: record or export it again")
     text = decoded(data)
     if not text or _BINARY.search(text):
         raise RecordError(
@@ -189,7 +189,7 @@ def text_lines(path: Path) -> list[str]:
 
 
 def decoded(data: bytes) -> str:
-    """Return bytes as text, UTF-8, UTF-16 with a mark, or Latin-1; empty for half a letter."""
+    """Return bytes as text, UTF-8, UTF-16 with a mark, or Latin-1; empty if incomplete."""
     wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         try:
@@ -216,25 +216,25 @@ _DAY = re.compile(
 )
 _SLASHED = re.compile(r"(?<![\d/])(\d\d?)/(\d\d?)/\d{4}[ T]\d")
 _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "null", "none", "--", "1.#qnan", "-1.#ind"))
-# a remark behind numbers; a sign of percent is one only before a word
+# a comment after numbers; a percent sign starts one only before a word
 _REMARK = re.compile(r"(?:(?<=[\s,;])|^)(?:#|//|!|%(?=\s*[^\W\d]))")
 _REMARK_OR_SEMICOLON = re.compile(_REMARK.pattern + r"|(?<=\s);")
-# a remark begins with one of these, which most lines have not
+# initial characters of a comment, absent in most lines
 _MARK = re.compile("[#/!%;]")
 
 _LONGEST_HEADING = 5000
-#: Rows that are looked at to learn how all are written.
+#: Number of rows that determine the layout.
 _SAMPLE = 400
-#: Lines of text and numbers that are rows, and not a heading, where no other row tells.
+#: Least number of lines of text and numbers that are rows, and not a heading.
 _FEWEST = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowLayout:
-    """How a row is written."""
+    """Layout of a row."""
 
     delimiter: str | None
-    """What divides the columns; white space where None."""
+    """Delimiter of the columns; None for white space."""
     comma: bool
     """Whether numbers have a decimal comma."""
     width: int
@@ -244,43 +244,43 @@ class RowLayout:
     stamps: tuple[int, ...] = ()
     """Columns of dates and times of day."""
     words: frozenset[int] = frozenset()
-    """Columns that hold text and no numbers, as far as was looked."""
+    """Columns with text and no numbers, in the examined rows."""
     first_day: int = 0
     """Number of the day of the first date."""
     month_first: bool = False
-    """Whether the month stands first in dates with strokes."""
+    """Whether dates with slashes begin with the month."""
 
 
 def is_comment(line: str, delimiter: str | None = None) -> bool:
-    """Say whether a line is a remark as a whole."""
+    """Return whether a line is a comment."""
     return line.lstrip().startswith(tuple(m for m in COMMENT_MARKS if m != delimiter))
 
 
 def is_missing(field: str) -> bool:
-    """Say whether a field stands for a number that is not there."""
+    """Return whether a field marks a missing number."""
     return field.lower() in _MISSING
 
 
 def row_of(line: str, delimiter: str | None) -> tuple[list[str], str]:
-    """Return the fields of a line, and what stands behind the mark of a remark, if any."""
+    """Return the fields of a line, and the comment after them, if any."""
     if _MARK.search(line) and '"' not in line and delimiter not in COMMENT_MARKS[:2]:
-        found = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
-        if found is not None:
-            return split_line(line[: found.start()], delimiter), line[found.start() :].strip()
+        mark = (_REMARK if delimiter == ";" else _REMARK_OR_SEMICOLON).search(line)
+        if mark is not None:
+            return split_line(line[: mark.start()], delimiter), line[mark.start() :].strip()
     return split_line(line, delimiter), ""
 
 
 def day(field: str, month_first: bool = False) -> int:
     """Return the number of the day of a date.
 
-    0 for a time alone, -1 for a date that is none.
+    0 for a time alone, -1 for an invalid date.
     """
-    found = _DAY.match(field)
-    if found is None:
+    parts = _DAY.match(field)
+    if parts is None:
         return 0
-    year, month, of_month = found["y"] or found["c"], found["m"] or found["b"], found["d"]
-    of_month = of_month or found["a"]
-    if month_first and found["sign"] == "/":
+    year, month, of_month = parts["y"] or parts["c"], parts["m"] or parts["b"], parts["d"]
+    of_month = of_month or parts["a"]
+    if month_first and parts["sign"] == "/":
         month, of_month = of_month, month
     try:
         return date(int(year), int(month), int(of_month)).toordinal()
@@ -289,40 +289,40 @@ def day(field: str, month_first: bool = False) -> int:
 
 
 def is_month_first(lines: Iterable[str]) -> bool | None:
-    """Say whether dates with strokes begin with the month; None where they leave that open.
+    """Return whether dates with slashes begin with the month; None if they are ambiguous.
 
-    They leave it open where both numbers of each are 12 at most, unless all are of one day.
+    They are ambiguous if both numbers of each are at most 12, unless all are of one day.
 
     Examples
     --------
     >>> is_month_first(["11/27/2026 14:03:12"]), is_month_first(["5/6/2026 9:00", "5/7/2026 9:00"])
     (True, None)
     """
-    found = {pair for line in lines for pair in _SLASHED.findall(line)}
-    largest = [max((int(pair[k]) for pair in found), default=0) for k in (0, 1)]
+    dates = {pair for line in lines for pair in _SLASHED.findall(line)}
+    largest = [max((int(pair[k]) for pair in dates), default=0) for k in (0, 1)]
     if max(largest) > 12:
         return largest[1] > 12
-    return None if len(found) > 1 else False
+    return None if len(dates) > 1 else False
 
 
 def first_row(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
 ) -> tuple[int, RowLayout] | None:
-    """Find the first row of numbers, or of numbers beside text."""
-    found = _numbers_alone(lines, skip, delimiters, decimal)
-    if found is not None and found[1].width > 1:
-        first, layout = found
-        return _settled(lines, _above(lines, skip, first, layout), layout)
-    beside = _beside_text(lines, skip, delimiters, decimal)
-    if beside is not None and (found is None or beside[1].width > 1):
-        return _settled(lines, *beside)
-    return found
+    """Find the first row of numbers, or of numbers with text."""
+    numeric = _numbers_alone(lines, skip, delimiters, decimal)
+    if numeric is not None and numeric[1].width > 1:
+        first, layout = numeric
+        return _final_layout(lines, _above(lines, skip, first, layout), layout)
+    mixed = _with_text(lines, skip, delimiters, decimal)
+    if mixed is not None and (numeric is None or mixed[1].width > 1):
+        return _final_layout(lines, *mixed)
+    return numeric
 
 
 def _numbers_alone(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
 ) -> tuple[int, RowLayout] | None:
-    """Return the first line that holds nothing but numbers."""
+    """Return the first line that contains only numbers."""
     lone: tuple[int, RowLayout] | None = None
     for number in range(skip, min(len(lines), skip + _LONGEST_HEADING)):
         line = lines[number]
@@ -331,7 +331,7 @@ def _numbers_alone(
         layout = _layout(line, delimiters, decimal)
         if layout is None:
             continue
-        # a lone number above rows of several is how many rows there are
+        # a single number above rows of several is the number of rows
         if layout.width > 1:
             return number, layout
         if lone is not None:
@@ -341,7 +341,7 @@ def _numbers_alone(
 
 
 def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) -> RowLayout | None:
-    """Return how a line is written, if it is a row of numbers alone."""
+    """Return the layout of a line, if it contains only numbers."""
     for candidate in delimiters:
         if candidate is not None and candidate not in line and len(delimiters) > 1:
             continue
@@ -349,7 +349,7 @@ def _layout(line: str, delimiters: Sequence[str | None], decimal: str | None) ->
         trailing = len(fields) > 1 and fields[-1] == ""
         fields = fields[:-1] if trailing else fields
         kinds = _kinds(fields)
-        # something must stand there beside times, if only that a number is missing
+        # a row needs more than times, at least a missing number
         if "t" in kinds or not any(f for f, k in zip(fields, kinds, strict=True) if k != "s"):
             continue
         comma = _has_comma([fields]) or decimal == ","
@@ -372,7 +372,7 @@ def _has_comma(rows: Sequence[Sequence[str]]) -> bool:
 
 
 def _rows(lines: Sequence[str], delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
-    """Yield the lines that are no remarks, with their fields."""
+    """Yield the lines that are no comments, with their fields."""
     for number, line in enumerate(lines):
         if line.strip() and not is_comment(line, delimiter):
             yield number, row_of(line, delimiter)[0]
@@ -388,19 +388,19 @@ def _columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
     return ["".join(column) for column in zip(*kinds, strict=True)]
 
 
-def _settled(lines: Sequence[str], first: int, layout: RowLayout) -> tuple[int, RowLayout]:
-    """Learn from many rows how all are written."""
+def _final_layout(lines: Sequence[str], first: int, layout: RowLayout) -> tuple[int, RowLayout]:
+    """Return the layout of all rows, from many of them."""
     rows = _sample(lines, first, layout.delimiter)
     count = Counter(map(len, rows)).most_common(1)[0][0]
-    alike = [row for row in rows if len(row) == count]
-    trailing = count > 1 and all(row[-1] == "" for row in alike)
-    columns = _columns(alike, count - trailing)
+    equal = [row for row in rows if len(row) == count]
+    trailing = count > 1 and all(row[-1] == "" for row in equal)
+    columns = _columns(equal, count - trailing)
     stamps = tuple(j for j, kinds in enumerate(columns) if 2 * kinds.count("s") > len(kinds))
     month_first = is_month_first(lines[first:]) if stamps else False
     words = frozenset(j for j, kinds in enumerate(columns) if "t" in kinds and "n" not in kinds)
-    if month_first is None:  # they stay text, and whoever asks for them is told why
+    if month_first is None:  # they remain text, and their selection is refused with the reason
         stamps, words = (), words | set(stamps)
-    days = (day(row[stamps[0]], month_first is True) for row in alike if stamps and row[stamps[0]])
+    days = (day(row[stamps[0]], month_first is True) for row in equal if stamps and row[stamps[0]])
     return first, replace(
         layout,
         width=count - trailing,
@@ -413,62 +413,63 @@ def _settled(lines: Sequence[str], first: int, layout: RowLayout) -> tuple[int, 
 
 
 def _above(lines: Sequence[str], skip: int, first: int, layout: RowLayout) -> int:
-    """Return the first of the rows with text that stand above the first row of numbers alone.
+    """Return the first of the rows with text above the first row of only numbers.
 
-    A heading of words with a number each looks alike: its words stand where rows have numbers.
+    A heading of words with a number each is similar, but has words in columns of numbers.
     """
     rows = _sample(lines, first, layout.delimiter)
     below = _columns(rows, max(map(len, rows)))
-    known = any("t" in kinds for kinds in below)
+    has_text = any("t" in kinds for kinds in below)
     sure, top, count, fits = first, first, 0, True
     for number, fields in reversed(list(_rows(lines[skip:first], layout.delimiter))):
-        own = _kinds(fields)
-        if len(fields) < layout.width or "n" in own[layout.width :] or "n" not in own:
+        line_kinds = _kinds(fields)
+        beyond = line_kinds[layout.width :]
+        if len(fields) < layout.width or "n" in beyond or "n" not in line_kinds:
             break
-        pairs = zip(own, below, strict=False)
+        pairs = zip(line_kinds, below, strict=False)
         fits = fits and not any(k == "t" and "n" in b and "t" not in b for k, b in pairs)
         top, count = skip + number, count + 1
-        sure = top if fits and (known or count >= _FEWEST) else sure
-    # so many are no heading
+        sure = top if fits and (has_text or count >= _FEWEST) else sure
+    # number of lines that is too large for a heading
     many = 20
     return top if count >= many else sure
 
 
-def _beside_text(
+def _with_text(
     lines: Sequence[str], skip: int, delimiters: Sequence[str | None], decimal: str | None
 ) -> tuple[int, RowLayout] | None:
-    """Return the first row of a file of which every row holds text beside its numbers."""
+    """Return the first row of a file with text and numbers in every row."""
     best: tuple[RowLayout, list[int]] | None = None
     for candidate in delimiters:
         rows = _tail(lines[skip:], candidate)
         if len(rows) < 2:
             continue
         width = Counter(map(len, rows)).most_common(1)[0][0]
-        alike = [row for row in rows if len(row) == width]
+        equal = [row for row in rows if len(row) == width]
         numbers = [
             j
-            for j, kinds in enumerate(_columns(alike, width))
+            for j, kinds in enumerate(_columns(equal, width))
             if kinds.count("n") > kinds.count("t")
         ]
-        comma = _has_comma(alike) or decimal == ","
+        comma = _has_comma(equal) or decimal == ","
         if (comma and candidate == ",") or (comma and decimal == "."):
             continue
         if numbers and (best is None or len(numbers) > len(best[1])):
             layout = RowLayout(delimiter=candidate, comma=comma, width=width, trailing=False)
             best = layout, numbers
-        if numbers and candidate in ("\t", ";"):  # which stand in no number and in few words
+        if numbers and candidate in ("\t", ";"):  # which occur in no number and in few words
             break
     if best is None:
         return None
     layout, numbers = best
-    found, run = None, 0
+    first, run = None, 0
     for number, fields in _rows(lines[skip : skip + _LONGEST_HEADING], layout.delimiter):
         kinds = _kinds(fields)
         if len(fields) >= layout.width and all(kinds[j] in "nm" for j in numbers) and "n" in kinds:
-            found, run = (skip + number if found is None else found), run + 1
-        elif "n" not in kinds and run < _FEWEST:  # names of columns: what is above is a heading
-            found, run = None, 0
-    return None if found is None else (found, layout)
+            first, run = (skip + number if first is None else first), run + 1
+        elif "n" not in kinds and run < _FEWEST:  # names of columns: the lines above are a heading
+            first, run = None, 0
+    return None if first is None else (first, layout)
 
 
 def _tail(lines: Sequence[str], delimiter: str | None) -> list[list[str]]:

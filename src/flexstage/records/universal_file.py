@@ -1,6 +1,6 @@
-"""Universal files of modal test systems: functions at points, data set 58, as columns in SI.
+"""Universal files of modal test systems: functions at points (data set 58) as columns in SI.
 
-Units are those of the labels, else those of the file (data set 164).
+Units are from the labels, else from the units of the file (data set 164).
 """
 
 import re
@@ -18,15 +18,15 @@ from flexstage.records.universal_sets import KINDS, Function, FunctionAxis, Unit
 
 Domain = Literal["time", "frequency"]
 _DOMAINS: dict[int, Domain] = {17: "time", 18: "frequency"}
-# kinds of functions over time or frequency by definition, where the abscissa does not say it
+# kinds of functions over time or frequency by definition, for an abscissa without a kind
 _BY_KIND: dict[int, Domain] = {1: "time", **dict.fromkeys((2, 3, 4, 6, 9, 10, 12), "frequency")}
 _SI: dict[Domain, str] = {"time": "s", "frequency": "Hz"}
-# kinds that are named by their points alone
+# kinds whose names have only the points
 _UNNAMED = frozenset((1, 4))
-# bytes in the wrong order are such numbers
+# numbers from a wrong byte order exceed this
 _NO_QUANTITY = 1e31
 _ACCELERATION = 12
-# kinds of quantity that set 164 has units for: powers of length and force, SI unit; of a rotation
+# kinds of quantity with units in set 164: powers of length and force, SI unit; of a rotation
 _BY_SYSTEM = {
     8: ((1, 0, "m"), (0, 0, "rad")),
     9: ((0, 1, "N"), (1, 1, "N*m")),
@@ -36,7 +36,7 @@ _BY_SYSTEM = {
     17: ((0, 0, "s"), (0, 0, "s")),
     18: ((0, 0, "Hz"), (0, 0, "Hz")),
 }
-# kinds of functions whose values are in the unit of the ordinate: all squares are left open
+# kinds of functions with values in the unit of the ordinate; squares are ambiguous
 _PLAIN = frozenset((1, 12))
 _RATIOS = frozenset((4, 5))
 _COHERENCE = 6
@@ -45,17 +45,17 @@ _COHERENCE = 6
 def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     r"""Read functions of a universal file, data sets 58 as text or binary.
 
-    `dataset` is names, numbers from 0, or ranges of numbers such as ``0-11``, with commas between.
-    Functions that do not share their abscissa are refused.
+    `dataset` has names, numbers from 0, or ranges of numbers such as ``0-11``, separated by commas.
+    Functions with different abscissas are refused.
 
-    A function of complex values is two columns, ``NAME real`` and ``NAME imaginary``. The name is
-    the point and direction of the response, then those of the reference, ``12:+z/3:+x``; what is
-    neither a time response nor a frequency response function has its kind before it.
+    A function of complex values has two columns, ``NAME real`` and ``NAME imaginary``. The name has
+    the point and direction of the response, then of the reference, ``12:+z/3:+x``; functions other
+    than time responses and frequency response functions have their kind before it.
 
     Validity
     --------
-    Functions over time and frequency: not those over order, revolutions or temperature. A step of
-    the abscissa is printed with six digits, and what follows from it is as exact.
+    Functions over time and frequency, not over order, revolutions or temperature. The step of the
+    abscissa has six printed digits, which limits the accuracy of time and frequency.
 
     Examples
     --------
@@ -74,16 +74,16 @@ def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
     """
     functions = read_sets(path.read_bytes())
     if not functions:
-        raise RecordError("there is no function (data set 58) in it: export time data or FRFs")
+        raise RecordError("the file has no function (data set 58): export time data or FRFs")
     names = _names(functions)
-    chosen = _chosen(names, dataset)
-    tables = {i: _values(functions[i], names[i]) for i in chosen}
+    selected = _selected(names, dataset)
+    tables = {i: _values(functions[i], names[i]) for i in selected}
     domain, axis = _abscissa(functions, names, tables)
     columns: list[FileColumn] = []
     groups: dict[str, tuple[int, ...]] = {}
     notes: list[str] = []
     attributes: dict[str, str] = {}
-    for number in chosen:
+    for number in selected:
         function, name = functions[number], names[number]
         units = function_units(function)
         if units.note:
@@ -96,7 +96,7 @@ def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
             for p, v in zip(parts, values.T, strict=True)
         )
         attributes |= _attributes(function, name, units.output, units.input)
-    even = all(not functions[i].layout.uneven for i in chosen)
+    even = all(not functions[i].layout.uneven for i in selected)
     step = float(axis[1] - axis[0])
     if domain == "time" and not even:
         columns.append(FileColumn(name="time", values=axis, unit="s"))
@@ -114,15 +114,15 @@ def read_universal(path: Path, dataset: str | None = None) -> FileColumns:
 
 
 def _names(functions: Sequence[Function]) -> list[str]:
-    """Return a name for each function, each of them once."""
+    """Return a distinct name for each function."""
     names: list[str] = []
     for function in functions:
         name = "/".join(point for point in (function.response, function.reference) if point)
         if function.kind not in _UNNAMED or not name:
             name = f"{_kind(function)} {name}".strip()
         names.append(name)
-    again = {name for name in names if names.count(name) > 1}
-    return [f"{name} #{i}" if name in again else name for i, name in enumerate(names)]
+    repeated = {name for name in names if names.count(name) > 1}
+    return [f"{name} #{i}" if name in repeated else name for i, name in enumerate(names)]
 
 
 def _kind(function: Function) -> str:
@@ -134,23 +134,23 @@ def _listed(names: Sequence[str], most: int = 20) -> str:
     return listed + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def _chosen(names: Sequence[str], dataset: str | None) -> list[int]:
-    """Return the numbers of the functions that are asked for."""
+def _selected(names: Sequence[str], dataset: str | None) -> list[int]:
+    """Return the numbers of the selected functions."""
     if dataset is None:
         return list(range(len(names)))
-    found: list[int] = []
+    numbers: list[int] = []
     for word in (w.strip() for w in dataset.split(",")):
         span = re.fullmatch(r"(\d{1,7})(?:-(\d{1,7}))?", word)
         if word in names:
-            found.append(names.index(word))
+            numbers.append(names.index(word))
         elif span is not None and int(span[2] or span[1]) < len(names):
-            found += range(int(span[1]), int(span[2] or span[1]) + 1)
+            numbers += range(int(span[1]), int(span[2] or span[1]) + 1)
         else:
             raise RecordError(f"there is no function '{word}': the file has {_listed(names)}")
-    chosen = list(dict.fromkeys(found))
-    if not chosen:
-        raise RecordError(f"'{dataset}' are no functions: the file has {_listed(names)}")
-    return chosen
+    selected = list(dict.fromkeys(numbers))
+    if not selected:
+        raise RecordError(f"'{dataset}' selects no function: the file has {_listed(names)}")
+    return selected
 
 
 def _values(function: Function, name: str) -> Array:
@@ -161,8 +161,8 @@ def _values(function: Function, name: str) -> Array:
     largest = float(np.max(np.abs(table), where=np.isfinite(table), initial=0.0))
     if largest >= _NO_QUANTITY:
         raise RecordError(
-            f"function '{name}' has numbers up to {largest:.1e}, which no quantity is: the byte "
-            "order that the file names may be wrong; export it as text"
+            f"function '{name}' has implausible numbers up to {largest:.1e}: the byte order in the "
+            "file may be wrong; export it as text"
         )
     return table
 
@@ -170,7 +170,7 @@ def _values(function: Function, name: str) -> Array:
 def _abscissa(
     functions: Sequence[Function], names: Sequence[str], tables: Mapping[int, Array]
 ) -> tuple[Domain, Array]:
-    """Return what the functions are over, and their common abscissa in SI."""
+    """Return the domain of the functions, and their common abscissa in SI."""
     first, *others = tables
     domain, axis = _one_abscissa(functions[first], names[first], tables[first])
     for number in others:
@@ -181,7 +181,7 @@ def _abscissa(
                 f"({_span(other, its)})"
             )
             raise RecordError(
-                f"its functions do not share their abscissa, such as {described}: choose some by "
+                f"its functions have different abscissas, such as {described}: select functions by "
                 f"the option dataset, of {_listed(names)}"
             )
     if not np.all(np.diff(axis) > 0.0) and domain == "frequency":
@@ -196,13 +196,13 @@ def _one_abscissa(function: Function, name: str, table: Array) -> tuple[Domain, 
     if domain is None:
         raise RecordError(
             f"function '{name}' is over neither time nor frequency (kind "
-            f"{function.abscissa.quantity}): choose others by the option dataset"
+            f"{function.abscissa.quantity}): select others by the option dataset"
         )
     unit = axis_unit(function.abscissa, None) if function.abscissa.label else (1.0, _SI[domain])
     if unit is None or unit[1] != _SI[domain]:
         raise RecordError(
-            f"the {domain} of function '{name}' is labelled '{function.abscissa.label}', which is "
-            f"no unit of {domain}: export it in {_SI[domain]}"
+            f"the {domain} of function '{name}' has the label '{function.abscissa.label}', which "
+            f"is no unit of {domain}: export it in {_SI[domain]}"
         )
     axis = table[:, 0] * unit[0]
     if not np.isfinite(axis).all():
@@ -221,43 +221,43 @@ def _span(domain: Domain, axis: Array) -> str:
     return f"{axis.size} samples from {axis[0]:g} to {axis[-1]:g} {_SI[domain]}"
 
 
-def _attributes(function: Function, name: str, output: str, given: str) -> dict[str, str]:
-    said = {
+def _attributes(function: Function, name: str, output: str, input: str) -> dict[str, str]:
+    texts = {
         "kind": _kind(function),
         "output": function.response,
         "input": function.reference,
         "output unit": output,
-        "input unit": given,
+        "input unit": input,
         "title": function.title,
         "date": function.date,
     }
-    return {f"{key} of {name}": text for key, text in said.items() if text}
+    return {f"{key} of {name}": text for key, text in texts.items() if text}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionUnits:
-    """What the units of a function are in SI."""
+    """Units of a function, in SI."""
 
     text: str = ""
-    """The unit of its values as the file has it."""
+    """Unit of the values in the file."""
     si: tuple[float, str] | None = None
-    """Number of SI units that one of it is, and the SI unit; None where that is not known."""
+    """Factor and SI unit; None if unknown."""
     output: str = ""
-    """SI unit of the output; empty where it is not known."""
+    """SI unit of the output; empty if unknown."""
     input: str = ""
-    """SI unit of the input; empty where it is not known."""
+    """SI unit of the input; empty if unknown."""
     note: str = ""
-    """What a reader should know."""
+    """Remark on the units."""
 
 
 def axis_unit(axis: FunctionAxis, system: UnitSystem | None) -> tuple[float, str] | None:
-    """Return the SI units that one of an axis' units is, and which; None where nobody has said.
+    """Return the factor and SI unit of an axis; None if unknown.
 
     Examples
     --------
     >>> axis_unit(FunctionAxis(quantity=12, label="g"), None)
     (9.80665, 'm/s^2')
-    >>> axis_unit(FunctionAxis(quantity=12), None) is None  # nobody has said
+    >>> axis_unit(FunctionAxis(quantity=12), None) is None
     True
     """
     if axis.label in GRAVITY:
@@ -276,12 +276,12 @@ def axis_unit(axis: FunctionAxis, system: UnitSystem | None) -> tuple[float, str
 
 
 def function_units(function: Function) -> FunctionUnits:
-    """Return what the units of a function are in SI.
+    """Return the units of a function in SI.
 
     Validity
     --------
-    Spectra of power and correlations are left without a unit: programs differ in whether a label
-    means the quantity or its square.
+    Power spectra and correlations have no unit: in some programs the label is the quantity, in
+    others its square.
     """
     if function.kind == _COHERENCE:
         return FunctionUnits(text="1", si=(1.0, "1"))
@@ -321,12 +321,12 @@ def _ratio(function: Function, numerator: tuple[float, str] | None) -> FunctionU
 def _is_whole(
     above: FunctionAxis, unit: str, below: FunctionAxis, denominator: tuple[float, str] | None
 ) -> bool:
-    """Say whether the label of the ordinate is that of the quotient already."""
+    """Return whether the label of the ordinate is already that of the quotient."""
     kinds = _BY_SYSTEM.get(above.quantity)
     plain = kinds[int(above.rotational)][2] if kinds else ""
     if denominator is not None:
         return bool(plain) and unit == _quotient(plain, denominator[1])
-    # "m/s" is a speed, and no length over a time that drives
+    # "m/s" is a velocity, not a length over a time as input
     return not below.label and unit != plain and "/" in unit and not unit.endswith(("/s", "/s^2"))
 
 
@@ -337,4 +337,4 @@ def _quotient(above: str, below: str) -> str:
 
 
 def _unknown(axis: FunctionAxis, unit: tuple[float, str] | None) -> str:
-    return f"'{axis.label}' is no known unit" if axis.label and unit is None else ""
+    return f"'{axis.label}' is an unknown unit" if axis.label and unit is None else ""

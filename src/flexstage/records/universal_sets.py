@@ -1,4 +1,4 @@
-"""The data sets of a universal file: where they begin and end, and the headings of functions."""
+"""Data sets of a universal file: their boundaries, and the headings of functions."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _TO_E = bytes.maketrans(b"Dd", b"EE")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValueLayout:
-    """How the numbers of a function are stored."""
+    """Storage of the numbers of a function."""
 
     count: int
     """Number of samples."""
@@ -25,7 +25,7 @@ class ValueLayout:
     is_complex: bool
     """Whether each value has a real and an imaginary part."""
     uneven: bool
-    """Whether the abscissa of each value stands before it."""
+    """Whether each value has its abscissa before it."""
     binary: bool = False
     """Binary numbers, else text."""
     order: str = "<"
@@ -33,7 +33,7 @@ class ValueLayout:
 
     @property
     def width(self) -> int:
-        """Numbers that belong to one sample."""
+        """Numbers per sample."""
         return int(self.uneven) + 1 + int(self.is_complex)
 
     @property
@@ -47,10 +47,10 @@ class ValueLayout:
 
 
 def binary_end(data: bytes, start: int, layout: ValueLayout) -> tuple[int, int]:
-    """Return where binary numbers end, and where the data set does that they are in.
+    """Return the end of binary numbers, and of their data set.
 
-    The abscissa of uneven samples is single in the original format even where values are double,
-    and double in what some programs write: the line that closes the data set tells which.
+    The abscissa of uneven samples is single in the original format even if values are double, but
+    double in files of some programs: the closing line of the data set shows which.
     """
     sizes = [layout.count * kind.itemsize for kind in _binary_types(layout)]
     for size in sizes:
@@ -58,13 +58,13 @@ def binary_end(data: bytes, start: int, layout: ValueLayout) -> tuple[int, int]:
         if closing is not None:
             return start + size, closing.end()
     raise RecordError(
-        f"its {layout.count} values are {' or '.join(map(str, sizes))} bytes, after which no line "
-        "'    -1' closes it: the file is cut short or its heading is wrong; export it again"
+        f"its {layout.count} values have {' or '.join(map(str, sizes))} bytes, but no line "
+        "'    -1' closes it there: the file is truncated or its heading is wrong; export it again"
     )
 
 
 def _binary_types(layout: ValueLayout) -> list[np.dtype]:
-    """Return what one sample may be."""
+    """Return the possible types of one sample."""
     value = f"{layout.order}f{8 if layout.double else 4}"
     values = [("re", value), ("im", value)][: 1 + int(layout.is_complex)]
     if not layout.uneven:
@@ -76,7 +76,7 @@ def _binary_types(layout: ValueLayout) -> list[np.dtype]:
 def decoded_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
     """Return the numbers of a function, shape (n, width), one row for each sample.
 
-    A row is the abscissa where samples are uneven, the real part, and the imaginary part if any.
+    A row has the abscissa of uneven samples, the real part, and the imaginary part if any.
     """
     if not layout.binary:
         return _text_values(content, layout).reshape(layout.count, layout.width)
@@ -89,53 +89,53 @@ def decoded_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
 
 def _text_values(content: bytes, layout: ValueLayout) -> NDArray[np.float64]:
     if not _TEXT_OF_NUMBERS.fullmatch(text := content.translate(_TO_E)):
-        raise RecordError("its values hold letters that no number has: export the file again")
-    wanted = layout.count * layout.width
+        raise RecordError("its values contain letters of no number: export the file again")
+    expected = layout.count * layout.width
     words = text.split()
-    if len(content) < wanted:
-        raise RecordError(_miscounted(wanted, len(words), layout))
+    if len(content) < expected:
+        raise RecordError(_miscounted(expected, len(words), layout))
     lines = [line.rstrip() for line in text.split(b"\n")]
     lines = [line for line in lines if line]
-    whole, rest = divmod(wanted, len(layout.fields))
+    full_lines, in_last = divmod(expected, len(layout.fields))
     edges = np.cumsum(layout.fields)
-    ends = [int(edges[-1])] * whole + ([int(edges[rest - 1])] if rest else [])
+    ends = [int(edges[-1])] * full_lines + ([int(edges[in_last - 1])] if in_last else [])
     try:
         if [len(line) for line in lines] == ends:
-            return _fixed_values(b"".join(lines), layout.fields, whole, rest)
+            return _fixed_values(b"".join(lines), layout.fields, full_lines, in_last)
         # some programs write spaces between numbers in place of columns of fixed width
-        if len(words) == wanted:
+        if len(words) == expected:
             return np.array([float(word) for word in words], dtype=np.float64)
     except ValueError:
         raise RecordError(
-            "its values are not in columns of the width that the format has: export the file again"
+            "its values are not in columns of the width of the format: export the file again"
         ) from None
-    raise RecordError(_miscounted(wanted, len(words), layout))
+    raise RecordError(_miscounted(expected, len(words), layout))
 
 
-def _miscounted(wanted: int, found: int, layout: ValueLayout) -> str:
+def _miscounted(expected: int, count: int, layout: ValueLayout) -> str:
     return (
-        f"its heading says {wanted} numbers in lines of {len(layout.fields)}, the data set has "
-        f"{found}: the file is cut short or damaged; export it again"
+        f"its heading announces {expected} numbers in lines of {len(layout.fields)}, but the data "
+        f"set has {count}: the file is truncated or damaged; export it again"
     )
 
 
 def _fixed_values(
-    content: bytes, fields: tuple[int, ...], whole: int, rest: int
+    content: bytes, fields: tuple[int, ...], full_lines: int, in_last: int
 ) -> NDArray[np.float64]:
     kind = np.dtype([(f"f{j}", f"S{width}") for j, width in enumerate(fields)])
-    end = whole * kind.itemsize
+    end = full_lines * kind.itemsize
     table = np.frombuffer(content[:end], dtype=kind)
-    values = np.empty((whole, len(fields)))
+    values = np.empty((full_lines, len(fields)))
     for j in range(len(fields)):
         values[:, j] = table[f"f{j}"].astype(np.float64)
     last, at = [], end
-    for width in fields[:rest]:
+    for width in fields[:in_last]:
         last.append(float(content[at : at + width]))
         at += width
     return np.concatenate([values.ravel(), last])
 
 
-#: What a function is, by its number.
+#: Kinds of functions, by number.
 KINDS = (
     "general function",
     "time response",
@@ -161,19 +161,19 @@ _HEADING = 11
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionAxis:
-    """What is on an axis of a function."""
+    """Quantity and unit of an axis of a function."""
 
     quantity: int
     """Number of the kind of quantity: 8 displacement, 12 acceleration, 13 force, 17 time..."""
     label: str = ""
-    """The unit that the file says; empty where it says none."""
+    """Unit in the file; empty if there is none."""
     rotational: bool = False
     """Whether it is of a rotation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitSystem:
-    """The units of data set 164: how many of each are one SI unit."""
+    """Units of data set 164, as numbers of units per SI unit."""
 
     length: float
     """Units of the file in a metre."""
@@ -183,37 +183,37 @@ class UnitSystem:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Function:
-    """One function at a point, data set 58, with its values still as the file has them."""
+    """Function at a point, data set 58, with its values as stored in the file."""
 
     title: str
-    """Its first line of text."""
+    """First line of text."""
     date: str
-    """Its third line of text, by convention when it was measured."""
+    """Third line of text, by convention the date of measurement."""
     kind: int
-    """What it is, as numbered by `KINDS`."""
+    """Kind of function, as numbered by `KINDS`."""
     response: str
-    """Point and direction of the response, ``12:+z``; empty where there is none."""
+    """Point and direction of the response, ``12:+z``; empty if there is none."""
     reference: str
-    """Those of the reference; empty where there is none."""
+    """Point and direction of the reference; empty if there is none."""
     abscissa: FunctionAxis
-    """What is on its abscissa."""
+    """Quantity of the abscissa."""
     ordinate: FunctionAxis
-    """What is on its ordinate."""
+    """Quantity of the ordinate."""
     denominator: FunctionAxis
-    """What its ordinate is divided by."""
+    """Quantity of the denominator of the ordinate."""
     start: float
-    """First abscissa, where the samples are even."""
+    """First abscissa of even samples."""
     step: float
-    """Step of the abscissa, where the samples are even."""
+    """Step of the abscissa of even samples."""
     layout: ValueLayout
-    """How its values are stored."""
+    """Storage of the values."""
     content: bytes
-    """Its values."""
+    """Stored values."""
     system: UnitSystem | None = None
-    """The units of the file."""
+    """Units of the file."""
 
     def table(self) -> NDArray[np.float64]:
-        """Return the abscissa, the real part, and the imaginary part where there is one."""
+        """Return the abscissa, the real part, and the imaginary part if any."""
         values = decoded_values(self.content, self.layout)
         if self.layout.uneven:
             return values
@@ -222,7 +222,7 @@ class Function:
 
 
 def is_universal(head: bytes) -> bool:
-    r"""Say whether a file begins as a universal file does.
+    r"""Return whether a file begins like a universal file.
 
     Examples
     --------
@@ -260,24 +260,24 @@ def read_sets(data: bytes) -> list[Function]:
             raise RecordError(f"{where} ({_plain(line[:7])}): {error}") from None
     if number == 0:
         raise RecordError(
-            "there is no line '    -1' that opens a data set: it is no universal file; choose "
-            "another by the option format"
+            "no line '    -1' opens a data set: it is not a universal file; give its format by the "
+            "option format"
         )
     _require_blank(data[at:])
     return functions
 
 
 def _require_blank(between: bytes) -> None:
-    """Refuse what stands outside of the data sets: one whose first line is lost."""
+    """Refuse text outside of the data sets, as of one without its first line."""
     if outside := between.strip(b" \t\r\n\0\x1a"):
         raise RecordError(
-            f"'{_plain(outside[:30])}' stands outside of all data sets, so that a line '    -1' "
-            "which opens one is missing: the file is damaged; export it again"
+            f"'{_plain(outside[:30])}' is outside of all data sets, and an opening line '    -1' "
+            "is missing: the file is damaged; export it again"
         )
 
 
 def _line(data: bytes, start: int) -> tuple[bytes, int]:
-    """Return a line, and where the next begins."""
+    """Return a line, and the start of the next."""
     end = data.find(b"\n", start)
     end = len(data) if end < 0 else end
     return data[start:end].rstrip(b"\r"), end + 1
@@ -288,11 +288,11 @@ def _plain(text: bytes) -> str:
 
 
 def _closed(data: bytes, start: int) -> tuple[int, int]:
-    """Return where a data set of text ends, and where the next may begin."""
+    """Return the end of a data set of text, and the possible start of the next."""
     closing = _TAG.search(data, start)
     if closing is None:
         raise RecordError(
-            "no line '    -1' closes it: the file is cut short; copy or export it again"
+            "no line '    -1' closes it: the file is truncated; copy or export it again"
         )
     return closing.start(), closing.end()
 
@@ -300,20 +300,20 @@ def _closed(data: bytes, start: int) -> tuple[int, int]:
 def _function(
     data: bytes, identity: bytes, start: int, system: UnitSystem | None
 ) -> tuple[Function, int]:
-    """Return a function, and where the next data set may begin."""
+    """Return a function, and the possible start of the next data set."""
     lines, at = [], start
     # lines have 80 characters
     longest = 160
     for _ in range(_HEADING):
         if at >= len(data):
-            raise RecordError("its heading is cut short: copy or export the file again")
+            raise RecordError("its heading is truncated: copy or export the file again")
         line, at = _line(data, at)
         line = line[:longest]
         lines.append(_plain(line) if len(lines) < 5 else line.decode("latin-1"))
     load = _fields(lines[5], (5, 10, 5, 10, 11, 10, 4, 11, 10, 4))
-    load = load if _are_whole(load) else (*lines[5].split(),)
-    if not _are_whole(load):
-        raise RecordError(f"its points and directions are not understood: '{lines[5].strip()}'")
+    load = load if _are_integers(load) else (*lines[5].split(),)
+    if not _are_integers(load):
+        raise RecordError(f"its points and directions are invalid: '{lines[5].strip()}'")
     layout, abscissa_start, step = _layout(identity, lines[6])
     if layout.binary:
         end, after = binary_end(data, at, layout)
@@ -324,7 +324,7 @@ def _function(
     return Function(
         title=_text(lines[0]),
         date=_text(lines[2]),
-        kind=_whole(load[0]),
+        kind=_integer(load[0]),
         response=_point(load[5], response),
         reference=_point(load[8], reference),
         abscissa=axes[0],
@@ -343,19 +343,19 @@ def _fields(line: str, widths: Sequence[int]) -> tuple[str, ...]:
     return tuple(line[end - w : end].strip() for end, w in zip(ends, widths, strict=True))
 
 
-def _are_whole(load: Sequence[str]) -> bool:
-    """Say whether the numbers among the fields of the load are numbers."""
+def _are_integers(load: Sequence[str]) -> bool:
+    """Return whether the numeric fields of the load are integers."""
     return len(load) == 10 and all(
         re.fullmatch(r"[+-]?[0-9]*", load[j]) is not None for j in (0, 1, 2, 3, 5, 6, 8, 9)
     )
 
 
 def _is_count(text: str) -> bool:
-    # a superscript is a digit to Python, and no number
+    # a superscript is a digit for Python, but not a number
     return text.isascii() and text.isdigit()
 
 
-def _whole(text: str) -> int:
+def _integer(text: str) -> int:
     return int(text) if text.strip("+-") else 0
 
 
@@ -371,15 +371,15 @@ def _text(line: str) -> str:
 
 
 def _layout(identity: bytes, line: str) -> tuple[ValueLayout, float, float]:
-    """Return how the values are stored, the first abscissa, and its step."""
+    """Return the storage of the values, the first abscissa, and its step."""
     words = _fields(line, (10, 10, 10, 13, 13, 13))
     if not all(_is_count(word) for word in words[:3]):
-        raise RecordError(f"how its values are stored is not understood: '{line.strip()[:60]}'")
+        raise RecordError(f"its storage of values is invalid: '{line.strip()[:60]}'")
     kind, count, spacing = (int(word) for word in words[:3])
     start, step = _real(words[3]), _real(words[4])
     if kind not in (2, 4, 5, 6) or spacing not in (0, 1) or not 2 <= count < 2**31:
         raise RecordError(
-            f"it says {count} values of type {kind} and spacing {spacing}: at least two values of "
+            f"it has {count} values of type {kind} and spacing {spacing}: at least two values of "
             "type 2, 4, 5 or 6 and spacing 0 or 1 are allowed"
         )
     if spacing == 1 and not (np.isfinite(start) and np.isfinite(step) and step > 0.0):
@@ -413,7 +413,7 @@ def _layout(identity: bytes, line: str) -> tuple[ValueLayout, float, float]:
 def _axis(line: str) -> FunctionAxis:
     words = _fields(line, (10, 5, 5, 5, 21, 21))
     if not _is_count(words[0]):
-        raise RecordError(f"what is on an axis is not understood: '{_plain(line.encode())[:60]}'")
+        raise RecordError(f"the line of an axis is invalid: '{_plain(line.encode())[:60]}'")
     return FunctionAxis(quantity=int(words[0]), label=_text(words[5]))
 
 
@@ -423,7 +423,7 @@ def _turned(axis: FunctionAxis, direction: int) -> FunctionAxis:
 
 
 def _direction(text: str) -> int:
-    number = _whole(text)
+    number = _integer(text)
     if abs(number) > 6:
         raise RecordError(f"a direction must be -6 to 6, got {number}")
     return number
@@ -433,8 +433,8 @@ def _point(node: str, direction: int) -> str:
     name = _DIRECTIONS[abs(direction)]
     sign = "" if direction == 0 else "+" if direction > 0 else "-"
     if not name:
-        return str(_whole(node)) if _whole(node) else ""
-    return f"{_whole(node)}:{sign}{name}"
+        return str(_integer(node)) if _integer(node) else ""
+    return f"{_integer(node)}:{sign}{name}"
 
 
 def _unit_system(body: bytes) -> UnitSystem:
@@ -442,5 +442,5 @@ def _unit_system(body: bytes) -> UnitSystem:
     words = body.split(b"\n", 1)[-1].decode("latin-1").split()
     factors = [_real(word) for word in words[:2]]
     if len(factors) < 2 or not all(np.isfinite(f) and f > 0.0 for f in factors):
-        raise RecordError("the units of the file are not understood: export it again")
+        raise RecordError("the units of the file are invalid: export it again")
     return UnitSystem(length=factors[0], force=factors[1])

@@ -1,4 +1,4 @@
-"""Writing a record: CSV, NumPy, HDF5 and MATLAB, all of which `read_record` reads back."""
+"""Export of a record: CSV, NumPy, HDF5 and MATLAB, all of which `read_record` reads back."""
 
 import csv
 import io
@@ -21,9 +21,9 @@ _RESERVED = frozenset(("units", "names"))
 def record_bytes(record: Record, format: str) -> bytes:
     r"""Return a record as the content of a file.
 
-    Columns, their names and units are written, to the last bit; the time is a column ``time`` in
-    seconds, put first where the record has none that is the same. A record over points has no such
-    column, and is read back as ``over="point"``. Equal records give equal bytes.
+    Columns, names and units are written exactly; the time is a column ``time`` in seconds, first
+    unless the record already has this column. A record over points has no such column, and is read
+    back as ``over="point"``. Equal records give equal bytes.
 
     Validity
     --------
@@ -40,12 +40,12 @@ def record_bytes(record: Record, format: str) -> bytes:
     """
     writers = {"csv": _csv, "npz": _npz, "hdf5": _hdf5, "mat": _mat}
     if format not in writers:
-        raise RecordError(f"a record is written as {', '.join(writers)}, got '{format}'")
+        raise RecordError(f"the format must be one of {', '.join(writers)}, got '{format}'")
     return writers[format](_with_time(record))
 
 
 def write_record(record: Record, path: str | Path) -> Path:
-    """Write a record to a file whose suffix says the format, whole or not at all.
+    """Write a record to a file, atomically; the suffix selects the format.
 
     Parameters
     ----------
@@ -62,16 +62,16 @@ def write_record(record: Record, path: str | Path) -> Path:
     Raises
     ------
     RecordError
-        The suffix is of no format that is written, or the file cannot be written.
+        The suffix is unknown, or the file cannot be written.
     """
     target = Path(path)
-    known = _SUFFIXES.get(target.suffix.lower())
-    if known is None:
+    format = _SUFFIXES.get(target.suffix.lower())
+    if format is None:
         raise RecordError(
             f"'{target.name}' must end in one of {', '.join(_SUFFIXES)}: the suffix selects the "
             "format"
         )
-    content = record_bytes(record, known)
+    content = record_bytes(record, format)
     write_whole(target, content, RecordError)
     return target
 
@@ -80,19 +80,19 @@ def _with_time(record: Record) -> tuple[Channel, ...]:
     """Return the columns, the time among them."""
     if record.over == "frequency":
         raise RecordError(
-            "a record over frequency is not written, as none of these formats would say that it is "
-            "one: keep the file it was read from"
+            "a record over frequency cannot be written, as these formats do not identify it: keep "
+            "its source file"
         )
     if record.over == "point":
         return record.channels
-    called = [c for c in record.channels if c.name == "time"]
-    if not called:
+    time_columns = [c for c in record.channels if c.name == "time"]
+    if not time_columns:
         return (Channel(name="time", values=record.time, unit="s"), *record.channels)
-    same = [c for c in called if c.unit == "s" and np.array_equal(c.values, record.time)]
-    if len(called) == len(same) == 1:
+    same = [c for c in time_columns if c.unit == "s" and np.array_equal(c.values, record.time)]
+    if len(time_columns) == len(same) == 1:
         return record.channels
     raise RecordError(
-        "the record has a column 'time' that is not its time, and would be read as it: rename it"
+        "the record has a column 'time' that is not its time, but would be read as time: rename it"
     )
 
 
@@ -100,15 +100,15 @@ def _csv(channels: tuple[Channel, ...]) -> bytes:
     stream = io.StringIO()
     stream.write(",".join(map(_quoted, channels)) + "\r\n")
     writer = csv.writer(stream)
-    # the shortest digits that come back to the same bits
+    # the shortest digits that give the same bits
     writer.writerows(zip(*(map(repr, c.values.tolist()) for c in channels), strict=True))
     return stream.getvalue().encode("utf-8", "replace")
 
 
 def file_label(name: str, unit: str) -> str:
-    """Return the name of a column on one line, in a form that is not read as a unit."""
+    """Return the name of a column on one line, without a text that would be read as a unit."""
     name = " ".join(re.sub(r"[\x00-\x1f]", " ", name).split())
-    # empty brackets keep a bracket in the name from being taken for a unit
+    # empty brackets prevent a bracket in the name from being read as a unit
     return f"{name} []" if not unit and re.search(r"[)\]]$| / ", name) else name
 
 
@@ -119,14 +119,14 @@ def _label(channel: Channel) -> str:
 def _quoted(channel: Channel) -> str:
     """Return the heading of a column of CSV."""
     heading = f"{_label(channel)} ({channel.unit})" if channel.unit else _label(channel)
-    # a heading that begins like a comment, or holds what divides columns, stands in quotes
+    # a heading that begins like a comment, or contains a delimiter, needs quotes
     if re.search('[",;\t]', heading) or heading.startswith(COMMENT_MARKS):
         heading = '"' + heading.replace('"', '""') + '"'
     return heading
 
 
 def file_keys(names: Iterable[str], reserved: Container[str]) -> list[str]:
-    """Return a name for each column that every program takes, and that is not reserved."""
+    """Return a portable name for each column that is not reserved."""
     keys: list[str] = []
     for name in names:
         word = re.sub(r"\W", "_", name, flags=re.ASCII)[:40]
@@ -177,7 +177,7 @@ def _mat(channels: tuple[Channel, ...]) -> bytes:
     content["names"] = {key: _label(c) for key, c in zip(keys, channels, strict=True)}
     stream = io.BytesIO()
     savemat(stream, content, oned_as="column", long_field_names=True, do_compression=True)
-    # its first 116 bytes are a text with the time of day, which would differ between equal records
+    # the first 116 bytes are a text with the time of day, which would differ for equal records
     data = bytearray(stream.getvalue())
     data[:116] = b"MATLAB 5.0 MAT-file, a record of flexstage".ljust(116)
     return bytes(data)

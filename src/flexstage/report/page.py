@@ -156,7 +156,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
     ("EvaluatedBudget", ""): (
         "distributions.draw_budget",
-        "propagated=propagated monte_carlo=drawn quantity=budget.quantity unit=budget.unit "
+        "propagated=propagated monte_carlo=simulated quantity=budget.quantity unit=budget.unit "
         "factor=budget.factor",
     ),
     ("FrfResult", ""): ("modal_fit.draw_frf", "result"),

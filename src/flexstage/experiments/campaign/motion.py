@@ -13,8 +13,7 @@ from flexstage.experiments.campaign.results import TestResult, figure_of
 from flexstage.measure.motion.curve_fit import fit_motion_curve
 from flexstage.measure.motion.cycles import MotionCycles, cycles_by_range
 from flexstage.measure.motion.motion_curve import MotionCurve, curve_range
-from flexstage.measure.motion.reach import stroke, workspace
-from flexstage.measure.motion.rigid_body import rigid_motion, travel_frame
+from flexstage.measure.motion.reach import rigid_motion, stroke, travel_frame, workspace
 from flexstage.measure.noise.staircase import screw_resolution
 from flexstage.measure.uncertainty.sensor import Role, measured
 from flexstage.quantities.characteristic import MeasuredCharacteristic

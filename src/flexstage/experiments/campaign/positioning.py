@@ -254,12 +254,13 @@ def evaluate_staircase(test: Test, records: list[Record], campaign: Campaign) ->
     raw = found.resolution
     note = raw.note
     if test.smallest_steps:
-        if found.smallest_told is None:
+        if found.smallest_resolved is None:
             raise RecordError(
                 f"test '{test.name}': no step size is resolved from the noise at "
                 f"{100.0 * test.confidence:g} % confidence: average more samples on each level"
             )
-        raw, note = found.smallest_told, f"mean of the smallest steps; {found.smallest_told.note}"
+        raw = found.smallest_resolved
+        note = f"mean of the smallest steps; {raw.note}"
     whole = measured(raw, campaign.instrument(test.along), role="noise")
     return TestResult(
         test=test,

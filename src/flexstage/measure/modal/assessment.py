@@ -56,10 +56,10 @@ class Worth:
         """
         column = self.columns[number]
         follow = -column.inverse.T @ column.jacobian
-        own = self.scale * meat(_complex(column.inverse), _complex(column.inverse), self.lags)
+        variance = self.scale * meat(_complex(column.inverse), _complex(column.inverse), self.lags)
         cross = self.covariance @ follow.T + self.crossed[number]
         inner = (
-            own
+            variance
             + follow @ self.covariance @ follow.T
             + follow @ self.crossed[number]
             + self.crossed[number].T @ follow.T
@@ -101,7 +101,9 @@ def assess(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> 
     counted = 2 * sum(int(np.count_nonzero(block.weights)) for block in blocks)
     free = max(counted - basis.size - basis.linear * len(columns), 1)
     scale = sum(float(c.residual @ c.residual) for c in columns) / free
-    noise = [np.stack([_complex(columns[i].residual) for i in own], axis=1) for own in members]
+    noise = [
+        np.stack([_complex(columns[i].residual) for i in member], axis=1) for member in members
+    ]
     lags = _line_correlation(noise)
     shared = tuple(_shared(part) for part in noise)
     square = sum((c.orthogonal.T @ c.orthogonal for c in columns), np.zeros((basis.size,) * 2))
@@ -109,11 +111,11 @@ def assess(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> 
     inverse = np.linalg.pinv(square, hermitian=True) if basis.size else square
     middle = np.zeros_like(square)
     crossed: list[Array] = []
-    for own, together in zip(members, shared, strict=True):
-        slopes = np.stack([_complex(columns[i].orthogonal) for i in own])
+    for member, together in zip(members, shared, strict=True):
+        slopes = np.stack([_complex(columns[i].orthogonal) for i in member])
         # J_b^H C_ba X_a summed over b
-        mixed = (together.T.conj() @ slopes.reshape(len(own), -1)).reshape(slopes.shape)
-        for i, slope, mix in zip(own, slopes, mixed, strict=True):
+        mixed = (together.T.conj() @ slopes.reshape(len(member), -1)).reshape(slopes.shape)
+        for i, slope, mix in zip(member, slopes, mixed, strict=True):
             middle += meat(mix, slope, lags)
             crossed.append(scale * inverse @ meat(mix, _complex(columns[i].inverse), lags))
     middle = 0.5 * (middle + middle.T)
@@ -133,18 +135,20 @@ def _line_correlation(noise: Sequence[Complex]) -> Complex:
     """Correlation of the residual with itself some lines on, as far as it stands out."""
     power = sum(float(np.sum(np.abs(part) ** 2)) for part in noise)
     size = sum(part.size for part in noise)
-    found = np.zeros(_LAGS, dtype=np.complex128)
+    correlation = np.zeros(_LAGS, dtype=np.complex128)
     if power == 0.0:
-        return found[:0]
+        return correlation[:0]
     for lag in range(1, _LAGS + 1):
-        found[lag - 1] = sum(np.sum(part[:-lag] * part[lag:].conj()) for part in noise) / power
-    out = np.abs(found) * math.sqrt(size) > _SIGNIFICANT
+        correlation[lag - 1] = (
+            sum(np.sum(part[:-lag] * part[lag:].conj()) for part in noise) / power
+        )
+    out = np.abs(correlation) * math.sqrt(size) > _SIGNIFICANT
     if not out[0]:
-        return found[:0]
+        return correlation[:0]
     # up to the first that does not stand out
-    found = found[: int(np.argmin(out)) if not out.all() else _LAGS]
+    correlation = correlation[: int(np.argmin(out)) if not out.all() else _LAGS]
     # neighbours that cancel leave so little that their correlation is not known well enough for it
-    return found if found.real.sum() > 0.0 else found[:0]
+    return correlation if correlation.real.sum() > 0.0 else correlation[:0]
 
 
 def _shared(noise: Complex) -> Complex:
@@ -194,16 +198,16 @@ def residues_of(
     """Return residues over all outputs and inputs, and the covariance of their parts in turn."""
     weights = basis.residue_weights(theta, mode)
     turn = np.stack([weights.real, weights.imag], axis=1)
-    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    columns = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
     slopes = _weight_slopes(basis, theta, mode)
     residues, follow, crossed, influence = [], [], [], []
     for column, cross in zip(worth.columns, worth.crossed, strict=True):
-        factors = column.factors[own]
+        factors = column.factors[columns]
         residues.append(weights @ factors)
         moved = np.stack([(slopes @ factors).real, (slopes @ factors).imag])
-        follow.append(moved - turn.T @ (column.inverse.T @ column.jacobian)[own])
-        crossed.append(cross[:, own] @ turn)
-        stacked = column.inverse[:, own] @ turn
+        follow.append(moved - turn.T @ (column.inverse.T @ column.jacobian)[columns])
+        crossed.append(cross[:, columns] @ turn)
+        stacked = column.inverse[:, columns] @ turn
         half = stacked.shape[0] // 2
         influence.append(stacked[:half] + 1j * stacked[half:])
     size = 2 * len(residues)
@@ -257,9 +261,9 @@ def _merged(
     mean = np.zeros((len(outputs) * len(inputs), residues.size))
     mean[places, np.arange(residues.size)] = precision
     total = mean.sum(axis=1)
-    known = total > 0.0
-    mean[known] /= total[known][:, None]
-    merged = np.where(known, mean @ residues, np.nan + 0.0j)
+    has_weight = total > 0.0
+    mean[has_weight] /= total[has_weight][:, None]
+    merged = np.where(has_weight, mean @ residues, np.nan + 0.0j)
     both = np.kron(mean, np.eye(2))
     return merged.reshape(len(outputs), len(inputs)), both @ matrix[:size, :size] @ both.T
 
@@ -274,7 +278,7 @@ def listed_modes(
     poles: Sequence[Mode],
     parts: Sequence[Prepared],
     band: tuple[float, float],
-    wanted: int | Sequence[float] | None,
+    frequencies: int | Sequence[float] | None,
     scale: float,
 ) -> tuple[list[int], dict[str, list[Mode]]]:
     """Tell modes from poles that stand for something else.
@@ -285,40 +289,40 @@ def listed_modes(
     `scale` is the mean square of noise over that of the weights. Returned are numbers of the modes,
     and the others by the reason against them.
     """
-    if isinstance(wanted, int):
+    if isinstance(frequencies, int):
         return list(range(len(poles))), {}
-    if wanted is not None:
-        kept = sorted({_nearest(poles, frequency) for frequency in wanted})
-        rest = [mode for n, mode in enumerate(poles) if n not in kept]
-        return kept, {"not asked for": rest} if rest else {}
+    if frequencies is not None:
+        listed = sorted({_nearest(poles, frequency) for frequency in frequencies})
+        rest = [mode for n, mode in enumerate(poles) if n not in listed]
+        return listed, {"not requested": rest} if rest else {}
     names = names_of(parts)
     lines = np.sort(np.concatenate([part.measured.frequency_hz for part in parts]))
-    kept = []
+    listed = []
     others: dict[str, list[Mode]] = {}
-    # what a mode must make of the sum of squares beside the line that it stands on, over noise
-    seen = 25.0
+    # least reduction of the sum of squares by a mode, next to its line, over noise
+    least_gain = 25.0
     for n, mode in enumerate(poles):
         f, zeta = mode.frequency_hz, mode.damping_ratio
         width = max(2.0 * zeta.value * f.value, line_spacing(lines, f.value))
         if not band[0] <= f.value <= band[1]:
-            reason = "beyond the band"
+            reason = "outside the band"
         elif zeta.value + min(zeta.expanded, zeta.value) > _MOST_DAMPING:
-            reason = "damped too much for a peak"
+            reason = "damping too high for a peak"
         elif f.expanded > width:
-            reason = "not known within its width"
-        elif _beside(mode, parts, names, scale) < seen:
+            reason = "frequency uncertain by more than its width"
+        elif _beside(mode, parts, names, scale) < least_gain:
             reason = "on a single line"
         elif any(on_flank(mode, other) for other in poles):
             reason = "on the flank of a sharper mode"
         else:
-            kept.append(n)
+            listed.append(n)
             continue
         others.setdefault(reason, []).append(mode)
-    return kept, others
+    return listed, others
 
 
 def on_flank(mode: Mode, other: Mode) -> bool:
-    """Say whether a mode is within the width of a sharper one, and nowhere above its flank."""
+    """Return whether a mode is within the width of a sharper one, and always below its flank."""
     width, sharper = -mode.pole.real, -other.pole.real
     apart = abs(mode.pole.imag - other.pole.imag)
     if not width > sharper > 0.0 or apart > _FLANK * width:
@@ -341,8 +345,8 @@ def with_and_without(
 
     `places` are the numbers of the kept modes, and that of each mode in the parameters.
     """
-    kept, rising = places
-    peaks = {*kept, *listed_modes(poles, parts, band, None, worth.scale)[0]}
+    listed, rising = places
+    peaks = {*listed, *listed_modes(poles, parts, band, None, worth.scale)[0]}
     gone = [rising[n] for n in range(len(poles)) if n not in peaks]
     out = list(poles)
     if not gone:
@@ -350,12 +354,14 @@ def with_and_without(
     fewer, start = without(basis, theta, gone)
     values = frequencies_of(fewer, minimise(fewer, start, blocks, rough=True)[0], 0.0)[0]
     left = [r for r in range(basis.count) if r not in gone]
-    for n in kept:
+    for n in listed:
         other = 2 * left.index(rising[n])
         mode = out[n]
         f, zeta = (
-            own.plus(Component(name="background", uncertainty=abs(own.value - v) / 1.95, kind="B"))
-            for own, v in (
+            full.plus(
+                Component(name="background", uncertainty=abs(full.value - v) / 1.95, kind="B")
+            )
+            for full, v in (
                 (mode.frequency_hz, values[other]),
                 (mode.damping_ratio, values[other + 1]),
             )
@@ -382,10 +388,10 @@ def _beside(
         square = 0.5 * np.abs(motion * part.block.weights) ** 2
         square[int(np.argmin(np.abs(omega - abs(mode.pole))))] = 0.0
         noise = np.full_like(square, scale)
-        if part.kept and not part.given:
+        if part.has_final_weights and not part.has_variance:
             # weights that were chosen do not say where the noise is: the lines do
-            own = (part.scatter / part.deviation) ** 2
-            noise = np.maximum(noise, own.reshape(noise.shape))
+            relative_scatter = (part.scatter / part.deviation) ** 2
+            noise = np.maximum(noise, relative_scatter.reshape(noise.shape))
         total += float((square / noise).sum())
     return total
 
@@ -402,22 +408,22 @@ def _nearest(poles: Sequence[Mode], frequency: float) -> int:
     near = 0.1
     if not off or min(off) > near:
         raise ModelError(
-            f"no mode is found within {100.0 * near:g} % of {frequency:g} Hz: guess another "
+            f"there is no mode within {100.0 * near:g} % of {frequency:g} Hz: guess another "
             "frequency, or fit another band"
         )
     return int(np.argmin(off))
 
 
 def not_listed(others: dict[str, list[Mode]]) -> list[str]:
-    """Return a note that names the poles that are not listed."""
+    """Return a note on the poles that are not listed."""
     if not others:
         return []
-    said = []
+    groups = []
     for reason, modes in sorted(others.items()):
         figures = [(mode.frequency_hz.value, 100.0 * mode.damping_ratio.value) for mode in modes]
-        named = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
-        said.append(f"{named} ({reason})")
-    return [f"poles of the fit that are not listed as modes: {'; '.join(said)}"]
+        poles_text = ", ".join(f"{f:.4g} Hz with {zeta:.2g} % damping" for f, zeta in figures)
+        groups.append(f"{poles_text} ({reason})")
+    return [f"poles of the fit that are not listed as modes: {'; '.join(groups)}"]
 
 
 def names_of(parts: Sequence[Prepared]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -91,8 +91,8 @@ def fit_modes(
     lag : bool
         Whether a common lag 1 / (1 + i omega T) of the outputs is fitted too.
     weighting : {"variance", "uniform", "relative"}
-        Whether lines count by the variance they come with or else by what the fit shows of their
-        noise, all alike, or by the inverse of their magnitude, down to where they scatter.
+        Weights of the lines: by their variance or else by the noise from the fit, uniform, or by
+        the inverse of their magnitude, down to their scatter.
     real_modes : bool
         Whether residues are those of proportional damping, in phase with all others; a delay or lag
         is hard to tell from complex modes in a narrow band without it.
@@ -121,7 +121,7 @@ def fit_modes(
     ModelError
         An option is impossible, or fewer poles are found than modes were asked for.
     ConvergenceError
-        The fit did not settle.
+        The fit did not converge.
 
     Examples
     --------
@@ -140,23 +140,23 @@ def fit_modes(
     86.104 +- 0.006 Hz, 0.870 %
     211.644 +- 0.150 Hz, 1.572 %
     """
-    given = [responses] if isinstance(responses, MeasuredResponse) else list(responses)
-    if not given:
-        raise ModelError("a modal fit needs one response at least, got none")
-    wanted = _wanted(count, frequency_guess)
-    edges = _edges(given, band)
+    listed = [responses] if isinstance(responses, MeasuredResponse) else list(responses)
+    if not listed:
+        raise ModelError("a modal fit needs at least one response, got none")
+    targets = _target_count(count, frequency_guess)
+    edges = _edges(listed, band)
     outside = [g for g in frequency_guess or () if not edges[0] <= g <= edges[1]]
     if outside:
         raise ModelError(
-            f"guessed frequencies must lie in the band from {edges[0]:g} to {edges[1]:g} Hz, got "
+            f"guessed frequencies must be in the band from {edges[0]:g} to {edges[1]:g} Hz, got "
             f"{outside[0]:g} Hz"
         )
     if not 0.0 <= added_damping_rate < math.inf:
         raise ModelError(
-            f"the damping that a window adds must be 0 or more, got {added_damping_rate!r} 1/s"
+            f"the added damping of a window must be 0 or more, got {added_damping_rate!r} 1/s"
         )
     reference = reference_frequency(edges)
-    parts = prepared(given, edges, weighting, reference)
+    parts = prepared(listed, edges, weighting, reference)
     template = ModalBasis(
         count=0,
         reference=reference,
@@ -165,40 +165,40 @@ def fit_modes(
     )
     options: dict[str, Any] = {
         "band": edges,
-        "count": wanted if frequency_guess is None else None,
+        "count": targets if frequency_guess is None else None,
         "guess": frequency_guess,
     }
     if delay or lag:
-        found = search_with_sensor(parts, template, (real_modes, bool(delay), lag), options)
+        match = search_with_sensor(parts, template, (real_modes, bool(delay), lag), options)
     else:
-        found = search(parts, template, **options)
-    falls = "" if delay else steady_phase(found.shown, template, parts)
+        match = search(parts, template, **options)
+    falls = "" if delay else steady_phase(match.local_poles, template, parts)
     hints = [f"{falls}: fit a delay as well"] if falls else []
-    if falls and delay is None and not lag and wanted is None:
+    if falls and delay is None and not lag and targets is None:
         with progress.subtask(0.85, 0.9):
             late = search_with_sensor(parts, template, (True, True, False), options)
-        if likelier(late, found):
-            found, hints = late, [f"{falls}: it is fitted too, with modes in phase"]
-    basis = found.basis
-    parts, theta = settled(found.parts, basis, found.theta)
+        if likelier(late, match):
+            match, hints = late, [f"{falls}: it is fitted too, with real modes"]
+    basis = match.basis
+    parts, theta = settled(match.parts, basis, match.theta)
     return _assembled(
         basis,
         theta,
         parts,
         band=edges,
-        stabilisation=found.stabilisation,
+        stabilisation=match.stabilisation,
         added_damping_rate=added_damping_rate,
-        wanted=wanted if frequency_guess is None else list(frequency_guess),
+        targets=targets if frequency_guess is None else list(frequency_guess),
         hints=hints,
     )
 
 
-def _wanted(count: int | str | None, guess: Sequence[float] | None) -> int | None:
+def _target_count(count: int | str | None, guess: Sequence[float] | None) -> int | None:
     if guess is not None:
         if not len(guess) or not all(0.0 < g < math.inf for g in guess):
             raise ModelError(f"guessed frequencies must be positive, got {list(guess)}")
         if count not in (None, "auto", len(guess)):
-            raise ModelError(f"{len(guess)} frequencies are guessed but {count} modes asked for")
+            raise ModelError(f"{len(guess)} frequencies are guessed, but {count} modes requested")
         return len(guess)
     if count is None or count == "auto":
         return None
@@ -227,13 +227,13 @@ def _assembled(
     band: tuple[float, float],
     stabilisation: Stabilisation | None,
     added_damping_rate: float,
-    wanted: int | Sequence[float] | None,
+    targets: int | Sequence[float] | None,
     hints: Sequence[str],
 ) -> ModalFit:
     """Make the result of a fit.
 
-    `added_damping_rate` [1/s] is taken off. Where no modes are `wanted`, by number or near
-    frequencies [Hz], poles that are no modes of the stage are left out of the list.
+    `added_damping_rate` [1/s] is subtracted. Without `targets`, a number or frequencies [Hz], poles
+    that are no modes of the stage are omitted from the list.
     """
     blocks = [part.block for part in parts]
     worth = assess(basis, theta, blocks)
@@ -261,12 +261,12 @@ def _assembled(
                 significance=float(strength[r]),
             )
         )
-    kept, others = listed_modes(poles, parts, band, wanted, worth.scale)
-    if wanted is not None and not isinstance(wanted, int) and others:
-        poles = with_and_without(poles, basis, theta, blocks, (kept, rising), parts, band, worth)
-    modes = [poles[n] for n in kept]
-    own = [2 * rising[n] + d for n in kept for d in (0, 1)]
-    covariance = covariance[np.ix_(own, own)]
+    listed, others = listed_modes(poles, parts, band, targets, worth.scale)
+    if targets is not None and not isinstance(targets, int) and others:
+        poles = with_and_without(poles, basis, theta, blocks, (listed, rising), parts, band, worth)
+    modes = [poles[n] for n in listed]
+    parameters = [2 * rising[n] + d for n in listed for d in (0, 1)]
+    covariance = covariance[np.ix_(parameters, parameters)]
     size = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     size[size == 0.0] = 1.0
     extra: dict[str, Estimate | None] = {"delay": None, "lag": None}
@@ -282,10 +282,10 @@ def _assembled(
             number += 1
     fitted = _fitted(worth, parts)
     notes = [*_notes(modes, parts, band, worth, fitted, added_damping_rate), *not_listed(others)]
-    if wanted is not None:
+    if targets is not None:
         needed = threshold(basis, blocks)
         notes += [
-            f"the mode at {mode.frequency_hz.value:.5g} Hz does not rise above the noise"
+            f"the mode at {mode.frequency_hz.value:.5g} Hz does not exceed the noise"
             for mode in modes
             if mode.significance < needed
         ]
@@ -324,8 +324,8 @@ def _fitted(worth: Worth, parts: Sequence[Prepared]) -> list[FittedResponse]:
         joint = np.array([worth.factors(i)[0] for i in members])
         residual = np.stack([worth.columns[i].residual for i in members], axis=1)
         complex_residual = (residual[:lines] + 1j * residual[lines:]).reshape(lines, *shape)
-        known = np.where(np.isfinite(part.deviation), part.deviation, 0.0)
-        rms = np.abs(complex_residual) * known / math.sqrt(2.0)
+        deviation = np.where(np.isfinite(part.deviation), part.deviation, 0.0)
+        rms = np.abs(complex_residual) * deviation / math.sqrt(2.0)
         size = np.sqrt(np.mean(np.abs(part.measured.response) ** 2, axis=0))
         out.append(
             FittedResponse(
@@ -350,17 +350,17 @@ def _notes(
 ) -> list[str]:
     notes = []
     largest = max(float(one.residual_rms.max()) for one in fitted)
-    # share of a response that a fit may leave before it is said
+    # residual, as a share of a response, from which a note reports it
     unexplained = 0.2
     if largest > unexplained and modes:
         notes.append(
             f"the residual is {100.0 * largest:.0f} % of a response: fit it in a narrower band, "
-            "with a delay, or with complex modes, and see that input and output are not swapped"
+            "with a delay, or with complex modes, and check that input and output are not swapped"
         )
     if not modes:
-        notes.append(_unfound(parts))
-    if not any(part.given for part in parts):
-        notes.append("no variance was given: it is estimated from the residuals")
+        notes.append(_no_mode_note(parts))
+    if not any(part.has_variance for part in parts):
+        notes.append("the variance is estimated from the residuals, as none is given")
     windowed = added_damping_rate > 0.0 or any(part.measured.blur > 0.0 for part in parts)
     for mode in modes:
         f, zeta = mode.frequency_hz.value, mode.damping_ratio.value
@@ -373,39 +373,39 @@ def _notes(
             notes.append(f"the mode at {f:.5g} Hz has a damping not distinguishable from 0")
         spacing = min(line_spacing(part.measured.frequency_hz, f) for part in parts)
         if 0.0 < width < 2.0 * spacing:
-            doubt = "that of the window" if windowed else "known badly"
+            doubt = "due to the window" if windowed else "inaccurate"
             notes.append(
                 f"the peak at {f:.5g} Hz is {width:.2g} Hz wide, with lines {spacing:.2g} Hz "
                 f"apart: its damping may be {doubt}"
             )
-    if all(part.given for part in parts) and worth.scale > 2.0:
+    if all(part.has_variance for part in parts) and worth.scale > 2.0:
         notes.append(
-            f"the residual is {math.sqrt(worth.scale):.2g} times the noise that was stated: the "
-            "model lacks something; the uncertainties are enlarged by as much"
+            f"the residual is {math.sqrt(worth.scale):.2g} times the stated noise: the model is "
+            "incomplete; the uncertainties are increased by this factor"
         )
     if worth.lags.size:
-        notes.append("noise of neighbouring lines is correlated: the uncertainties contain that")
+        notes.append("noise of neighbouring lines is correlated: the uncertainties include this")
     if any(not np.array_equal(c, np.eye(c.shape[0])) for c in worth.shared):
-        notes.append("noise of the responses is correlated: the uncertainties contain that")
+        notes.append("noise of the responses is correlated: the uncertainties include this")
     return notes
 
 
-def _unfound(parts: Sequence[Prepared]) -> str:
-    """Say that there is no mode, and where a response has a peak all the same."""
-    found = []
+def _no_mode_note(parts: Sequence[Prepared]) -> str:
+    """Return a note that no mode was found, with the largest peak of the responses."""
+    peaks = []
     for part in parts:
         size = np.abs(part.measured.response).reshape(part.measured.frequency_hz.size, -1)
         above = size / np.maximum(np.median(size, axis=0), 1e-300)
         line, column = np.unravel_index(np.argmax(above), above.shape)
         half = int(np.count_nonzero(size[:, column] > size[line, column] / math.sqrt(2.0)))
-        found.append((float(above[line, column]), float(part.measured.frequency_hz[line]), half))
-    ratio, frequency, lines = max(found)
+        peaks.append((float(above[line, column]), float(part.measured.frequency_hz[line]), half))
+    ratio, frequency, lines = max(peaks)
     # over its median, a response of noise alone has no line as high as this
     peak = 5.0
     if ratio < peak:
-        return "no mode rises above the noise in the band"
+        return "no mode exceeds the noise in the band"
     return (
         f"no decaying mode explains the response, which peaks at {frequency:.5g} Hz, {ratio:.2g} "
-        f"times its median, with {lines} line{'s' * (lines > 1)} above half of its power: take "
-        "longer segments where these are few, or fit that peak in a band about it"
+        f"times its median, with {lines} line{'s' * (lines > 1)} above half of its power: use "
+        "longer segments if these are few, or fit that peak in a band about it"
     )

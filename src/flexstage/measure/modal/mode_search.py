@@ -49,14 +49,14 @@ _PART = 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Found:
-    """Modes that were found, not yet refined to the end."""
+class ModeSearch:
+    """Modes of a search, before the final refinement."""
 
     parts: tuple[Prepared, ...]
     """The responses, with the weights that they have now."""
     stabilisation: Stabilisation
     """Where the poles come from."""
-    shown: Complex
+    local_poles: Complex
     """Poles that the search began with [rad/s], shape (p,)."""
     basis: ModalBasis
     """The model."""
@@ -71,7 +71,7 @@ def search(
     band: tuple[float, float],
     count: int | None,
     guess: Sequence[float] | None,
-) -> Found:
+) -> ModeSearch:
     """Find the modes of responses.
 
     As many as are significant, or `count`; near each of the guesses [Hz] there is to be one,
@@ -84,16 +84,16 @@ def search(
     basis, theta = selected(template, start, blocks, count, guess or ())
     # noise in proportion to the response looks like modes until it is known, and two modes that are
     # taken for one look like such noise: so by turns
-    known = count is not None or all(part.kept for part in parts)
-    for turn in range(1 if known else 2):
-        progress.update("modes not yet seen", 0.4 + 0.2 * turn)
-        if not known:
+    is_complete = count is not None or all(part.has_final_weights for part in parts)
+    for turn in range(1 if is_complete else 2):
+        progress.update("search for further modes", 0.4 + 0.2 * turn)
+        if not is_complete:
             parts = _reweighted(parts, basis, theta)
         blocks = [part.block for part in parts]
         others = _others(diagram, basis.poles(theta)[:, 0])
         basis, theta = extended(basis, theta, blocks, others, count)
     progress.update("which are needed", 0.8)
-    if not known:
+    if not is_complete:
         parts = _reweighted(parts, basis, theta)
         basis, theta = pruned(basis, theta, [part.block for part in parts], None, guess or ())
     if count is None and guess is None:
@@ -104,17 +104,19 @@ def search(
         basis, theta = asked_for(basis, theta, [part.block for part in parts], guess)
     if count is not None and basis.count < count:
         raise ModelError(
-            f"{count} modes were asked for but only {basis.count} found from {band[0]:g} to "
-            f"{band[1]:g} Hz: ask for fewer, or guess their frequencies"
+            f"{count} modes were requested, but only {basis.count} found from {band[0]:g} to "
+            f"{band[1]:g} Hz: request fewer, or guess their frequencies"
         )
-    return Found(parts=parts, stabilisation=diagram, shown=start, basis=basis, theta=theta)
+    return ModeSearch(
+        parts=parts, stabilisation=diagram, local_poles=start, basis=basis, theta=theta
+    )
 
 
 def settled(
     parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
 ) -> tuple[tuple[Prepared, ...], Array]:
     """Fit to the end; where no variance was given, weights and fit in turn."""
-    turns = 1 if all(part.kept for part in parts) else 3
+    turns = 1 if all(part.has_final_weights for part in parts) else 3
     progress.update("fit", 0.9)
     for turn in range(turns):
         if basis.size:
@@ -143,13 +145,13 @@ def started(parts: Sequence[Prepared], band: tuple[float, float]) -> tuple[Stabi
             for i in range(one.response.shape[2])
         ]
     diagram = stabilised(lines, band=band)
-    shown, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
+    local, gains = zip(*(local_poles(one.frequency_hz, one.response) for one in lines), strict=True)
     likelier = np.concatenate(gains)
     # a pole that a window shows ranks with one that half of the orders have where it is this much
     # likelier than none
     sure_gain = 100.0
     poles = distinct(
-        np.concatenate([diagram.poles, *shown]),
+        np.concatenate([diagram.poles, *local]),
         np.concatenate([diagram.persistence, likelier / (likelier + sure_gain)]),
     )
     return diagram, poles
@@ -158,8 +160,8 @@ def started(parts: Sequence[Prepared], band: tuple[float, float]) -> tuple[Stabi
 def _others(diagram: Stabilisation, poles: Complex) -> Complex:
     """Poles of some orders, stable or not, that are not among those given."""
     last = len(diagram.orders) - 1
-    chosen = [diagram.orders[last * n // 6].poles for n in (6, 4, 3, 2)]
-    every = np.concatenate([poles, *chosen])
+    starts = [diagram.orders[last * n // 6].poles for n in (6, 4, 3, 2)]
+    every = np.concatenate([poles, *starts])
     # rank by turn: the given ones first, then those of high orders
     apart = distinct(every, -np.arange(float(every.size)))
     return apart[~np.isin(apart, poles)]
@@ -184,7 +186,9 @@ def _with_guess(
 def _reweighted(
     parts: tuple[Prepared, ...], basis: ModalBasis, theta: Array
 ) -> tuple[Prepared, ...]:
-    return tuple(part if part.kept else _weighted(part, basis, theta) for part in parts)
+    return tuple(
+        part if part.has_final_weights else _weighted(part, basis, theta) for part in parts
+    )
 
 
 def _weighted(part: Prepared, basis: ModalBasis, theta: Array) -> Prepared:
@@ -201,25 +205,27 @@ def search_with_sensor(
     template: ModalBasis,
     sensor: tuple[bool, bool, bool],
     options: dict[str, Any],
-) -> Found:
+) -> ModeSearch:
     """Fit delay and lag, and look for the modes once more in the responses without them.
 
     `sensor` says whether residues are real, and whether there are a delay and a lag.
     """
     real_modes, delay, lag = sensor
 
-    def whole(basis: ModalBasis) -> ModalBasis:
+    def with_sensor(basis: ModalBasis) -> ModalBasis:
         return replace(basis, real_modes=real_modes, delay=delay, lag=lag)
 
     # poles that stretches of a response show are there whatever turns its phase
     _, poles = started(parts, options["band"])
-    first = whole(replace(template, count=poles.size))
+    first = with_sensor(replace(template, count=poles.size))
     begins = [first.start(poles)]
     if delay:
         begins = likely_delays(first, begins[0], parts)
-    tried = [_searched(first, begin, parts, template, options, n) for n, begin in enumerate(begins)]
-    best = min(tried, key=lambda one: one.cost)
-    weighed = tuple(map(_weighed_as, parts, best.found.parts))
+    candidates = [
+        _searched(first, begin, parts, template, options, n) for n, begin in enumerate(begins)
+    ]
+    best = min(candidates, key=lambda one: one.cost)
+    weighed = tuple(map(_weighed_as, parts, best.result.parts))
     best = replace(best, cost=math.inf)
     # as long as the delay was not known, modes needed a phase of their own
     inner = replace(template, real_modes=real_modes)
@@ -233,14 +239,14 @@ def search_with_sensor(
     basis, theta = best.basis, best.theta
     if options["count"] is None and options["guess"] is None:
         basis, theta = cleaned(basis, theta, [part.block for part in weighed])
-    return replace(best.found, parts=weighed, basis=basis, theta=theta)
+    return replace(best.result, parts=weighed, basis=basis, theta=theta)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Late:
     """A fit with delay or lag on the way, and what it costs."""
 
-    found: Found
+    result: ModeSearch
     basis: ModalBasis
     theta: Array
     cost: float
@@ -256,13 +262,13 @@ def _searched(
 ) -> _Late:
     """Look for modes in responses without the delay and lag that are known; fit all together."""
     undone = tuple(without_sensor(basis, theta, part) for part in parts)
-    # nobody knows how often it is looked for again: each time is a part of what is left
+    # the number of searches is unknown: each one is a share of the remaining progress
     with progress.subtask(1.0 - _PART**number, 1.0 - _PART ** (number + 1)):
-        found = search(undone, template, **options)
-    more = replace(basis, count=found.basis.count)
-    start = np.concatenate([found.theta, theta[2 * basis.count :]])
+        match = search(undone, template, **options)
+    more = replace(basis, count=match.basis.count)
+    start = np.concatenate([match.theta, theta[2 * basis.count :]])
     trial, total = joined(more, start, parts)
-    return _Late(found=found, basis=more, theta=trial, cost=_cost(more, total, parts))
+    return _Late(result=match, basis=more, theta=trial, cost=_cost(more, total, parts))
 
 
 def _cost(basis: ModalBasis, total: float, parts: Sequence[Prepared]) -> float:
@@ -287,19 +293,19 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
     blocks = [part.block for part in parts]
     coarse = [_fewer(block) for block in blocks]
     top = max(float(block.s[-1].imag) for block in blocks)
-    own = 2 * basis.count
+    pole_parameters = 2 * basis.count
     delays = np.zeros(1)
     if basis.delay:
-        delays = theta[own] + 2.0 * math.pi / top * _NEAR
+        delays = theta[pole_parameters] + 2.0 * math.pi / top * _NEAR
     starts: list[tuple[float, Array]] = []
     for lag in np.append(_LAGS / top, theta[-1]) if basis.lag else np.zeros(1):
         trials = np.repeat(theta[None], delays.size, axis=0)
         if basis.lag:
             trials[:, -1] = lag
         if basis.delay:
-            trials[:, own] = delays
-        tried = list(zip(_totals(basis, trials, coarse).tolist(), trials, strict=True))
-        starts += sorted(tried, key=lambda item: item[0])[: 1 if basis.lag else _STARTS]
+            trials[:, pole_parameters] = delays
+        candidates = list(zip(_totals(basis, trials, coarse).tolist(), trials, strict=True))
+        starts += sorted(candidates, key=lambda item: item[0])[: 1 if basis.lag else _STARTS]
     best, least = min(starts, key=lambda item: item[0])[1], math.inf
     for _, start in starts:
         trial, total = minimise(basis, start, blocks, rough=True)
@@ -309,7 +315,7 @@ def joined(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> tuple[
 
 
 def likely_delays(basis: ModalBasis, theta: Array, parts: Sequence[Prepared]) -> list[Array]:
-    """Return parameters with delays that explain responses better than those beside them."""
+    """Return parameters with delays that explain responses better than neighbouring delays."""
     coarse = [_fewer(part.block) for part in parts]
     top = max(float(block.s[-1].imag) for block in coarse)
     trials = np.repeat(theta[None], _DELAYS.size, axis=0)
@@ -331,17 +337,21 @@ def _totals(basis: ModalBasis, trials: Array, blocks: Sequence[ResponseBlock]) -
         now = eliminate(basis, trials[0], block)
         turned = np.exp(block.s[:, None] * turns)
         inverse = np.broadcast_to(now.inverse, (block.values.shape[1], *now.inverse.shape[1:]))
-        for values, square, own in zip(block.values.T, now.square.T, inverse, strict=True):
+        for values, square, inverse_block in zip(
+            block.values.T, now.square.T, inverse, strict=True
+        ):
             right = (now.functions.conj().T @ (turned * (square * values)[:, None])).real
-            totals += float(square @ np.abs(values) ** 2) - np.sum(right * (own @ right), axis=0)
+            totals += float(square @ np.abs(values) ** 2) - np.sum(
+                right * (inverse_block @ right), axis=0
+            )
     return totals
 
 
-def likelier(late: Found, found: Found) -> bool:
+def likelier(late: ModeSearch, match: ModeSearch) -> bool:
     """Whether one model is better than another, by the weights of the first."""
     blocks = [part.block for part in late.parts]
     costs = []
-    for one in (late, found):
+    for one in (late, match):
         total = minimise(one.basis, one.theta, blocks, rough=True)[1]
         costs.append(_cost(one.basis, total, late.parts))
     return costs[0] < costs[1]
@@ -360,7 +370,7 @@ def steady_phase(poles: Complex, template: ModalBasis, parts: Sequence[Prepared]
     if delay * band < _LEAST_TURN or with_it > _FAR_BETTER * without:
         return ""
     return (
-        f"the phase falls by some {360.0e3 * delay:.2g} deg per kHz, as of a delay of "
+        f"the phase falls by about {360.0e3 * delay:.2g} deg per kHz, as for a delay of "
         f"{readable('s', delay, digits=2)}"
     )
 

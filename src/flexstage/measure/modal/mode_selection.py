@@ -26,9 +26,9 @@ LEAST_DAMPING, MOST_DAMPING = 1e-7, 9.0
 # half-power widths within which one pole may stand for two, and how many such are tried
 _SIDE, _TRIALS = 3.0, 3
 # damping below which a pole makes a peak, and correlation of residues that tells no two modes apart
-_PEAKED, _ALIKE = 0.5**0.5, 0.9
-# a pole beside those asked for takes part where what is left falls to half by it, and on the peak
-# of one of those only where it is so many times as wide
+_PEAKED, _CORRELATION = 0.5**0.5, 0.9
+# a pole next to the requested ones is included if it halves the residual, and on the peak of one of
+# those only if it is wider by this factor
 _EARNED, _BROAD = 1.0, 10.0
 # of more poles than the first, those are refined that a change is near to, so many; and lines that
 # each of their factors is to have
@@ -43,21 +43,23 @@ def significances(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBloc
     With the poles of the others as they are, shape (count,).
     """
     falls = np.zeros(basis.count)
-    found = [eliminate(basis, theta, block) for block in blocks]
-    for now in found:
+    eliminated = [eliminate(basis, theta, block) for block in blocks]
+    for now in eliminated:
         for r in range(basis.count):
-            own = slice(basis.per_mode * r, basis.per_mode * (r + 1))
-            factors = now.factors[own].T[:, :, None]
-            falls[r] += float(np.sum(factors * np.linalg.solve(now.inverse[:, own, own], factors)))
-    return falls / noise_level(basis, blocks, found)
+            columns = slice(basis.per_mode * r, basis.per_mode * (r + 1))
+            factors = now.factors[columns].T[:, :, None]
+            falls[r] += float(
+                np.sum(factors * np.linalg.solve(now.inverse[:, columns, columns], factors))
+            )
+    return falls / noise_level(basis, blocks, eliminated)
 
 
 def noise_level(
-    basis: ModalBasis, blocks: Sequence[ResponseBlock], found: Sequence[Eliminated]
+    basis: ModalBasis, blocks: Sequence[ResponseBlock], eliminated: Sequence[Eliminated]
 ) -> float:
     """Return the mean square of noise, times by how much more it may look like a mode."""
     total, lagged, counted = 0.0, 0.0, 0
-    for block, now in zip(blocks, found, strict=True):
+    for block, now in zip(blocks, eliminated, strict=True):
         noise = now.residual * block.weights
         total += now.total
         lagged += float(np.sum(noise[:-1] * noise[1:].conj()).real)
@@ -173,15 +175,15 @@ def refined(
     pairs = theta.reshape(-1, 2).copy()
     off = np.abs(pairs[:, 0] - changed)
     near = np.argsort(off, kind="stable")[:_NEIGHBOURS]
-    # a pole at the end of the lines would be told by a half of its peak
+    # a pole at the end of the lines would be determined by half of its peak
     reach = np.sort(off)[min(2 * _NEIGHBOURS, off.size - 1)]
     few = replace(basis, count=near.size)
     parts = []
     for block in blocks:
         now = eliminate(basis, theta, block)
         factors = now.factors.copy()
-        own = basis.per_mode * near[:, None] + np.arange(basis.per_mode)
-        factors[own.ravel()] = 0.0
+        columns = basis.per_mode * near[:, None] + np.arange(basis.per_mode)
+        factors[columns.ravel()] = 0.0
         factors[basis.per_mode * basis.count :] = 0.0
         away = np.abs(block.s.imag - changed)
         lines = np.argsort(away, kind="stable")
@@ -196,16 +198,16 @@ def refined(
 def _spared(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], strength: Array
 ) -> tuple[ModalBasis, Array, float] | None:
-    """Return the model without a pole whose part one beside it can take, and where that was."""
+    """Return the model without a pole that a neighbour can replace, and the place of that pole."""
     poles = basis.poles(theta)[:, 0]
     width = -poles.real
     apart = np.abs(poles.imag[:, None] - poles.imag[None, :])
     near = apart < _SIDE * np.maximum(width[:, None], width[None, :])
     np.fill_diagonal(near, False)
     close = [int(n) for n in np.argsort(strength) if near[n].any() and np.isfinite(strength[n])]
-    found = [eliminate(basis, theta, block) for block in blocks]
-    total = sum(now.total for now in found)
-    allowed = total + threshold(basis, blocks) * noise_level(basis, blocks, found)
+    eliminated = [eliminate(basis, theta, block) for block in blocks]
+    total = sum(now.total for now in eliminated)
+    allowed = total + threshold(basis, blocks) * noise_level(basis, blocks, eliminated)
     for n in close[:_TRIALS]:
         fewer, start = without(basis, theta, [n])
         trial, value = refined(fewer, start, blocks, theta[2 * n])
@@ -256,24 +258,26 @@ def asked_for(
     model lacks is, and a pole that stands on the peak of another takes a part of its damping.
     """
     places = [nearest_pole(basis, theta, frequency) for frequency in guess]
-    own = list(dict.fromkeys(place for place in places if place is not None))
-    order = [*own, *(n for n in range(basis.count) if n not in own)]
+    distinct_places = list(dict.fromkeys(place for place in places if place is not None))
+    order = [*distinct_places, *(n for n in range(basis.count) if n not in distinct_places)]
     theta = theta.reshape(-1, 2)[order].ravel()
     while True:
         theta = minimise(basis, theta, blocks, rough=True)[0]
-        if basis.count == len(own):
+        if basis.count == len(distinct_places):
             return basis, rising(theta)
         poles = basis.poles(theta)[:, 0]
         width, place = -poles.real, poles.imag
-        found = [eliminate(basis, theta, block) for block in blocks]
-        total = sum(now.total for now in found)
-        earned = significances(basis, theta, blocks) * noise_level(basis, blocks, found) / total
-        for n in range(len(own), basis.count):
-            wide = np.maximum(width[n], width[: len(own)])
-            shared = np.abs(place[n] - place[: len(own)]) < _SIDE * wide
-            if np.any(shared & (width[n] < _BROAD * width[: len(own)])):
+        eliminated = [eliminate(basis, theta, block) for block in blocks]
+        total = sum(now.total for now in eliminated)
+        earned = (
+            significances(basis, theta, blocks) * noise_level(basis, blocks, eliminated) / total
+        )
+        for n in range(len(distinct_places), basis.count):
+            wide = np.maximum(width[n], width[: len(distinct_places)])
+            shared = np.abs(place[n] - place[: len(distinct_places)]) < _SIDE * wide
+            if np.any(shared & (width[n] < _BROAD * width[: len(distinct_places)])):
                 earned[n] = 0.0
-        weakest = len(own) + int(np.argmin(earned[len(own) :]))
+        weakest = len(distinct_places) + int(np.argmin(earned[len(distinct_places) :]))
         if earned[weakest] > _EARNED:
             return basis, rising(theta)
         basis, theta = without(basis, theta, [weakest])
@@ -296,15 +300,19 @@ def _needless(
         if strength[a] < strength[b] and abs(poles[a].imag - poles[b].imag) < half:
             first, second = (_residues(basis, theta, now, int(n)) for n in (a, b))
             size = np.vdot(first, first).real * np.vdot(second, second).real
-            out[a] |= bool(abs(np.vdot(first, second)) ** 2 > _ALIKE * size)
+            out[a] |= bool(abs(np.vdot(first, second)) ** 2 > _CORRELATION * size)
     return out
 
 
-def _residues(basis: ModalBasis, theta: Array, found: Sequence[Eliminated], mode: int) -> Complex:
+def _residues(
+    basis: ModalBasis, theta: Array, eliminated: Sequence[Eliminated], mode: int
+) -> Complex:
     """Residues of a mode in all responses."""
-    own = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
+    columns = slice(basis.per_mode * mode, basis.per_mode * (mode + 1))
     weights = basis.residue_weights(theta, mode)
-    return np.concatenate([(weights / now.scale[own]) @ now.factors[own] for now in found])
+    return np.concatenate(
+        [(weights / now.scale[columns]) @ now.factors[columns] for now in eliminated]
+    )
 
 
 def _thinned(
@@ -326,12 +334,12 @@ def distinct(poles: Complex, rank: Array) -> Complex:
 
     Those that are left are half of their decay rate apart at least, and rise in frequency.
     """
-    kept: list[complex] = []
+    retained: list[complex] = []
     for n in np.argsort(-rank, kind="stable"):
         pole = complex(poles[n])
-        if all(abs(pole - k) > 0.5 * max(-pole.real, -k.real) for k in kept):
-            kept.append(pole)
-    return np.array(sorted(kept, key=abs), dtype=np.complex128)
+        if all(abs(pole - k) > 0.5 * max(-pole.real, -k.real) for k in retained):
+            retained.append(pole)
+    return np.array(sorted(retained, key=abs), dtype=np.complex128)
 
 
 def extended(
@@ -346,9 +354,9 @@ def extended(
     `count` is how many there are to be; None adds all that are significant.
     """
     while count is None or basis.count < count:
-        own = basis.poles(theta)[:, 0]
-        every = np.concatenate([candidates, _halves(own), _peaks(basis, theta, blocks)])
-        every = every[_apart(every, own)]
+        poles_now = basis.poles(theta)[:, 0]
+        every = np.concatenate([candidates, _halves(poles_now), _peaks(basis, theta, blocks)])
+        every = every[_apart(every, poles_now)]
         if not every.size:
             break
         falls, level = _falls(basis, theta, blocks, every)
@@ -367,7 +375,7 @@ def extended(
 def _added(
     basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], poles: Complex, needed: float
 ) -> tuple[ModalBasis, Array] | None:
-    """Return the model with the first of some poles that is a mode beside the others."""
+    """Return the model with the first of some poles that is a further mode."""
     more = replace(basis, count=basis.count + 1)
     for pole in poles:
         single = replace(basis, count=1).start(np.array([pole]))
@@ -394,7 +402,7 @@ def _apart(candidates: Complex, poles: Complex) -> NDArray[np.bool_]:
 
 def _peaks(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> Complex:
     """Poles at the frequencies where the residual is largest over some lines."""
-    found = []
+    peaks = []
     # damping that a peak of the residual is tried with
     peak_damping = 0.005
     for block in blocks:
@@ -408,8 +416,8 @@ def _peaks(basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock]) -> 
             mean = np.convolve(power, np.full(width, 1.0 / width), "same")
             top = omega[int(np.argmax(mean))]
             spacing = float(omega[-1] - omega[0]) / (omega.size - 1)
-            found.append(complex(-max(width * spacing, peak_damping * top), top))
-    return np.array(found, dtype=np.complex128)
+            peaks.append(complex(-max(width * spacing, peak_damping * top), top))
+    return np.array(peaks, dtype=np.complex128)
 
 
 def _falls(
@@ -429,9 +437,9 @@ def _falls(
         crossed, owned = gram_of(now.functions, pairs, square), gram_of(pairs, pairs, square)
         for n in range(candidates.size):
             pair = slice(basis.per_mode * n, basis.per_mode * (n + 1))
-            cross, own = crossed[:, :, pair], owned[:, pair, pair]
-            left = own - cross.transpose(0, 2, 1) @ now.inverse @ cross
+            cross, self_term = crossed[:, :, pair], owned[:, pair, pair]
+            left = self_term - cross.transpose(0, 2, 1) @ now.inverse @ cross
             # a candidate like one that is there has nothing of its own
-            lifted = left + 1e-9 * own * np.eye(own.shape[1])
+            lifted = left + 1e-9 * self_term * np.eye(self_term.shape[1])
             falls[n] += float(np.sum(right[:, pair] * np.linalg.solve(lifted, right[:, pair])))
     return falls, max(total / max(values - basis.size, 1), rounding_level(blocks))

@@ -55,8 +55,8 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
     columns = response.reshape(lines, -1)
     poles: list[Complex] = [np.zeros(0, dtype=np.complex128)]
     gains: list[Array] = [np.zeros(0)]
-    # twice the logarithm of the likelihood by which a pole must be better than a cubic, beside
-    # that for the number of windows
+    # twice the logarithm of the likelihood by which a pole must be better than a cubic, in addition
+    # to that for the number of windows
     least_gain = 12.0
     for width in _WINDOWS:
         if width > lines:
@@ -78,8 +78,8 @@ def local_poles(frequency_hz: Array, response: Complex) -> tuple[Complex, Array]
                 fewer = _rational(x[:, some], h[:, some], count - 1, total - count)[0]
                 floor = 1e-24 * np.sum(np.abs(h[:, some]) ** 2, axis=0) + 1e-300
                 gain = 2.0 * (width - total) * np.log((fewer + floor) / (more[some] + floor))
-                shown = gain > least_gain + 2.0 * math.log(lines)
-                for at, within in zip(roots[:, some], inside[:, some] & shown, strict=True):
+                significant = gain > least_gain + 2.0 * math.log(lines)
+                for at, within in zip(roots[:, some], inside[:, some] & significant, strict=True):
                     f = (middle[some] + scale[some] * at)[within]
                     poles.append(2.0 * math.pi * (1j * f.real - f.imag))
                     gains.append(gain[within])
@@ -110,8 +110,10 @@ def _rational(x: Array, h: Complex, count: int, degree: int) -> tuple[Array, Com
         # the last unknowns come first in the triangle
         for n in reversed(range(count)):
             at = degree + 1 + n
-            known = np.einsum("nk,nk->k", r[at, at + 1 : terms], below[n + 1 :])
-            below[n] = np.where(sure, (r[at, terms] - known) / np.where(sure, r[at, at], 1.0), 0.0)
+            partial_sum = np.einsum("nk,nk->k", r[at, at + 1 : terms], below[n + 1 :])
+            below[n] = np.where(
+                sure, (r[at, terms] - partial_sum) / np.where(sure, r[at, at], 1.0), 0.0
+            )
         denominator = 1.0 + sum((below[n] * x ** (n + 1) for n in range(count)), 0.0)
         # a pole on a line itself would weigh it without end
         denominator = np.where(np.abs(denominator) < 1e-3, 1e-3, denominator)
@@ -166,7 +168,7 @@ def moving_mean(values: Array, width: int) -> Array:
 _POWERS = {"m": 0, "m/s": 1, "m/s^2": 2, "rad": 0, "rad/s": 1, "rad/s^2": 2}
 # correlation of the errors of neighbouring lines, of noise on both sides under a Hann window: the
 # square of that of its own transform, 2/3
-_ALIKE = 4.0 / 9.0
+_CORRELATION = 4.0 / 9.0
 # a residual this far below the response is rounding
 _ROUNDING = 1e-10
 # gain of the logarithm of the likelihood of a line, from which on noise is not even
@@ -175,19 +177,19 @@ _UNEVEN = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """One response in the form that the fit takes."""
+    """One response in the form for the fit."""
 
     measured: MeasuredResponse
     """The lines in the band."""
     powers: tuple[int, ...]
-    """For each output, how often it is derived by time."""
+    """Order of the time derivative of each output."""
     deviation: Array
     """Expected rms of the error of each value, up to a common factor, shape (k, outputs, inputs).
     """
-    given: bool
-    """Whether the variance was given, so that the factor should be 1."""
-    kept: bool
-    """Whether the weights stay what they are, given or chosen, whatever the fit leaves."""
+    has_variance: bool
+    """Whether the variance is known, so that the factor should be 1."""
+    has_final_weights: bool
+    """Whether the weights do not change with the residuals of the fit."""
     scatter: Array
     """How neighbouring lines scatter, shape (k, outputs, inputs)."""
     block: ResponseBlock
@@ -202,15 +204,17 @@ def prepared(
 ) -> tuple[Prepared, ...]:
     """Make responses ready for a fit.
 
-    Lines count by their variance, all alike, or by the inverse of their magnitude. Outputs
+    Lines count by their variance, equally, or by the inverse of their magnitude. Outputs
     whose unit is none of motion are displacements; `reference` makes numbers of size 1 [rad/s].
     """
     if weighting not in ("variance", "uniform", "relative"):
-        raise ModelError(f"weighting is 'variance', 'uniform' or 'relative', got {weighting!r}")
+        raise ModelError(
+            f"the weighting must be 'variance', 'uniform' or 'relative', got {weighting!r}"
+        )
     out = []
     for response in responses:
-        whole = _parted(response)
-        part = whole if band is None else whole.between(*band)
+        split = _parted(response)
+        part = split if band is None else split.between(*band)
         keep = part.frequency_hz > 0.0
         if keep.sum() < 8:
             raise RecordError(
@@ -221,9 +225,9 @@ def prepared(
         size = np.sqrt(np.mean(np.abs(part.response) ** 2, axis=0))
         if np.any(size == 0.0):
             dead = part.outputs[int(np.argwhere(size == 0.0)[0, 0])]
-            raise RecordError(f"output '{dead}' is zero throughout: is its sensor connected?")
+            raise RecordError(f"output '{dead}' is always zero: is its sensor connected?")
         deviation = deviations(part) if weighting == "variance" else None
-        given = deviation is not None
+        has_variance = deviation is not None
         scatter = line_scatter(part.frequency_hz, part.response)
         if deviation is None:
             deviation = _first(part, scatter, size, weighting)
@@ -234,8 +238,8 @@ def prepared(
                 measured=part,
                 powers=powers,
                 deviation=deviation,
-                given=given,
-                kept=given or weighting != "variance",
+                has_variance=has_variance,
+                has_final_weights=has_variance or weighting != "variance",
                 scatter=scatter,
                 block=_block(part, powers, deviation, reference),
             )
@@ -285,7 +289,7 @@ def _noises(square: Array, signal: Array, scatter: Array, left: Array) -> Array:
     shape = np.maximum(scatter, 1e-12 * scatter.max())
     if shape.max() == 0.0:
         return even
-    # a window makes lines scatter less, but all alike; what a model lacks is of some lines alone
+    # a window reduces the scatter of all lines equally; model errors occur only in some lines
     middle, high = np.quantile(square / (shape * left), (0.5, 0.9))
     # a tenth of squares of noise is above 3.3 of their median
     reached = 6.0
@@ -336,7 +340,7 @@ def deviations(part: MeasuredResponse) -> Array | None:
         variance = np.maximum(_averaged(variance - sharp, width | 1), 0.0) + sharp
     finite = np.where(np.isfinite(variance), variance, np.nan)
     if np.all(np.isnan(finite)):
-        raise RecordError("the variance of a response must be finite at some lines at least")
+        raise RecordError("the variance of a response must be finite at least at some lines")
     middle = np.nanmedian(finite, axis=0)
     if np.any(middle == 0.0):
         # free of noise: nothing tells one line from another
@@ -361,9 +365,9 @@ def _parted(response: MeasuredResponse) -> MeasuredResponse:
     h[inner] -= half * (h[2:] - 2.0 * response.response[inner] + response.response[:-2])
     variance = response.variance
     if variance is not None:
-        # errors of neighbouring lines under such a window are alike in part
-        own = 1.0 + 2.0 * half
-        growth = own**2 + 2.0 * half**2 - 4.0 * own * half * _ALIKE
+        # errors of neighbouring lines under such a window are correlated
+        width = 1.0 + 2.0 * half
+        growth = width**2 + 2.0 * half**2 - 4.0 * width * half * _CORRELATION
         variance = variance.copy()
         variance[inner] *= growth
     return replace(response, response=h, variance=variance, blur=0.0)
@@ -399,8 +403,8 @@ def _share_of_response(variance: Array, response: Complex) -> Array:
 def _averaged(values: Array, width: int) -> Array:
     """The mean over neighbouring lines, of those that are finite."""
     finite = np.isfinite(values)
-    known = np.where(finite, values, np.nanmax(values[finite]))
-    return np.where(finite, moving_mean(known, width), values)
+    finite_values = np.where(finite, values, np.nanmax(values[finite]))
+    return np.where(finite, moving_mean(finite_values, width), values)
 
 
 def _block(

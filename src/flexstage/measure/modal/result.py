@@ -140,8 +140,8 @@ class ModalFit:
         out = np.empty((s.size, *one.factors.shape[:2]))
         for o, i in np.ndindex(*one.factors.shape[:2]):
             slopes = self.basis.derivatives(self.theta, s, functions, one.factors[o, i][:, None])
-            whole = np.concatenate([slopes[:, :, 0].T, functions], axis=1)
-            square = np.einsum("kp,pq,kq->k", whole, one.covariance[o, i], whole.conj()).real
+            jacobian = np.concatenate([slopes[:, :, 0].T, functions], axis=1)
+            square = np.einsum("kp,pq,kq->k", jacobian, one.covariance[o, i], jacobian.conj()).real
             out[:, o, i] = np.sqrt(np.maximum(square, 0.0))
         return out * np.abs(self._motion(s, one))[:, :, None]
 
@@ -206,12 +206,12 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
     imaginary part, shape (outputs, 2).
     """
     outputs, inputs = residues.shape
-    known = np.isfinite(residues)
+    is_finite = np.isfinite(residues)
     # the inputs that all outputs answer to, else the one that most do
-    use = known.all(axis=0)
+    use = is_finite.all(axis=0)
     if not use.any():
-        use = np.arange(inputs) == int(np.argmax(known.sum(axis=0)))
-    rows = known[:, use].all(axis=1)
+        use = np.arange(inputs) == int(np.argmax(is_finite.sum(axis=0)))
+    rows = is_finite[:, use].all(axis=1)
     part = residues[np.ix_(rows, use)]
     _, _, right = np.linalg.svd(part, full_matrices=False)
     weights = right[0].conj()
@@ -223,11 +223,11 @@ def shape_from_residues(residues: Complex, covariance: Array) -> tuple[Complex, 
         return shape, spread
     values = mean / mean[largest]
     shape[rows] = values
-    chosen, taken = np.flatnonzero(rows), np.flatnonzero(use)
-    for n, o in enumerate(chosen):
+    row_indices, column_indices = np.flatnonzero(rows), np.flatnonzero(use)
+    for n, o in enumerate(row_indices):
         slope = np.zeros((outputs, inputs), dtype=np.complex128)
-        slope[o, taken] += weights / mean[largest]
-        slope[chosen[largest], taken] -= values[n] * weights / mean[largest]
+        slope[o, column_indices] += weights / mean[largest]
+        slope[row_indices[largest], column_indices] -= values[n] * weights / mean[largest]
         spread[o] = _spread_of_parts(slope.ravel(), covariance)
     return shape, spread
 
@@ -246,6 +246,6 @@ def noisy_estimate(
     value: float, uncertainty: float, unit: str, degrees_of_freedom: float, clock: float = 0.0
 ) -> Estimate:
     """Return a figure that noise makes uncertain, and `clock` the sample rate."""
-    found = Estimate.of(value, uncertainty, unit, degrees_of_freedom=degrees_of_freedom)
+    estimate = Estimate.of(value, uncertainty, unit, degrees_of_freedom=degrees_of_freedom)
     rate = Component(name="sample rate", uncertainty=clock, kind="B")
-    return found.plus(rate) if clock > 0.0 else found
+    return estimate.plus(rate) if clock > 0.0 else estimate

@@ -49,9 +49,9 @@ def poles_by_order(
     XXI). With one input it is the common-denominator estimator. z = exp(-i omega T), in which that
     choice makes poles of the noise unstable (Cauberghe, Guillaume, Verboven, Vanlanduit and Parloo,
     2005, Mechanical Systems and Signal Processing 19). The poles are in rad/s. Complex coefficients
-    see the band [Hz] alone, laid round the unit circle; real ones see all frequencies from 0 to its
-    end, laid along half of it with the negative ones beside them, and their poles are those above
-    the frequency 0.
+    use only the band [Hz], mapped to the unit circle; real ones use all frequencies from 0 to its
+    end, mapped to half of it with the negative ones on the other half, and their poles are those
+    above the frequency 0.
     """
     inputs = parts[0].response.shape[2]
     top = int(orders[-1])
@@ -72,7 +72,7 @@ def poles_by_order(
         rows.append(cross)
     projected = np.concatenate(rows)
     base = total
-    found = []
+    by_order = []
     reached = -1
     for order in orders:
         for k in range(reached + 1, order + 1):
@@ -83,8 +83,8 @@ def poles_by_order(
         roots = roots[np.abs(roots) > 0.0]
         poles: Complex = np.asarray(-np.log(roots) / step, dtype=np.complex128)
         poles = poles[poles.imag > 0.0] if real else _unwrapped(poles, step)
-        found.append(np.sort_complex(poles + 2j * math.pi * origin))
-    return tuple(found)
+        by_order.append(np.sort_complex(poles + 2j * math.pi * origin))
+    return tuple(by_order)
 
 
 def _moments(
@@ -92,7 +92,7 @@ def _moments(
 ) -> tuple[Any, Any]:
     """Return sum Y^H W Y over outputs, and L^-1 X^H W Y of each, where L L^H = X^H W X.
 
-    With negative frequencies beside the positive ones, all sums are real.
+    With negative frequencies in addition to the positive ones, all sums are real.
 
     As row k of the second depends on powers up to k only, its first rows are those of lower orders:
     one set of equations gives all of them.
@@ -123,8 +123,8 @@ def _moments(
             lower = np.linalg.cholesky(r)
         except np.linalg.LinAlgError:
             raise ModelError(
-                f"the lines of the band, as they are weighted, do not tell powers of order {top} "
-                "apart: lower the order, or widen the band"
+                f"the weighted lines of the band do not separate powers of order {top}: lower the "
+                "order, or widen the band"
             ) from None
         s = first[o][:, difference].transpose(1, 2, 0).reshape(top + 1, -1)
         cross[o] = solve_triangular(lower, s, lower=True).reshape(top + 1, top + 1, inputs)
@@ -312,7 +312,7 @@ def stabilised(
     if not ladder or ladder[0] < 1 or any(b <= a for a, b in itertools.pairwise(ladder)):
         raise ModelError(f"orders must be positive and rise, got {ladder}")
     all_poles = poles_by_order(lines, ladder, band, coefficients)
-    found: list[OrderPoles] = []
+    by_order: list[OrderPoles] = []
     for order, poles in zip(ladder, all_poles, strict=True):
         size = np.abs(poles)
         physical = (
@@ -322,13 +322,13 @@ def stabilised(
             & (size >= 2.0 * math.pi * band[0])
             & (size <= 2.0 * math.pi * band[1])
         )
-        kept = poles[physical]
-        kept = kept[np.argsort(np.abs(kept), kind="stable")]
-        before = found[-1].poles if found else kept[:0]
-        found.append(_compared(order, kept, before, tolerances))
-    poles, persistence = _clusters(found, tolerances)
+        selected = poles[physical]
+        selected = selected[np.argsort(np.abs(selected), kind="stable")]
+        before = by_order[-1].poles if by_order else selected[:0]
+        by_order.append(_compared(order, selected, before, tolerances))
+    poles, persistence = _clusters(by_order, tolerances)
     return Stabilisation(
-        orders=tuple(found),
+        orders=tuple(by_order),
         band=band,
         poles=poles,
         persistence=persistence,
@@ -353,11 +353,11 @@ def _compared(
 
 
 def _clusters(
-    found: Sequence[OrderPoles], tolerances: tuple[float, float]
+    by_order: Sequence[OrderPoles], tolerances: tuple[float, float]
 ) -> tuple[Complex, Array]:
     """Follow stable poles from order to order, each track taking the nearest of the next one."""
     tracks: list[list[tuple[int, complex]]] = []
-    for step, entry in enumerate(found):
+    for step, entry in enumerate(by_order):
         free = list(entry.poles[entry.stable_damping])
         for track in tracks:
             if not free:
@@ -368,16 +368,16 @@ def _clusters(
             if distance[nearest] <= 1.0:
                 track.append((step, free.pop(nearest)))
         tracks += [[(step, pole)] for pole in free]
-    chosen = []
+    selected = []
     for track in tracks:
-        share = len(track) / (len(found) - track[0][0])
+        share = len(track) / (len(by_order) - track[0][0])
         if len(track) >= 3 and share >= 0.5:
             members: Complex = np.array([pole for _, pole in track], dtype=np.complex128)
-            chosen.append((complex(np.median(members.real), np.median(members.imag)), share))
-    chosen.sort(key=lambda item: abs(item[0]))
+            selected.append((complex(np.median(members.real), np.median(members.imag)), share))
+    selected.sort(key=lambda item: abs(item[0]))
     return (
-        np.array([pole for pole, _ in chosen], dtype=np.complex128),
-        np.array([share for _, share in chosen], dtype=np.float64),
+        np.array([pole for pole, _ in selected], dtype=np.complex128),
+        np.array([share for _, share in selected], dtype=np.float64),
     )
 
 

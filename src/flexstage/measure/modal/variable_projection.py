@@ -10,8 +10,8 @@ from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ConvergenceError
 
 _ITERATIONS = 60
-# as many more are given to what is hardly told apart, as long as the sum falls by more than this,
-# over the mean square of noise: 0.01 of a standard uncertainty of one parameter
+# further iterations for hardly separable poles, while the sum falls by more than this, over the
+# mean square of noise: 0.01 of a standard uncertainty of one parameter
 _MORE, _WORTH = 240, 1e-4
 _STEP = 1e-12
 # least relative fall of the sum of squares that another iteration is worth
@@ -44,7 +44,7 @@ class ModalBasis:
     residuals: bool = True
     """Whether u and l are in it."""
     real_modes: bool = False
-    """Whether the b_r are left out, as in a system with proportional damping."""
+    """Whether the b_r are omitted, as in a system with proportional damping."""
 
     @property
     def size(self) -> int:
@@ -89,10 +89,10 @@ class ModalBasis:
         """
         out = np.empty((self.size, s.size, factors.shape[1]), dtype=np.complex128)
         for r, (w, zeta) in enumerate(theta[: 2 * self.count].reshape(-1, 2)):
-            own = slice(self.per_mode * r, self.per_mode * (r + 1))
-            over = functions[:, own] / (s * s + 2.0 * zeta * w * s + w * w)[:, None]
-            out[2 * r] = (over * (-2.0 * zeta * s - 2.0 * w)[:, None]) @ factors[own]
-            out[2 * r + 1] = (over * (-2.0 * w * s)[:, None]) @ factors[own]
+            columns = slice(self.per_mode * r, self.per_mode * (r + 1))
+            over = functions[:, columns] / (s * s + 2.0 * zeta * w * s + w * w)[:, None]
+            out[2 * r] = (over * (-2.0 * zeta * s - 2.0 * w)[:, None]) @ factors[columns]
+            out[2 * r + 1] = (over * (-2.0 * w * s)[:, None]) @ factors[columns]
         if self.delay or self.lag:
             value = functions @ factors
             if self.delay:
@@ -281,24 +281,27 @@ def gram_of(left: Complex, right: Complex, square: Array) -> Array:
     # one response after the other, as all products at once take more memory than a cache holds
     roots, memory = np.sqrt(np.concatenate([square, square])).T[:, :, None], np.empty_like(second)
     out = np.empty((square.shape[1], first.shape[1], second.shape[1]))
-    for own, root in zip(out, roots, strict=True):
+    for block, root in zip(out, roots, strict=True):
         if left is right:
             # the product of a matrix with itself takes half of the time
-            own[:] = np.multiply(root, first, out=memory).T @ memory
+            block[:] = np.multiply(root, first, out=memory).T @ memory
         else:
-            own[:] = first.T @ np.multiply(root**2, second, out=memory)
+            block[:] = first.T @ np.multiply(root**2, second, out=memory)
     return out
 
 
 def _normal(
-    basis: ModalBasis, theta: Array, blocks: Sequence[ResponseBlock], found: Sequence[Eliminated]
+    basis: ModalBasis,
+    theta: Array,
+    blocks: Sequence[ResponseBlock],
+    eliminated: Sequence[Eliminated],
 ) -> tuple[Array, Array]:
     """Return the half gradient with the sign changed, and J^T J."""
     gradient = np.zeros(basis.size)
     square = np.zeros((basis.size, basis.size))
     # lines that are taken at a time, so that their derivatives stay in the memory nearby
     piece = 1024
-    for block, now in zip(blocks, found, strict=True):
+    for block, now in zip(blocks, eliminated, strict=True):
         factors = now.factors / now.scale[:, None]
         inside = np.zeros((block.values.shape[1], basis.linear, basis.size))
         for first in range(0, block.s.size, piece):
@@ -342,7 +345,7 @@ def remaining(basis: ModalBasis, theta: Array, block: ResponseBlock, now: Elimin
     which = np.zeros(block.values.shape[1], dtype=np.intp) if shared else slice(None)
     inverse = now.inverse[which]
     half = now.functions @ inverse
-    taken = np.einsum("mkr,kr->km", half, gradient).real
+    reduction = np.einsum("mkr,kr->km", half, gradient).real
     if basis.size:
         factors = now.factors / now.scale[:, None]
         plain = basis.derivatives(theta, block.s, now.functions * now.scale, factors)
@@ -351,8 +354,8 @@ def remaining(basis: ModalBasis, theta: Array, block: ResponseBlock, now: Elimin
         flat = (free * block.weights).reshape(basis.size, -1)
         solved = np.linalg.pinv((flat.conj() @ flat.T).real, hermitian=True)
         along = (solved @ free.reshape(basis.size, -1)).reshape(free.shape)
-        taken += np.einsum("pkm,pkm->km", free.conj(), along).real
-    return 1.0 - 0.5 * np.clip(taken * now.square, 0.0, 1.9)
+        reduction += np.einsum("pkm,pkm->km", free.conj(), along).real
+    return 1.0 - 0.5 * np.clip(reduction * now.square, 0.0, 1.9)
 
 
 def minimise(
@@ -408,8 +411,8 @@ def minimise(
         return theta, total
     poles = f"{basis.count} pole{'s' * (basis.count != 1)}"
     raise ConvergenceError(
-        f"the fit of {poles} did not settle in {_ITERATIONS + _MORE} iterations: give frequencies "
-        "near the modes, or fit them in a narrower band"
+        f"the fit of {poles} did not converge in {_ITERATIONS + _MORE} iterations: give "
+        "frequencies near the modes, or fit them in a narrower band"
     )
 
 

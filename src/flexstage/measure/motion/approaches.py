@@ -105,7 +105,7 @@ def visits(
     same_target = 1e-6
     levels, target = group_levels(x, same_target * float(np.ptp(x)))
     if levels.size < 2:
-        raise RecordError("there must be two targets at least, got one: record more of them")
+        raise RecordError("positioning needs at least two targets, got one: record more targets")
     if side is not None:
         direction = np.sign(np.asarray(side, dtype=np.float64)).astype(np.intp)
     elif cycle == "step":
@@ -113,7 +113,7 @@ def visits(
     elif cycle == "standard":
         direction = _series(levels, target)
     else:
-        raise RecordError(f"a cycle is standard or step, got '{cycle}'")
+        raise RecordError(f"the cycle must be standard or step, got '{cycle}'")
     return Visits(target=target, direction=direction, levels=levels)
 
 
@@ -166,9 +166,9 @@ def _steps(levels: Array, target: Integers) -> Integers:
 def _require_no_restart(levels: Array, target: Integers) -> None:
     """Refuse series that begin again at the other end: from which side, no row says."""
     way = np.abs(np.diff(target))
-    whole = way == levels.size - 1
-    if levels.size > 2 and whole.any() and way[~whole].max(initial=0) <= 1:
-        i = int(np.flatnonzero(whole)[0])
+    at_end = way == levels.size - 1
+    if levels.size > 2 and at_end.any() and way[~at_end].max(initial=0) <= 1:
+        i = int(np.flatnonzero(at_end)[0])
         first, last = (_micrometres(levels, target[k]) for k in (i + 1, i))
         raise RecordError(
             f"row {i + 2} begins again at target {first} after {last}, and does not say from which "
@@ -194,10 +194,10 @@ class Dwells(Visits):
 
         Shape (size,).
         """
-        found = np.zeros(size, dtype=np.bool_)
+        mask = np.zeros(size, dtype=np.bool_)
         for first, stop in zip(self._begin(settling), self.stop, strict=True):
-            found[first:stop] = True
-        return found
+            mask[first:stop] = True
+        return mask
 
     def means(self, values: ArrayLike, settling: float = 0.3) -> Array:
         """Return the mean of a reading over each rest."""
@@ -280,8 +280,8 @@ def _directions(
     direction = np.concatenate(([0], steps))
     starts, before = bounds[:, 0], np.concatenate(([0], bounds[:-1, 1]))
     for i in np.flatnonzero(direction == 0):
-        # a rest that goes on at the same level was reached from where the one before was, unless
-        # the command went beyond in between, and turns back; a single sample may be a spike
+        # a rest that continues at the same level has the direction of the one before, unless the
+        # command went beyond in between and turned back; a single sample may be a spike
         direction[i] = direction[i - 1] if i else 0
         between = np.sign(x[before[i] : starts[i]] - means[i])
         following = steps[i:][steps[i:] != 0]

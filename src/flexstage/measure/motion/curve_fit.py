@@ -13,7 +13,7 @@ from flexstage.measure.motion.cycles import MotionCycles, motion_cycles
 from flexstage.measure.motion.motion_curve import CurveBasis, MotionCurve, position_weights
 from flexstage.quantities.estimate import Estimate
 
-#: Places of the stroke that are told apart when terms are counted.
+#: Distinct places of the stroke for the number of terms.
 _PLACES = 64
 #: Pieces of the stroke in which the cycles are compared with the curve.
 _BINS = 48
@@ -28,14 +28,14 @@ class _Run:
     reading: Array
     time: Array
     triangle: Array
-    seen: Array  # (k, 2): reading, time
+    projections: Array  # (k, 2): reading, time
     square: Array  # (2, 2)
 
     def coefficients(self, size: int) -> Array:
         """Return the coefficients of reading and time, shape (size, 2)."""
         from scipy.linalg import solve_triangular
 
-        return solve_triangular(self.triangle[:size, :size], self.seen[:size])
+        return solve_triangular(self.triangle[:size, :size], self.projections[:size])
 
 
 def fit_motion_curve(
@@ -87,10 +87,10 @@ def fit_motion_curve(
 
     Validity
     --------
-    A curve with kinks or with jumps other than at the turning points is followed by no polynomial;
-    `MotionCurve.misfit` says by how much. Noise of the position counts as noise of the reading
-    times the slope. Within one cycle a drift looks like a loop that does not close: only several
-    cycles tell them apart, and only while the drift is linear.
+    No polynomial follows a curve with kinks, or with jumps other than at the turning points;
+    `MotionCurve.model_error` is the deviation. Noise of the position counts as noise of the reading
+    times the slope. In a single cycle a drift looks like an open loop: only several cycles separate
+    them, and only if the drift is linear.
 
     Raises
     ------
@@ -111,18 +111,18 @@ def fit_motion_curve(
     7.5 nm of 7.5 nm; drift 4.0 nm/s
     """
     x, y, t = _columns(position, reading, time)
-    found = motion_cycles(x) if cycles is None else cycles
-    if found.size != x.size:
+    split = motion_cycles(x) if cycles is None else cycles
+    if split.size != x.size:
         raise RecordError(
-            f"the cycles are of a record of {found.size} samples, got columns of {x.size}"
+            f"the cycles belong to a record of {split.size} samples, got columns of {x.size}"
         )
     fewest = 3 if drift else 2
-    if found.count < fewest:
+    if split.count < fewest:
         raise RecordError(
             f"{fewest} whole cycles are needed for a curve{' and its drift' if drift else ''}, got "
-            f"{found.count}: record more{', or fit without drift' if drift else ''}"
+            f"{split.count}: record more{', or fit without drift' if drift else ''}"
         )
-    where = [[_whole_run(found, x, c, d) for d in (0, 1)] for c in range(found.count)]
+    where = [[_whole_run(split, x, c, d) for d in (0, 1)] for c in range(split.count)]
     use, knots = _rests(x, where)
     # the turning point at which a run ends is the first sample of the next
     parts = [x[run.start : run.stop + 1] for cycle in where for run in cycle]
@@ -135,31 +135,31 @@ def fit_motion_curve(
         low=low, high=high, order=bound if knots is None else knots.size - 1, knots=knots
     )
     # time from the middle, so that the mean level of the curve has no drift in it
-    origin = 0.5 * float(t[found.runs.min()] + t[found.runs.max() - 1])
+    origin = 0.5 * float(t[split.runs.min()] + t[split.runs.max() - 1])
     runs = [[_run(basis, x, y, t - origin, use, run) for run in cycle] for cycle in where]
-    notes = list(found.notes)
+    notes = list(split.notes)
     if knots is None and order is None:
         size = _chosen_size(runs, basis, drift)
         if size == bound + 1:
-            notes.append(f"the curve takes the largest order that is tried, {bound}")
+            notes.append(f"the polynomial order of the curve reached its upper limit, {bound}")
         basis = CurveBasis(low=low, high=high, order=size - 1)
     return _curve(runs, basis, drift, unit, position_unit, notes)
 
 
-def _whole_run(found: MotionCycles, x: Array, cycle: int, direction: int) -> slice:
+def _whole_run(split: MotionCycles, x: Array, cycle: int, direction: int) -> slice:
     """Return the samples of a run; of few stations, with the one at which it turns.
 
     That one is shared with the next run, unless the turn was read twice and each run has its own:
     cycles that share readings are not independent.
     """
-    run = found.samples(cycle, direction)
+    run = split.samples(cycle, direction)
     # runs of fewer samples are series of stations
     sparse = 64
-    if run.stop - run.start >= sparse or run.stop >= found.size:
+    if run.stop - run.start >= sparse or run.stop >= split.size:
         return run
     usual = float(np.median(np.abs(np.diff(x[run]))))
-    own = abs(float(x[run.stop] - x[run.stop - 1])) < 0.5 * usual
-    return run if own else slice(run.start, run.stop + 1)
+    is_short = abs(float(x[run.stop] - x[run.stop - 1])) < 0.5 * usual
+    return run if is_short else slice(run.start, run.stop + 1)
 
 
 def _rests(x: Array, where: list[list[slice]]) -> tuple[NDArray[np.bool_], Array | None]:
@@ -228,7 +228,7 @@ def _run(
     both = np.stack((reading, time), axis=1)
     return _Run(
         columns=columns, position=position, reading=reading, time=time, triangle=triangle,
-        seen=q.T @ both, square=both.T @ both,
+        projections=q.T @ both, square=both.T @ both,
     )  # fmt: skip
 
 
@@ -260,14 +260,17 @@ def _chosen_size(runs: list[list[_Run]], basis: CurveBasis, drift: bool) -> int:
     reading, time = _of_cycles(runs, basis.size)
     rate = _drift_line(_levels(basis, reading), _levels(basis, time))[0] if drift else 0.0
     weights = np.array([1.0, -rate])
-    # signs of the orthogonal columns are those of the triangle's diagonal: make them alike
-    seen = np.array(
-        [[np.sign(np.diag(r.triangle)) * (r.seen @ weights) for r in cycle] for cycle in runs]
+    # signs of the orthogonal columns are those of the triangle's diagonal: make them equal
+    repeats = np.array(
+        [
+            [np.sign(np.diag(r.triangle)) * (r.projections @ weights) for r in cycle]
+            for cycle in runs
+        ]
     )
-    common = seen.mean(axis=0)
-    noise = _smoothed(np.sum((seen - common) ** 2, axis=(0, 1)) / (2 * (len(runs) - 1)))
+    common = repeats.mean(axis=0)
+    noise = _smoothed(np.sum((repeats - common) ** 2, axis=(0, 1)) / (2 * (len(runs) - 1)))
     # rounding of the sums is no term
-    floor = 1e-24 * max(float(np.sum(seen**2, axis=2).max()), 0.0)
+    floor = 1e-24 * max(float(np.sum(repeats**2, axis=2).max()), 0.0)
     gain = len(runs) * np.sum(common**2, axis=0) / 2.0 / np.maximum(noise, floor)
     # a pair of terms (forward, backward) counts where noise gives as much with this probability
     term_chance = 0.0025
@@ -319,15 +322,15 @@ def _curve(
     freedom = sum(r.size - basis.size for cycle in residual for r in cycle)
     power = sum(float(r @ r) for cycle in residual for r in cycle)
     noise = math.sqrt(power / max(freedom, 1))
-    misfit = _misfit(runs, residual, basis)
-    if misfit > 0.0:
+    model_error = _model_error(runs, residual, basis)
+    if model_error > 0.0:
         notes.append(
-            f"all cycles leave {misfit:.2g} {unit} (rms) in common that the curve does not follow"
+            f"the curve does not describe {model_error:.2g} {unit} rms, common to all cycles"
         )
     return MotionCurve(
         basis=basis, coefficients=mean, scatter=scatter, drift_rate=estimate,
         drift_effect=time.mean(axis=0), structure=_structure(runs, basis, scatter), noise=noise,
-        misfit=misfit, unit=unit, position_unit=position_unit, notes=tuple(notes),
+        model_error=model_error, unit=unit, position_unit=position_unit, notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -351,7 +354,7 @@ def _structure(runs: list[list[_Run]], basis: CurveBasis, scatter: Array) -> Arr
     return (inverse * variance) @ inverse.transpose(0, 2, 1) / count
 
 
-def _misfit(runs: list[list[_Run]], residual: list[list[Array]], basis: CurveBasis) -> float:
+def _model_error(runs: list[list[_Run]], residual: list[list[Array]], basis: CurveBasis) -> float:
     """Return the rms over pieces of the stroke of what the residuals of all cycles share."""
     means = np.array([
         [_binned(run.position, left, basis) for run, left in zip(cycle, lefts, strict=True)]

@@ -17,8 +17,8 @@ from flexstage.records.quality import difference_noise
 
 #: A run leads from below this share of its range to above one less it; smaller ones are none.
 _END_ZONE = 0.1
-#: Cycles are over one and the same range where their ends go on by steps of this share of the whole
-#: range at most, and differ by no more than the second share in all.
+#: Cycles are over the same range if neighbouring ends differ by at most the first share of the full
+#: range, and all ends by at most the second share.
 _SAME_END, _AT_END = 0.01, 0.05
 
 
@@ -36,10 +36,10 @@ class MotionCycles:
     """Lower end of the stroke that all runs reach, in the unit of the command."""
     high: float
     """Upper end of the stroke that all runs reach, in the unit of the command."""
-    left_out: int = 0
+    outside: int = 0
     """Samples that belong to no whole cycle."""
     notes: tuple[str, ...] = ()
-    """What was left out, and why."""
+    """Omitted samples and ranges, with reasons."""
 
     @property
     def count(self) -> int:
@@ -53,11 +53,11 @@ class MotionCycles:
 
     def directions(self) -> NDArray[np.intp]:
         """Return 1 for samples on forward runs, -1 on backward runs, 0 in no cycle."""
-        found = np.zeros(self.size, dtype=np.intp)
+        directions = np.zeros(self.size, dtype=np.intp)
         for forward, backward in self.runs:
-            found[forward[0] : forward[1]] = 1
-            found[backward[0] : backward[1]] = -1
-        return found
+            directions[forward[0] : forward[1]] = 1
+            directions[backward[0] : backward[1]] = -1
+        return directions
 
 
 def motion_cycles(command: ArrayLike) -> MotionCycles:
@@ -72,15 +72,15 @@ def motion_cycles(command: ArrayLike) -> MotionCycles:
 
     Validity
     --------
-    Cycles whose ends differ by more than 1 % of the range are another group, left out and said; so
-    is a range that fewer cycles have than are needed, down to half of the largest. A command whose
-    noise exceeds a hundredth of the range gives runs that begin and end some samples off.
+    Cycles whose ends differ by more than 1 % of the range are another group, which is omitted and
+    noted; so is a range with too few cycles, down to half of the largest. If the noise of a command
+    exceeds 1 % of the range, the beginnings and ends of runs are a few samples off.
 
     Examples
     --------
     >>> t = np.linspace(0.0, 3.3, 3301)
     >>> found = motion_cycles(30.0 - 30.0 * np.cos(2.0 * np.pi * t))
-    >>> found.count, found.runs[1].tolist(), found.left_out
+    >>> found.count, found.runs[1].tolist(), found.outside
     (3, [[1000, 1500], [1500, 2000]], 301)
     """
     return cycles_by_range(command)[0]
@@ -109,7 +109,7 @@ def cycles_by_range(
         )
     low, high = float(x.min()), float(x.max())
     if not high > low:
-        raise RecordError(f"the command does not move: it is {low:g} throughout")
+        raise RecordError(f"the command is constant, {low:g}")
     # what lies within so many times the noise of a turning point rests there
     noise_band = 8.0
     # a clean curve has second differences too: no more than a hundredth of the range is noise
@@ -124,27 +124,27 @@ def cycles_by_range(
             f"{len(each[0][1]) if each else 0}: record more cycles, or choose the column that "
             "commands the motion"
         )
-    said = [
-        f"{len(own)} cycle{'s' * (len(own) > 1)} from {readable(unit, e[0, 0], e[1, 1])}"
-        for e, own in each
-        if own
+    texts = [
+        f"{len(group)} cycle{'s' * (len(group) > 1)} from {readable(unit, e[0, 0], e[1, 1])}"
+        for e, group in each
+        if group
     ]
     notes = []
-    if len(said) > 1:
+    if len(texts) > 1:
         notes.append(
-            f"the command has {', '.join(said)}: those from "
+            f"the command has {', '.join(texts)}: those from "
             f"{readable(unit, size[0, 0], size[1, 1])} are evaluated"
         )
     outside = x.size - sum(b - a for pair in pairs for a, b in pair)
     # the last sample of a record ends its last cycle, and belongs to no run
     if outside > 1:
         notes.append(
-            f"{outside} of {x.size} samples are in no whole cycle"
-            + (" of those" if notes else "")
-            + " and are left out"
+            f"{outside} of {x.size} samples are outside of full cycles"
+            + (" over that range" if notes else "")
+            + " and are omitted"
         )
-    others = [own for _, own in each if own is not pairs and len(own) > 1]
-    return (_found(x, pairs, notes), *(_found(x, own, ()) for own in others))
+    others = [group for _, group in each if group is not pairs and len(group) > 1]
+    return (_motion_cycles(x, pairs, notes), *(_motion_cycles(x, group, ()) for group in others))
 
 
 def _ranges(x: Array, band: float) -> list[Array]:
@@ -160,40 +160,42 @@ def _ranges(x: Array, band: float) -> list[Array]:
     size = level[1] - level[0]
     step, most = _SAME_END * extent + band, _AT_END * extent + band
     free = size > _END_ZONE * extent
-    found: list[Array] = []
+    selected: list[Array] = []
     # so many ranges are looked at: a command of many amplitudes has no cycles
     ranges = 100
     for _ in range(ranges):
         if not free.any():
             break
         largest = int(np.argmax(np.where(free, size, 0.0)))
-        own = np.zeros_like(free)
-        own[largest] = True
+        mask = np.zeros_like(free)
+        mask[largest] = True
         near = free & (np.abs(level - level[:, largest : largest + 1]).max(axis=0) <= most)
         while True:
-            ends = np.stack([level[:, own].min(axis=1), level[:, own].max(axis=1)], axis=1)
+            ends = np.stack([level[:, mask].min(axis=1), level[:, mask].max(axis=1)], axis=1)
             more = near & np.all(
                 (level >= ends[:, :1] - step) & (level <= ends[:, 1:] + step), axis=0
             )
-            if np.array_equal(more, own):
+            if np.array_equal(more, mask):
                 break
-            own = more
-        free &= ~own
-        if own.sum() > 1:
-            found.append(ends)
-    return found
+            mask = more
+        free &= ~mask
+        if mask.sum() > 1:
+            selected.append(ends)
+    return selected
 
 
 def _cycles_over(x: Array, ends: Array, band: float) -> list[list[tuple[int, int]]]:
     """Return the cycles over a range whose ends have limits, as `_ranges` gives them."""
     low, high = float(ends[0, 0]), float(ends[1, 1])
     ways = [(a[1], b[0]) for a, b in itertools.pairwise(_turning_points(x, low, high, band))]
-    runs = [way if _whole(x, *way, ends, band) else None for way in ways]
+    runs = [way if _is_full_run(x, *way, ends, band) else None for way in ways]
     rising = [bool(x[b] > x[a]) for a, b in ways]
     return max((_pairs(runs, rising, first) for first in (True, False)), key=len)
 
 
-def _found(x: Array, pairs: list[list[tuple[int, int]]], notes: Sequence[str]) -> MotionCycles:
+def _motion_cycles(
+    x: Array, pairs: list[list[tuple[int, int]]], notes: Sequence[str]
+) -> MotionCycles:
     runs = np.array(pairs, dtype=np.intp)
     # the turning point at which a run ends is the first sample of the next
     parts = [x[a : b + 1] for cycle in runs for a, b in cycle]
@@ -202,7 +204,7 @@ def _found(x: Array, pairs: list[list[tuple[int, int]]], notes: Sequence[str]) -
         size=x.size,
         low=float(max(p.min() for p in parts)),
         high=float(min(p.max() for p in parts)),
-        left_out=x.size - int((runs[..., 1] - runs[..., 0]).sum()),
+        outside=x.size - int((runs[..., 1] - runs[..., 0]).sum()),
         notes=tuple(notes),
     )
 
@@ -230,14 +232,14 @@ def _turning_points(x: Array, low: float, high: float, band: float) -> list[tupl
         middle = (first + last + 1) // 2
         turns.append((first, last) if away > zone + band else (middle, middle))
     if len(rests) > 2:
-        # half of the rest before the first run belongs to a run that nobody recorded; so at the end
+        # half of the rest before the first run belongs to an unrecorded run; likewise at the end
         half = sorted((b - a + 1) // 2 for a, b in rests[1:-1])[(len(rests) - 2) // 2]
         start, stop = max(rests[0][0], rests[0][1] - half), min(rests[-1][1], rests[-1][0] + half)
         turns[0], turns[-1] = (start, start), (stop, stop)
     return turns
 
 
-def _whole(x: Array, first: int, last: int, ends: Array, band: float) -> bool:
+def _is_full_run(x: Array, first: int, last: int, ends: Array, band: float) -> bool:
     run = x[first : last + 1] if x[last] > x[first] else -x[first : last + 1]
     back = float(np.max(np.maximum.accumulate(run) - run))
     extent = float(ends[1, 1] - ends[0, 0])

@@ -49,9 +49,9 @@ class CurveBasis:
         """Coefficients of the function that is 1 everywhere, shape (k,)."""
         if self.knots is not None:
             return np.ones(self.size)
-        found = np.zeros(self.size)
-        found[0] = 1.0
-        return found
+        coefficients = np.zeros(self.size)
+        coefficients[0] = 1.0
+        return coefficients
 
     def grid(self, count: int = 401) -> Array:
         """Return even positions over the stroke, `count` of them, and the knots of a staircase."""
@@ -70,13 +70,13 @@ class CurveBasis:
         if self.knots is None:
             s = (2.0 * x - self.low - self.high) / (self.high - self.low)
             return np.asarray(np.polynomial.legendre.legvander(s, self.order), dtype=np.float64)
-        found = np.zeros((x.size, self.size))
+        functions = np.zeros((x.size, self.size))
         i = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, self.order - 1)
         share = np.clip((x - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0, 1.0)
         rows = np.arange(x.size)
-        found[rows, i] = 1.0 - share
-        found[rows, i + 1] = share
-        return found
+        functions[rows, i] = 1.0 - share
+        functions[rows, i + 1] = share
+        return functions
 
 
 def position_weights(position: Array) -> Array:
@@ -88,10 +88,10 @@ def position_weights(position: Array) -> Array:
     array([0.125, 0.5  , 0.375])
     """
     steps = np.diff(position)
-    found = np.zeros(position.size)
-    found[:-1] += 0.5 * steps
-    found[1:] += 0.5 * steps
-    return found / steps.sum()
+    weights = np.zeros(position.size)
+    weights[:-1] += 0.5 * steps
+    weights[1:] += 0.5 * steps
+    return weights / steps.sum()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,9 +105,9 @@ class MotionCurve:
 
     Validity
     --------
-    Cycles that are alike but for noise, an offset and a drift that is linear over the record; a
-    transient at the beginning is left out before (`motion_cycles` has `skip`). What repeats in each
-    cycle cannot be told from the curve.
+    Cycles that are equal except for noise, an offset and a linear drift over the record; a
+    transient at the beginning must be excluded first (`motion_cycles` has `skip`). A disturbance
+    that repeats in each cycle is not separable from the curve.
     """
 
     basis: CurveBasis
@@ -125,7 +125,7 @@ class MotionCurve:
     """Covariance of the coefficients for white noise, scaled to the scatter, shape (2, k, k)."""
     noise: float
     """Rms of what a cycle's samples differ from its own curve by."""
-    misfit: float
+    model_error: float
     """Rms of what all cycles have in common and the curve has not; 0 where noise explains it."""
     unit: str = "m"
     """Unit of the reading."""
@@ -164,7 +164,9 @@ class MotionCurve:
             thousandth of it.
         """
         if direction not in _WEIGHTS:
-            raise ModelError(f"a direction is one of {', '.join(_WEIGHTS)}, got '{direction}'")
+            raise ModelError(
+                f"the direction must be one of {', '.join(_WEIGHTS)}, got '{direction}'"
+            )
         x = np.atleast_1d(np.asarray(position, dtype=np.float64))
         low, high = self.basis.low, self.basis.high
         margin = 1e-3 * (high - low)
@@ -194,7 +196,7 @@ class MotionCurve:
 
         Its uncertainty is from the scatter of the cycles, with one degree of freedom less than
         there are cycles, two less where it depends on the level and a drift was fitted. `reach` is
-        how many times the misfit of the curve counts.
+        the factor on the model error of the curve.
         """
         c = self.cycles
         each = self.scatter.reshape(c, -1) @ weights
@@ -219,8 +221,8 @@ class MotionCurve:
                     degrees_of_freedom=self.drift_rate.degrees_of_freedom,
                 )
             )
-        if self.misfit > 0.0:
-            parts.append(Component(name="shape", uncertainty=reach * self.misfit, kind="B"))
+        if self.model_error > 0.0:
+            parts.append(Component(name="shape", uncertainty=reach * self.model_error, kind="B"))
         return Estimate(
             value=float(weights @ self.coefficients.ravel()),
             unit=self.unit,
@@ -235,16 +237,16 @@ class MotionCurve:
         return (self.scatter + self.coefficients).reshape(self.cycles, -1) @ weights
 
     def slope(self, direction: Direction = "mean") -> Estimate:
-        """Return the slope of the least-squares line through the curve, all positions alike.
+        """Return the slope of the least-squares line through the curve, with equal weights.
 
         In the unit of the reading over that of the position.
         """
         x = self.grid()
         w = position_weights(x)
         centred = x - w @ x
-        found = self.functional(w * centred / (w @ centred**2), x, direction)
+        slope = self.functional(w * centred / (w @ centred**2), x, direction)
         unit = f"{self.unit}/{self.position_unit}"
-        return found.times(1.0, "1" if self.unit == self.position_unit else unit)
+        return slope.times(1.0, "1" if self.unit == self.position_unit else unit)
 
     def reversal(self) -> Estimate:
         """Return the forward less the backward curve, averaged over the stroke."""
@@ -258,7 +260,7 @@ Line = Literal["none", "least_squares", "terminal", "minimum_zone"]
 _LINES = get_args(Line)
 #: Curves that are simulated to find what noise adds to an extreme.
 _TRIALS = 400
-_NOISE_NOTE = "less what noise adds to it, {:.2g} {}"
+_NOISE_NOTE = "corrected for a noise bias of {:.2g} {}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -273,7 +275,7 @@ class _Extreme:
 
     @property
     def reach(self) -> float:
-        """How many times the misfit counts: misfits at two places add."""
+        """Factor on the model error: the errors at two places add."""
         return 1.0 if self.absolute else math.sqrt(2.0)
 
     def of(self, coefficients: Array) -> Array:
@@ -351,7 +353,7 @@ def curve_range(
     # curves that are simulated to find what noise adds: each takes a search of its own
     zone_trials = 120
     if line == "minimum_zone":
-        # what a straight line adds changes no zone: without it the noise is told from the shape
+        # a straight line changes no zone: without it noise and shape are separable
         x = curve.grid(201)
         zone = _Zone(position=x, rows=_deviation_rows(curve, direction, "least_squares", x))
         return _estimate(curve, zone, zone_trials)
@@ -387,16 +389,16 @@ def line_weights(position: Array, line: Line) -> Array:
     array([ 3.,  5., 11.])
     """
     if line not in _LINES or line == "minimum_zone":
-        raise ModelError(f"a line is one of {', '.join(_LINES)}, got '{line}'")
+        raise ModelError(f"the line must be one of {', '.join(_LINES)}, got '{line}'")
     g, w = position.size, position_weights(position)
     if line == "none":
         return np.zeros((g, g))
     if line == "terminal":
         share = (position - position[0]) / (position[-1] - position[0])
-        found = np.zeros((g, g))
-        found[:, 0] = 1.0 - share
-        found[:, -1] += share
-        return found
+        weights = np.zeros((g, g))
+        weights[:, 0] = 1.0 - share
+        weights[:, -1] += share
+        return weights
     centred = position - w @ position
     return np.tile(w, (g, 1)) + np.outer(centred, w * centred / (w @ centred**2))
 
@@ -413,19 +415,21 @@ def _estimate(curve: MotionCurve, figure: _Extreme | _Zone, trials: int = _TRIAL
     noise, wide = (n[:: max(n.shape[0] // trials, 1)] for n in _noise_of_coefficients(curve))
     truth = _shrunk(curve, figure.rows)
     added = float(figure.of(truth + noise).mean() - figure.of(truth))
-    found = curve.of_coefficients(figure.weights(coefficients), reach=figure.reach)
+    estimate = curve.of_coefficients(figure.weights(coefficients), reach=figure.reach)
     alone = float(np.quantile(figure.of(wide), 0.95))
-    return _corrected(found, observed, added, alone)
+    return _corrected(estimate, observed, added, alone)
 
 
-def _corrected(found: Estimate, observed: float, added: float, alone: float) -> Estimate:
+def _corrected(estimate: Estimate, observed: float, added: float, alone: float) -> Estimate:
     """Return a figure that cannot be negative less what noise adds to it.
 
     Noise alone exceeds `alone` once in twenty times: below it the interval begins at 0.
     """
     value = max(observed - added, 0.0)
-    note = _NOISE_NOTE.format(added, found.unit) if abs(added) > 1e-3 * observed else found.note
-    result = replace(found, value=value, note=note)
+    note = (
+        _NOISE_NOTE.format(added, estimate.unit) if abs(added) > 1e-3 * observed else estimate.note
+    )
+    result = replace(estimate, value=value, note=note)
     low, high = result.interval()
     return replace(result, bounds=(0.0, high)) if low < 0.0 or observed <= alone else result
 

@@ -79,7 +79,7 @@ class Positioning:
     def data(self) -> dict[str, Any]:
         """Return all of it as plain data, in SI units."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        shown = "value", "unit", "uncertainty", "interval"
+        keys = "value", "unit", "uncertainty", "interval"
         at_targets = {
             "target": self.target,
             "mean_upward": self.mean_upward,
@@ -94,7 +94,7 @@ class Positioning:
         }
         return {
             "runs": self.runs,
-            "figures": {n: picked(e, *shown) for n, e in values.items() if isinstance(e, Estimate)},
+            "figures": {n: picked(e, *keys) for n, e in values.items() if isinstance(e, Estimate)},
             "targets": plain(at_targets),
         }
 
@@ -192,10 +192,10 @@ def _deviations(target: ArrayLike, upward: ArrayLike, downward: ArrayLike) -> tu
             f"{min(runs)} runs: record more of them"
         )
     if not all(np.isfinite(v).all() for v in (x, *both)):
-        raise RecordError("targets and positions must be finite: leave out the targets that failed")
+        raise RecordError("targets and positions must be finite: omit the failed targets")
     order = np.argsort(x)
     if np.any(np.diff(x[order]) == 0.0):
-        raise RecordError("two targets are the same: put their runs side by side as one")
+        raise RecordError("two targets are equal: join their runs as one target")
     return x[order], np.array([v[order] - x[order, None] for v in both])
 
 
@@ -214,12 +214,12 @@ def figures(mean: Array, spread: Array) -> dict[str, Array]:
         "systematic": np.ptp(mean, axis=-1),
         "accuracy": outer.max(axis=-1) - inner.min(axis=-1),
     }
-    found = {
+    results = {
         f"{name}_{side}": values[..., i]
         for name, values in one_way.items()
         for i, side in enumerate(("upward", "downward"))
     }
-    return found | {
+    return results | {
         "reversal": np.abs(reversal).max(axis=-1),
         "mean_reversal": reversal.mean(axis=-1),
         "repeatability": np.maximum(both, sides.max(axis=-2)).max(axis=-1),
@@ -240,8 +240,8 @@ def estimates(deviation: Array, trials: int) -> dict[str, Estimate]:
     # with less scatter behind the data noise adds more to an extreme: that gives the lower end, and
     # the data as they are the upper one
     share = _run_share(deviation)
-    drawn, pooled = _without_noise(deviation)
-    low = _simulated(drawn, pooled, share, runs, trials)
+    means, pooled = _without_noise(deviation)
+    low = _simulated(means, pooled, share, runs, trials)
     of_means = _simulated(mean, pooled, share, runs, trials)
     # what all targets of a run have in common is in spreads, and known from few runs only
     of_spreads = _simulated(mean, spread, _run_share(deviation, 0.1), runs, trials)
@@ -269,24 +269,24 @@ def _simulated(
     noise = math.sqrt(1.0 - share) * rng.standard_normal((trials, *spread.shape, runs))
     noise += math.sqrt(share) * rng.standard_normal((trials, 1, 1, runs))
     noise *= (sizes * spread)[..., None]
-    seen = figures(mean + noise.mean(axis=-1), noise.std(axis=-1, ddof=1))
+    observed = figures(mean + noise.mean(axis=-1), noise.std(axis=-1, ddof=1))
     behind = figures(np.broadcast_to(mean, (trials, *mean.shape)), sizes * spread)
-    return {name: (seen[name], behind[name]) for name in seen}
+    return {name: (observed[name], behind[name]) for name in observed}
 
 
 def _estimate(
     name: str, value: float, low: tuple[Array, Array], high: tuple[Array, Array], runs: int
 ) -> Estimate:
-    """Turn what simulated measurements show, beside what is behind them, into an interval."""
+    """Return an interval from the results and the true values of simulated measurements."""
     ends = []
-    for (seen, behind), p in ((low, 0.975), (high, 0.025)):
+    for (quantile, behind), p in ((low, 0.975), (high, 0.025)):
         if name in _SPREADS and np.all(behind > 0.0):
-            ends.append(value / float(np.quantile(seen / behind, p)))
+            ends.append(value / float(np.quantile(quantile / behind, p)))
         else:
-            error = seen - behind
+            error = quantile - behind
             # an extreme lies too far out, if at all: the upper end needs none of that taken off
-            kept = float(error.mean()) if p < 0.5 and name not in _SIGNED else 0.0
-            ends.append(value - float(np.quantile(error, p)) + kept)
+            bias = float(error.mean()) if p < 0.5 and name not in _SIGNED else 0.0
+            ends.append(value - float(np.quantile(error, p)) + bias)
     if name not in _SIGNED:
         ends = [max(end, 0.0) for end in ends]
     return Estimate.of(
@@ -334,17 +334,17 @@ def _without_noise(deviation: Array) -> tuple[Array, Array]:
     freedom = (runs - 1) * variance.size
     noise = float(variance.mean()) * (1.0 - _run_share(deviation)) / runs
     reversal, middle = mean[0] - mean[1], mean.mean(axis=0)
-    middle = _drawn(middle, 0.5 * noise, freedom)
-    reversal = _drawn(reversal, 2.0 * noise, freedom)
-    drawn = np.stack((middle + 0.5 * reversal, middle - 0.5 * reversal))
+    middle = _shrunk(middle, 0.5 * noise, freedom)
+    reversal = _shrunk(reversal, 2.0 * noise, freedom)
+    means = np.stack((middle + 0.5 * reversal, middle - 0.5 * reversal))
     # several means that noise does not tell from the extreme one may all be at the extreme
     near = _NEAR * math.sqrt(noise)
-    top, bottom = drawn.max(axis=1, keepdims=True), drawn.min(axis=1, keepdims=True)
-    drawn = np.where(drawn > top - near, top, np.where(drawn < bottom + near, bottom, drawn))
-    return drawn, _spreads(variance, runs - 1)
+    top, bottom = means.max(axis=1, keepdims=True), means.min(axis=1, keepdims=True)
+    means = np.where(means > top - near, top, np.where(means < bottom + near, bottom, means))
+    return means, _spreads(variance, runs - 1)
 
 
-def _drawn(values: Array, noise: float, freedom: float) -> Array:
+def _shrunk(values: Array, noise: float, freedom: float) -> Array:
     """Return values drawn towards their mean by the share of their scatter that is noise."""
     from scipy.stats import f
 
@@ -361,7 +361,7 @@ def _spreads(variance: Array, freedom: int) -> Array:
         return np.zeros_like(variance)
     logs = np.log(np.maximum(variance, 1e-12 * variance.mean()))
     # the variance of the logarithm of a chi-squared variate over its degrees of freedom
-    logs = _drawn(logs.ravel(), float(polygamma(1, 0.5 * freedom)), 1e6).reshape(variance.shape)
-    drawn = np.exp(logs)
+    logs = _shrunk(logs.ravel(), float(polygamma(1, 0.5 * freedom)), 1e6).reshape(variance.shape)
+    spreads = np.exp(logs)
     # the mean of logarithms lies low: let the sum of variances be that of the data
-    return np.sqrt(drawn * variance.mean() / drawn.mean())
+    return np.sqrt(spreads * variance.mean() / spreads.mean())

@@ -99,17 +99,17 @@ def power_of_noise(values: Array, samples: NDArray[np.int64]) -> list[int]:
         # a drift is not noise
         t = np.arange(count) - 0.5 * (count - 1)
         z = z - z.mean() - (t @ z) / (t @ t) * t
-        found = -2.0
-        for taken in range(2):
+        exponent = -2.0
+        for differences in range(2):
             z = z - z.mean()
             power = float(z @ z)
             r = float(z[1:] @ z[:-1]) / power if power > 0.0 else 0.0
             d = r / (1.0 + r) if r > -0.99 else -99.0
-            if d < 0.25 or taken:
-                found = -2.0 * (d + taken)
+            if d < 0.25 or differences:
+                exponent = -2.0 * (d + differences)
                 break
             z = np.diff(z)
-        out.append(int(min(max(round(found), -2), 0)))
+        out.append(int(min(max(round(exponent), -2), 0)))
     return out
 
 
@@ -253,12 +253,12 @@ def allan_deviation(
 def _factors(samples: ArrayLike | None, n: int) -> NDArray[np.int64]:
     most = n // 2
     if samples is not None:
-        given = np.unique(np.atleast_1d(np.asarray(samples)).astype(np.int64))
-        if given.size == 0 or given[0] < 1 or given[-1] > most:
+        sizes = np.unique(np.atleast_1d(np.asarray(samples)).astype(np.int64))
+        if sizes.size == 0 or sizes[0] < 1 or sizes[-1] > most:
             raise ModelError(
                 f"of {n} readings 1 to {most} can be averaged for the deviation, got {samples!r}"
             )
-        return given
+        return sizes
     return 2 ** np.arange(int(math.log2(most)) + 1)
 
 
@@ -322,7 +322,7 @@ def blocks_line(values: Array) -> BlockLine:
     correlated = 0.1
     while True:
         length = values.size // count
-        # what does not fill a block is left out at the start, which has more to settle
+        # incomplete blocks are omitted at the start, where settling is largest
         z = values[values.size - count * length :].reshape(count, length).mean(axis=1)
         t = np.arange(count) - 0.5 * (count - 1)
         slope = float(t @ z / (t @ t))
@@ -504,9 +504,8 @@ def hold_noise(
     --------
     Gaussian noise that is stationary and much shorter than the record: at 40 correlation times the
     95 % intervals hold the truth in nine of ten cases, at 10 in four of five, and the notes say so.
-    A random walk cannot be told from drift. A steady line has no
-    scatter from record to record, but counts here as narrow noise, which makes the interval of the
-    rms wider than need be.
+    A random walk is not separable from drift. A steady line has no scatter from record to record,
+    but counts as narrow noise, which widens the interval of the rms.
 
     Raises
     ------
@@ -531,14 +530,14 @@ def hold_noise(
             f"a noise floor needs 64 finite readings or more, got an array of shape {y.shape}"
         )
     if not np.ptp(y) > 0.0:
-        raise RecordError("no reading differs from the others: the sensor is dead or too coarse")
+        raise RecordError("all readings are equal: the sensor is dead or too coarse")
     if not 0.0 < sample_rate_hz < math.inf:
         raise ModelError(f"the sample rate must be positive, got {sample_rate_hz!r} Hz")
     n, line = y.size, blocks_line(y)
     t = np.arange(n) - 0.5 * (n - 1)
     rest = y - y.mean()
     rest -= float(t @ rest / (t @ t)) * t
-    # samples of a segment of the spectrum at most, where nobody asks for more
+    # largest default number of samples in a segment of the spectrum
     longest = 65_536
     length = min(n // 8, longest) if segment is None else segment
     spectrum = spectral_density(rest, sample_rate_hz, segment=length - length % 2, unit=unit)
@@ -645,8 +644,8 @@ def mains_lines(
     y = y - y.mean()
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n) + 0.5) / n)
     power = np.abs(np.fft.rfft(y * window)) ** 2
-    found = {mains: _multiples(y, power, sample_rate_hz, mains, unit) for mains in (50, 60)}
-    best = max(found.values(), key=lambda lines: sum(line.rms.value**2 for line in lines))
+    candidates = {mains: _multiples(y, power, sample_rate_hz, mains, unit) for mains in (50, 60)}
+    best = max(candidates.values(), key=lambda lines: sum(line.rms.value**2 for line in lines))
     return tuple(best)
 
 

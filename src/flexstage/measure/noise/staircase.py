@@ -1,4 +1,4 @@
-"""Resolution: by noise alone, and by the levels of a staircase whose steps are told from none."""
+"""Resolution: from noise, and from the levels of a staircase whose steps are resolved or not."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,15 +11,15 @@ from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.noise.hold import allan_freedom, power_of_noise
 from flexstage.quantities.estimate import Estimate
 
-#: Parts of a level whose means tell how certain its mean is.
+#: Parts of a level whose means give the uncertainty of its mean.
 PARTS = 6
 
 
 def levels_of_command(command: ArrayLike, *, shortest: int = 1) -> Integers:
-    """Return the bounds of the stretches in which a command stays.
+    """Return the bounds of the constant levels of a command.
 
-    First sample of each level, and the sample after the last. Stretches shorter than `shortest`, as
-    of a ramp between two levels, are given to what follows.
+    They are the first sample of each level, and the sample after the last. Levels shorter than
+    `shortest`, as of a ramp, are joined to the next.
 
     Examples
     --------
@@ -28,16 +28,16 @@ def levels_of_command(command: ArrayLike, *, shortest: int = 1) -> Integers:
     """
     u = np.asarray(command, dtype=np.float64)
     if u.ndim != 1 or u.size < 2 or not np.isfinite(u).all():
-        raise RecordError(f"a command is one finite number for each sample, got shape {u.shape}")
+        raise RecordError(f"a command needs one finite number for each sample, got shape {u.shape}")
     starts = np.concatenate(([0], np.flatnonzero(np.diff(u)) + 1))
     lengths = np.diff(np.append(starts, u.size))
-    # the samples of a ramp are the beginning of the level that it leads to
+    # the samples of a ramp belong to the level after it
     after_ramp = np.concatenate(([False], lengths[:-1] < shortest))
     keep = ~after_ramp
     keep[0] = True
     bounds = np.append(starts[keep], u.size).astype(np.intp)
     if bounds.size < 3:
-        raise RecordError("the command has fewer than two levels: name the column that holds it")
+        raise RecordError("the command has fewer than two levels: select the column of the command")
     return bounds
 
 
@@ -46,26 +46,23 @@ class LevelFit:
     """Means of levels and one drift for all."""
 
     means: Array
-    """Means of the levels as if all were at the middle of the record, shape (k,)."""
+    """Means of the levels at the middle of the record, without drift, shape (k,)."""
     slope: float
-    """Drift in a sample."""
-    rest: Array
-    """Means of the parts of each level less the fit, shape (k, parts)."""
+    """Drift per sample."""
+    residuals: Array
+    """Means of the parts of each level minus the fit, shape (k, parts)."""
     covariance: Array
     """Covariance of the means and the slope, shape (k + 1, k + 1)."""
     degrees_of_freedom: float
-    """Of that."""
+    """Degrees of freedom of the covariance."""
 
     def combination(self, weights: Array, unit: str) -> Estimate:
-        """Return the sum of the steps times weights."""
+        """Return the weighted sum of the steps."""
         by = np.concatenate([np.diff(-weights, prepend=0.0, append=0.0), [0.0]])
         return self._estimate(float(by[:-1] @ self.means), by, unit)
 
     def drift(self, rate: float, unit: str) -> Estimate:
-        """Return the drift within the levels.
-
-        In the unit of the readings in a second; `rate` in Hz.
-        """
+        """Return the drift within the levels, per second; `rate` is in Hz."""
         by = np.concatenate([np.zeros(self.means.size), [rate]])
         return self._estimate(rate * self.slope, by, f"{unit}/s")
 
@@ -77,7 +74,7 @@ class LevelFit:
 def fit_levels(y: Array, spans: Integers) -> LevelFit:
     """Fit means of levels and one drift, to means of parts of the levels.
 
-    The covariance is from what the parts differ from the fit by.
+    The covariance follows from the residuals of the parts.
     """
     k = len(spans)
     z, t = np.empty((k, PARTS)), np.empty((k, PARTS))
@@ -86,23 +83,23 @@ def fit_levels(y: Array, spans: Integers) -> LevelFit:
         start = b - PARTS * length
         z[i] = y[start:b].reshape(PARTS, length).mean(axis=1)
         t[i] = start + length * np.arange(PARTS) + 0.5 * (length - 1)
-    # longer levels have the surer parts
+    # parts of longer levels are less uncertain
     weight = np.diff(spans, axis=1) / np.diff(spans, axis=1).mean()
     middle = float(t.mean())
     inner = t - t.mean(axis=1, keepdims=True)
     spread = float(np.sum(weight * inner**2))
     slope = float(np.sum(weight * inner * z)) / spread
     level_z, level_t = z.mean(axis=1), t.mean(axis=1) - middle
-    rest = z - level_z[:, None] - slope * inner
+    residuals = z - level_z[:, None] - slope * inner
     freedom = k * (PARTS - 1) - 1
-    variance = float(np.sum(weight * rest**2)) / freedom
-    # what neighbouring parts share makes a mean of them less certain; a mean that is taken off
-    # makes them look opposed by 1 / parts
-    shared = float(np.sum(weight * rest[:, 1:] * rest[:, :-1])) / (k * (PARTS - 1))
-    linked = shared / variance + 1.0 / PARTS if variance > 0.0 else 0.0
-    if linked > 1.0 / math.sqrt(k * (PARTS - 1)):
-        variance *= 1.0 + 2.0 * min(linked, 0.5)
-    # levels at the middle of the record: mean less slope times its distance from there
+    variance = float(np.sum(weight * residuals**2)) / freedom
+    # correlation of neighbouring parts increases the uncertainty of their mean; the subtracted mean
+    # makes them anticorrelated by 1 / parts
+    shared = float(np.sum(weight * residuals[:, 1:] * residuals[:, :-1])) / (k * (PARTS - 1))
+    correlation = shared / variance + 1.0 / PARTS if variance > 0.0 else 0.0
+    if correlation > 1.0 / math.sqrt(k * (PARTS - 1)):
+        variance *= 1.0 + 2.0 * min(correlation, 0.5)
+    # levels at the middle of the record: mean minus slope times its distance from there
     covariance = np.zeros((k + 1, k + 1))
     covariance[:k, :k] = np.diag(variance / (PARTS * weight[:, 0]))
     lever = np.append(-level_t, 1.0)
@@ -110,32 +107,31 @@ def fit_levels(y: Array, spans: Integers) -> LevelFit:
     return LevelFit(
         means=level_z - slope * level_t,
         slope=slope,
-        rest=rest,
+        residuals=residuals,
         covariance=covariance,
         degrees_of_freedom=float(freedom),
     )
 
 
 def settled(bounds: ArrayLike, n: int, settling: float) -> Integers:
-    """Return the first and after last sample of each level without its start.
+    """Return the first and after last sample of each level without settling, shape (k, 2).
 
-    The bounds are the first sample of each level and the sample after the last, shape (k + 1,); the
-    stretches have shape (k, 2).
+    The bounds are the first sample of each level and the sample after the last, shape (k + 1,).
     """
     edges = np.asarray(bounds, dtype=np.intp)
     if not 0.0 <= settling < 1.0:
-        raise ModelError(f"the share left out for settling is 0 to below 1, got {settling!r}")
+        raise ModelError(f"the settling share must be from 0 to below 1, got {settling!r}")
     if edges.ndim != 1 or edges.size < 3 or np.any(np.diff(edges) < 1) or edges[0] < 0:
-        raise RecordError("a staircase has two levels or more whose bounds rise from 0")
+        raise RecordError("a staircase needs at least two levels, with bounds that rise from 0")
     if edges[-1] > n:
-        raise RecordError(f"the levels end at sample {edges[-1]} of {n}: their bounds are others'")
+        raise RecordError(f"the levels end at sample {edges[-1]}, but there are only {n}")
     starts = edges[:-1] + np.ceil(settling * np.diff(edges)).astype(np.intp)
     spans = np.stack([starts, edges[1:]], axis=1)
     shortest = int(np.diff(spans, axis=1).min())
     if shortest < PARTS:
         raise RecordError(
-            f"the shortest level has {shortest} samples after settling, {PARTS} are needed: hold "
-            "it for longer, or leave out less"
+            f"the shortest level has {shortest} samples after settling, but {PARTS} are needed: "
+            "dwell longer, or reduce the settling share"
         )
     return spans
 
@@ -149,13 +145,13 @@ def resolution(
     bounds: ArrayLike | None = None,
     unit: str = "m",
 ) -> Estimate:
-    """Return the step that averages of so many samples tell from no step.
+    """Return the smallest step that averages of a number of samples resolve.
 
     Two neighbouring averages of n samples differ with the standard deviation ``sqrt(2) s(n)``, s
-    being the Allan deviation at n. A difference of more than half a step R counts as a step. No
-    step is taken for one, and a step for none, with probability 1 - P each where
-    ``R = 2 sqrt(2) z_P s(n)``, z_P the quantile of the normal distribution (Currie, 1968,
-    Analytical Chemistry 40, whose detection limit has both risks alike).
+    being the Allan deviation at n. A difference of more than half a step R counts as a step. The
+    risks of a false and of a missed step are both 1 - P for ``R = 2 sqrt(2) z_P s(n)``, z_P the
+    quantile of the normal distribution (the detection limit of Currie, 1968, Analytical Chemistry
+    40, with equal risks).
 
     Parameters
     ----------
@@ -164,13 +160,12 @@ def resolution(
     sample_rate_hz : float
         Readings in a second [Hz].
     samples : int
-        Samples that are averaged, one or more: the bandwidth of the average is the rate over twice
-        this.
+        Samples per average, one or more: the bandwidth is the rate over twice this number.
     probability : float
         The confidence P [1], from 0.5 to 1.
     bounds : array_like, optional
-        First and after last sample of stretches in which the stage stood, shape (k, 2); the whole
-        record where not given.
+        First and after last sample of intervals with the stage at rest, shape (k, 2); the full
+        record if not given.
     unit : str
         Unit of the readings.
 
@@ -182,20 +177,20 @@ def resolution(
     Validity
     --------
     Gaussian noise. Drift during the two averages counts as noise; settling between them does not,
-    as the averages follow one another without a pause.
+    as the averages are consecutive.
 
     Raises
     ------
     RecordError
-        A reading is not finite, no stretch is twice as long as the average, or none changes.
+        A reading is not finite, no interval is twice as long as the average, or all are constant.
     ModelError
         The probability, the rate or the number of samples is not possible.
 
     Examples
     --------
     >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(20_000)
-    >>> found = resolution(noise, 1000.0, samples=100)
-    >>> print(f"{1e9 * found.value:.2f} nm ({found.note})")
+    >>> step = resolution(noise, 1000.0, samples=100)
+    >>> print(f"{1e9 * step.value:.2f} nm ({step.note})")
     1.38 nm (two averages of 100 samples, bandwidth 5 Hz, distinguishable at 95 %)
     """
     from scipy.special import ndtri
@@ -204,10 +199,10 @@ def resolution(
     if y.ndim != 1 or not np.isfinite(y).all():
         raise RecordError(f"the readings must be one finite number for each time, got {y.shape}")
     if not 0.5 < probability < 1.0:
-        raise ModelError(f"a confidence lies between 0.5 and 1 here, got {probability!r}")
+        raise ModelError(f"the confidence must be between 0.5 and 1, got {probability!r}")
     if samples < 1 or not 0.0 < sample_rate_hz < math.inf:
         raise ModelError(
-            f"one sample or more is averaged at a positive rate, got {samples} at "
+            f"an average needs at least one sample and a positive rate, got {samples} at "
             f"{sample_rate_hz!r} Hz"
         )
     spans = np.array([[0, y.size]]) if bounds is None else np.asarray(bounds, dtype=np.intp)
@@ -221,16 +216,16 @@ def resolution(
 
 
 def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
-    """Allan deviation over all stretches, and its degrees of freedom."""
+    """Return the Allan deviation over all intervals, and its degrees of freedom."""
     power, count, freedom = 0.0, 0, 0.0
     long = [(a, b) for a, b in spans.tolist() if b - a >= 2 * m]
     if not long:
         raise RecordError(
-            f"no level has the two times {m} samples that are to be averaged: average fewer, or "
-            "hold each level for longer"
+            f"no level has the {2 * m} samples of two averages: average fewer samples, or dwell "
+            "longer at each level"
         )
-    # the kind of noise is that of the longest averages of which a stretch has enough to tell; noise
-    # that hangs together there is taken for slower than it is, with fewer degrees of freedom
+    # the kind of noise is that of the longest averages with enough samples; correlated noise there
+    # counts as slower, with fewer degrees of freedom
     first, last = max(long, key=lambda s: s[1] - s[0])
     octaves = np.append(2 ** np.arange(int(math.log2(m)) + 1), m)
     kind = power_of_noise(y[first:last], octaves)[-1]
@@ -241,14 +236,12 @@ def _pooled(y: Array, spans: Integers, m: int) -> tuple[float, float]:
         count += d.size
         freedom += allan_freedom(b - a, m, kind)
     if not power > 0.0:
-        raise RecordError(
-            "no reading differs from its neighbours: the sensor is dead, or too coarse"
-        )
+        raise RecordError("all neighbouring readings are equal: the sensor is dead, or too coarse")
     return math.sqrt(power / (2.0 * count)) / m, freedom
 
 
 def screw_resolution(step: Estimate, ratio: Estimate) -> Estimate:
-    """Return the resolution of a stage behind a screw: smallest step of the screw times ratio.
+    """Return the resolution of a stage with a screw: smallest step of the screw times ratio.
 
     Parameters
     ----------
@@ -266,13 +259,13 @@ def screw_resolution(step: Estimate, ratio: Estimate) -> Estimate:
     --------
     >>> step = Estimate.of(1e-6, 0.05e-6, "m", source="division")
     >>> ratio = Estimate(value=-0.157, unit="1")
-    >>> found = screw_resolution(step, ratio)
-    >>> print(f"{1e9 * found.value:.0f} nm +- {1e9 * found.expanded:.0f} nm")
+    >>> smallest = screw_resolution(step, ratio)
+    >>> print(f"{1e9 * smallest.value:.0f} nm +- {1e9 * smallest.expanded:.0f} nm")
     157 nm +- 15 nm
     """
     size, factor = abs(step.value), abs(ratio.value)
     product = step.times(math.copysign(factor, step.value))
-    # bounds of the ratio, where it has any, are replaced by its standard uncertainty
+    # bounds of the ratio, if any, are replaced by its standard uncertainty
     return product.plus(
         *(
             replace(c, name=f"ratio: {c.name}", uncertainty=size * c.uncertainty)
@@ -286,43 +279,43 @@ class StaircaseStep:
     """One step of a staircase."""
 
     size: Estimate
-    """The step that was made."""
+    """Measured step."""
     commanded: float
-    """The step that was asked for, in the unit of the command; nan where there is no command."""
-    told: str
-    """Whether it is larger than the resolution; undecided within the interval of that."""
+    """Commanded step, in the unit of the command; nan without a command."""
+    resolved: str
+    """Whether it exceeds the resolution: yes, no, or undecided within its interval."""
     probability: float
-    """Chance that a step of this size is told from none [1]."""
+    """Probability that a step of this size is resolved [1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Staircase:
-    """What a staircase test shows."""
+    """Result of a staircase test."""
 
     steps: tuple[StaircaseStep, ...]
     """The steps in order."""
     sizes: tuple[Estimate, ...]
-    """Mean magnitude of the steps of each size that was asked for, the largest first; the note
-    tells how many were told.
+    """Mean magnitude of the steps of each commanded size, the largest first; the note has the
+    number of resolved steps.
     """
     resolution: Estimate
-    """Step that is told from none with `probability`, by averages of `samples` samples."""
-    smallest_told: Estimate | None
-    """The smallest of `sizes` of which all steps are told."""
+    """Step that is resolved with `probability`, by averages of `samples` samples."""
+    smallest_resolved: Estimate | None
+    """The smallest of `sizes` whose steps are all resolved."""
     probability: float
-    """The stated confidence [1]."""
+    """Confidence [1]."""
     samples: int
-    """Samples that are averaged on each level."""
+    """Samples per average on each level."""
     bandwidth_hz: float
     """Noise bandwidth of that average [Hz]."""
     levels: Array
     """Means of the levels without drift, shape (k,)."""
     bounds: Integers
-    """First and after last sample of each level that its mean is of, shape (k, 2)."""
+    """First and after last averaged sample of each level, shape (k, 2)."""
     drift: Estimate
-    """Drift within the levels, their unit in a second."""
+    """Drift within the levels, in their unit per second."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Remarks on the result."""
 
 
 def staircase(
@@ -336,12 +329,12 @@ def staircase(
     settling: float = 0.3,
     unit: str = "m",
 ) -> Staircase:
-    """Return the steps of a staircase, and which of them are told from none.
+    """Return the steps of a staircase, and which of them are resolved.
 
-    What is left of each level after settling is fitted by its mean and one drift for all. The
-    uncertainty of a mean is that of means of six parts of each level about the fit, so that
-    neighbouring samples may hang together; steps are differences of neighbouring levels, with the
-    covariance that they have through the level and the drift that they share.
+    Each level after settling is fitted by its mean, with one drift for all. The uncertainty of a
+    mean is that of means of six parts of each level about the fit, so that neighbouring samples may
+    be correlated; steps are differences of neighbouring levels, with the covariance from their
+    common level and drift.
 
     Parameters
     ----------
@@ -354,24 +347,24 @@ def staircase(
     command : array_like, optional
         The command at each sample, shape (n,): steps of the same commanded size are one size.
     samples : int, optional
-        Samples that are averaged to tell a step; half of the shortest level where not given.
+        Samples per average; half of the shortest level if not given.
     probability : float
-        Confidence at which a step is to be told from none [1].
+        Confidence of a resolved step [1].
     settling : float
-        Share of each level that is left out at its start, from 0 to below 1.
+        Share of each level that is omitted at its start, from 0 to below 1.
     unit : str
         Unit of the readings.
 
     Returns
     -------
     Staircase
-        Steps, sizes, resolution, verdicts.
+        Steps, sizes and resolution.
 
     Validity
     --------
-    The drift is steady, noise shorter than an eighth of a level, and Gaussian. Creep that goes on
-    after `settling` makes steps small, and where all steps have one sign it passes for drift: step
-    up and down. The notes say where the levels lean or bend with the steps.
+    The drift is steady, noise shorter than an eighth of a level, and Gaussian. Creep after
+    `settling` reduces the steps, and counts as drift if all steps have one sign: step up and down.
+    A note reports levels whose slope or curvature follows the steps.
 
     Raises
     ------
@@ -384,10 +377,10 @@ def staircase(
     --------
     >>> command = np.repeat(np.arange(8) * 10e-9, 400)
     >>> noise = 3e-9 * np.random.default_rng(4).standard_normal(command.size)
-    >>> found = staircase(command + noise, 1000.0, np.arange(9) * 400, command=command)
-    >>> print(f"{1e9 * found.sizes[0].value:.2f} nm; resolution {1e9 * found.resolution.value:.2f}")
+    >>> test = staircase(command + noise, 1000.0, np.arange(9) * 400, command=command)
+    >>> print(f"{1e9 * test.sizes[0].value:.2f} nm; resolution {1e9 * test.resolution.value:.2f}")
     10.00 nm; resolution 0.96
-    >>> found.steps[0].told, found.samples
+    >>> test.steps[0].resolved, test.samples
     ('yes', 140)
     """
     from scipy.special import ndtr, ndtri
@@ -399,95 +392,96 @@ def staircase(
     fit = fit_levels(y, spans)
     shortest = int(np.diff(spans, axis=1).min())
     averaged = shortest // 2 if samples is None else samples
-    told = resolution(
+    smallest = resolution(
         y, sample_rate_hz, samples=averaged, probability=probability, bounds=spans, unit=unit
     )
-    made = np.diff(fit.means)
-    asked = _asked(command, spans, y.size)
-    halves = ndtri(probability) / told.value
+    measured = np.diff(fit.means)
+    commanded = _commanded_steps(command, spans, y.size)
+    halves = ndtri(probability) / smallest.value
     steps = tuple(
         StaircaseStep(
-            size=fit.combination(np.eye(made.size)[i], unit),
-            commanded=float(asked[i]),
-            told=_verdict(abs(made[i]), told),
-            probability=float(ndtr(abs(made[i]) * halves)),
+            size=fit.combination(np.eye(measured.size)[i], unit),
+            commanded=float(commanded[i]),
+            resolved=_is_resolved(abs(measured[i]), smallest),
+            probability=float(ndtr(abs(measured[i]) * halves)),
         )
-        for i in range(made.size)
+        for i in range(measured.size)
     )
-    sizes, verdicts = _sizes(fit, made, asked, steps, unit)
-    smallest = [size for size, every in zip(sizes, verdicts, strict=True) if every]
+    sizes, all_resolved = _sizes(fit, measured, commanded, steps, unit)
+    resolved = [size for size, every in zip(sizes, all_resolved, strict=True) if every]
     return Staircase(
         steps=steps,
         sizes=sizes,
-        resolution=told,
-        smallest_told=min(smallest, key=lambda s: s.value) if smallest else None,
+        resolution=smallest,
+        smallest_resolved=min(resolved, key=lambda s: s.value) if resolved else None,
         probability=probability,
         samples=averaged,
         bandwidth_hz=0.5 * sample_rate_hz / averaged,
         levels=fit.means,
         bounds=spans,
         drift=fit.drift(sample_rate_hz, unit),
-        notes=_settling_note(fit, made),
+        notes=_settling_note(fit, measured),
     )
 
 
-def _asked(command: ArrayLike | None, spans: Integers, n: int) -> Array:
+def _commanded_steps(command: ArrayLike | None, spans: Integers, n: int) -> Array:
     if command is None:
         return np.full(len(spans) - 1, np.nan)
     u = np.asarray(command, dtype=np.float64)
     if u.shape != (n,) or not np.isfinite(u).all():
-        raise RecordError(f"the command must be finite, one for each of {n} samples, got {u.shape}")
+        raise RecordError(f"the command must be finite for each of {n} samples, got {u.shape}")
     return np.diff([float(np.median(u[a:b])) for a, b in spans.tolist()])
 
 
-def _verdict(size: float, told: Estimate) -> str:
-    low, high = told.interval()
+def _is_resolved(size: float, resolution: Estimate) -> str:
+    low, high = resolution.interval()
     return "yes" if size >= high else "no" if size < low else "undecided"
 
 
 def _sizes(
-    fit: LevelFit, made: Array, asked: Array, steps: tuple[StaircaseStep, ...], unit: str
+    fit: LevelFit, measured: Array, commanded: Array, steps: tuple[StaircaseStep, ...], unit: str
 ) -> tuple[tuple[Estimate, ...], list[bool]]:
-    """Mean magnitude of the steps that were asked to be the same, and whether all are told."""
-    known = np.isfinite(asked).all()
-    magnitude = np.abs(asked) if known else np.zeros(made.size)
+    """Return the mean magnitude of equal commanded steps, and whether all are resolved."""
+    has_command = np.isfinite(commanded).all()
+    magnitude = np.abs(commanded) if has_command else np.zeros(measured.size)
     order = np.argsort(-magnitude)
     # sizes that differ by less than a hundredth of the larger are the same
     new = np.concatenate(([True], np.diff(magnitude[order]) < -0.01 * magnitude[order][:-1]))
-    group = np.empty(made.size, dtype=np.intp)
+    group = np.empty(measured.size, dtype=np.intp)
     group[order] = np.cumsum(new) - 1
     estimates, every = [], []
     for g in range(int(group.max()) + 1):
         inside = group == g
-        sign = np.sign(asked) if known else np.sign(made)
+        sign = np.sign(commanded) if has_command else np.sign(measured)
         weights = np.where(inside, sign, 0.0) / inside.sum()
-        verdicts = [steps[i].told for i in np.flatnonzero(inside)]
+        resolved = [steps[i].resolved for i in np.flatnonzero(inside)]
         mean = fit.combination(weights, unit)
-        note = f"{verdicts.count('yes')} of {len(verdicts)} steps resolved"
+        note = f"{resolved.count('yes')} of {len(resolved)} steps resolved"
         estimates.append(replace(mean, note=note))
-        every.append(verdicts.count("yes") == len(verdicts))
+        every.append(resolved.count("yes") == len(resolved))
     return tuple(estimates), every
 
 
-def _settling_note(fit: LevelFit, made: Array) -> tuple[str, ...]:
-    """Say whether what the levels do in themselves goes with the step before them."""
-    if made.size < 4:
+def _settling_note(fit: LevelFit, measured: Array) -> tuple[str, ...]:
+    """Return a note if the change within levels correlates with the step before them."""
+    if measured.size < 4:
         return ()
-    rest, half, third = fit.rest[1:], PARTS // 2, PARTS // 3
-    change = rest[:, half:].mean(axis=1) - rest[:, :half].mean(axis=1)
-    # steps of one sign lean all levels alike, which passes for drift: their bend does not
-    bend = 2.0 * rest[:, third:-third].mean(axis=1)
-    bend -= rest[:, :third].mean(axis=1) + rest[:, -third:].mean(axis=1)
-    # how often a settling that is left exceeds its standard error before it is spoken of
-    settling = 4.0
-    for leaned in (bend, change):
-        share = float(leaned @ made / (made @ made))
-        left = leaned - share * made
-        error = math.sqrt(float(left @ left) / (made.size - 1) / float(made @ made))
-        if abs(share) > settling * error:
-            how = "creeps on after" if share > 0.0 else "comes back from an overshoot after"
+    parts, half, third = fit.residuals[1:], PARTS // 2, PARTS // 3
+    change = parts[:, half:].mean(axis=1) - parts[:, :half].mean(axis=1)
+    # steps of one sign give all levels an equal slope, which counts as drift, unlike the curvature
+    curvature = 2.0 * parts[:, third:-third].mean(axis=1)
+    curvature -= parts[:, :third].mean(axis=1) + parts[:, -third:].mean(axis=1)
+    # least significant settling, in standard errors
+    significant = 4.0
+    for response in (curvature, change):
+        share = float(response @ measured / (measured @ measured))
+        residual = response - share * measured
+        variance = float(residual @ residual) / (measured.size - 1)
+        error = math.sqrt(variance / float(measured @ measured))
+        if abs(share) > significant * error:
+            how = "creeps" if share > 0.0 else "recovers from an overshoot"
             return (
-                f"the reading still {how} a step within what is averaged: leave out more, or wait "
-                "for longer",
+                f"the reading still {how} after a step within the averaged samples: increase the "
+                "settling share, or dwell longer",
             )
     return ()

@@ -20,13 +20,13 @@ WINDOWS: dict[str, tuple[float, ...]] = {
     "hamming": (0.54, 0.46),
     "blackman": (0.42, 0.5, 0.08),
 }
-# segments, half overlapping, that a record is cut into where nothing is asked: twice this, less one
+# default number of half-overlapping segments of a record: twice this, minus one
 _SEGMENTS = 16
-# and the longest of them, beyond which lines become many and the average no better
+# longest default segment, beyond which there are more lines but no better average
 _LONGEST = 32_768
 _SHORTEST = 8
-# segments of fewer samples make peaks wide, which a longer average does not mend: short records
-# are cut into longer segments, but into no fewer than this
+# shorter segments widen peaks, which averaging does not correct: short records have longer and
+# fewer segments, but at least this number
 _RESOLVING, _FEWEST = 256, 4
 
 
@@ -42,7 +42,7 @@ def line_frequencies(length: int, sample_rate_hz: float) -> Array:
 
 
 def window_values(window: str | Array, length: int) -> Array:
-    """Return the values of a window, periodic as the discrete transform sees it.
+    """Return the values of a window, periodic for the discrete transform.
 
     w_j = sum_m (-1)^m a_m cos(2 pi m j / n) (Harris, 1978, Proceedings of the IEEE 66). `window` is
     one of `WINDOWS`, or the values themselves.
@@ -55,8 +55,8 @@ def window_values(window: str | Array, length: int) -> Array:
     if isinstance(window, str):
         if window not in WINDOWS:
             raise ModelError(
-                f"there is no window '{window}': choose one of {', '.join(WINDOWS)}, or give its "
-                "values"
+                f"the window must be one of {', '.join(WINDOWS)}, or an array of values, got "
+                f"'{window}'"
             )
         angle = 2.0 * math.pi * np.arange(length) / length
         terms = ((-1) ** m * a * np.cos(m * angle) for m, a in enumerate(WINDOWS[window]))
@@ -64,19 +64,18 @@ def window_values(window: str | Array, length: int) -> Array:
     values = np.asarray(window, dtype=np.float64)
     if values.shape != (length,) or not np.isfinite(values).all() or not np.any(values):
         raise ModelError(
-            f"a window for segments of {length} samples needs as many finite values, not all 0, "
+            f"a window for segments of {length} samples needs {length} finite values, not all 0, "
             f"got shape {values.shape}"
         )
     return values
 
 
 def window_blur(window: Array) -> float:
-    r"""Return how far a window mixes neighbouring lines of spectra of noise.
+    r"""Return the smearing of neighbouring lines of noise spectra by a window.
 
     A line is the mean of the response over its neighbours, weighted by the power of the window's
     transform, whose second moment is :math:`(n/2\pi)^2 \sum (w_{j+1}-w_j)^2 / \sum w_j^2` by
-    Parseval's theorem. In squares of the distance of lines [1]; 0 of no window, whose kernel has
-    none.
+    Parseval's theorem. In squares of the line spacing [1]; 0 without a window.
 
     Examples
     --------
@@ -88,7 +87,7 @@ def window_blur(window: Array) -> float:
 
 
 def effective_averages(window: Array, hop: int, segments: int) -> float:
-    """Return how many independent segments overlapping ones are worth at one line.
+    """Return the effective number of independent segments at one line.
 
     n / (1 + 2 sum_k (1 - k/n) r_k^2), r_k = sum_j w_j w_(j + k hop) / sum w^2 (Welch, 1967, IEEE
     Transactions on Audio and Electroacoustics 15). The hop is in samples from the start of one
@@ -96,7 +95,7 @@ def effective_averages(window: Array, hop: int, segments: int) -> float:
 
     Validity
     --------
-    A density that changes little over the width of a line, and Gaussian noise.
+    A density with little change over the width of a line, and Gaussian noise.
 
     Examples
     --------
@@ -107,7 +106,7 @@ def effective_averages(window: Array, hop: int, segments: int) -> float:
 
 
 def integral_averages(window: Array, hop: int, segments: int) -> float:
-    """Return how many independent values each line is worth where lines are added up.
+    """Return the effective number of independent values of each line in sums over lines.
 
     Neighbouring lines of a windowed segment are correlated. Summed over all their distances, the
     squared correlation is n sum_j w_j^2 w_(j + k hop)^2 / (sum w^2)^2 by Parseval's theorem, which
@@ -126,26 +125,26 @@ def integral_averages(window: Array, hop: int, segments: int) -> float:
 
 def _overlap_sum(a: Array, b: Array, hop: int, segments: int, power: int) -> float:
     """1 + 2 sum_k (1 - k / n) r_k^power, with r_k the overlap of a and b moved by k hops."""
-    whole = float(a @ b)
+    full = float(a @ b)
     total = 1.0
     for k in range(1, min(segments, -(-a.size // hop))):
-        overlap = float(a[k * hop :] @ b[: a.size - k * hop]) / whole
+        overlap = float(a[k * hop :] @ b[: a.size - k * hop]) / full
         total += 2.0 * (1.0 - k / segments) * overlap**power
     return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CutSpectra:
-    """Averages over parts of records, and what was left out of them."""
+class SegmentSpectra:
+    """Averages over segments of records, and rejected segments."""
 
     spectra: Spectra
     """The averages."""
     segment: int
-    """Samples of a part."""
-    left_out: tuple[str, ...] = ()
-    """Which parts were left out, and why."""
+    """Samples of a segment."""
+    rejected: tuple[str, ...] = ()
+    """Rejected segments, with reasons."""
     added_damping_rate: float = 0.0
-    """Rate by which an exponential window makes every motion decay faster [1/s]."""
+    """Decay rate that an exponential window adds to every mode [1/s]."""
 
 
 def segment_length(
@@ -158,15 +157,15 @@ def segment_length(
 ) -> int:
     """Return the samples of a segment.
 
-    A power of two, up to 32768, that leaves some 31 half overlapping segments, where neither it nor
-    the distance of lines [Hz] is asked. Where peaks are to be resolved, records of 1024 to 4096
-    samples have segments of 256, and shorter ones of at most a quarter.
+    The default is a power of two, up to 32768, with about 31 half-overlapping segments. If peaks
+    must be resolved, records of 1024 to 4096 samples have segments of 256, and shorter ones of at
+    most a quarter.
     """
     if segment is not None and resolution_hz is not None:
-        raise ModelError("ask for the samples of a segment or for the resolution, not for both")
+        raise ModelError("give the samples of a segment or the resolution, not both")
     if resolution_hz is not None:
         if not 0.0 < resolution_hz < math.inf:
-            raise ModelError(f"a resolution is positive, got {resolution_hz!r} Hz")
+            raise ModelError(f"the resolution must be positive, got {resolution_hz!r} Hz")
         length = round(sample_rate_hz / resolution_hz)
     elif segment is not None:
         length = segment
@@ -183,30 +182,30 @@ def segment_length(
             )
     if length < _SHORTEST:
         raise ModelError(
-            f"a segment has {_SHORTEST} samples or more, got {length}: at {sample_rate_hz:g} Hz "
-            f"the resolution is {sample_rate_hz / _SHORTEST:g} Hz at the coarsest"
+            f"a segment must have at least {_SHORTEST} samples, got {length}: at "
+            f"{sample_rate_hz:g} Hz the coarsest resolution is {sample_rate_hz / _SHORTEST:g} Hz"
         )
     if length > min(sizes):
         raise RecordError(
-            f"a segment of {length} samples is longer than the record of {min(sizes)}: take a "
+            f"a segment of {length} samples is longer than the record of {min(sizes)}: use a "
             "coarser resolution, or record longer"
         )
     return length
 
 
 def hop_of(length: int, window: str | Array, overlap: float | None) -> int:
-    """Return the samples from one segment to the next; half one where no overlap is asked.
+    """Return the samples from one segment to the next; half a segment by default.
 
-    Without a window segments do not overlap unless asked.
+    Without a window, segments do not overlap by default.
     """
     if overlap is None:
         overlap = 0.0 if isinstance(window, str) and window == "boxcar" else 0.5
     if not 0.0 <= overlap < 1.0:
-        raise ModelError(f"an overlap is a share from 0 to less than 1, got {overlap!r}")
+        raise ModelError(f"the overlap must be from 0 to less than 1, got {overlap!r}")
     return max(length - int(overlap * length), 1)
 
 
-def finished(
+def single_sided(
     sums: SumOfSpectra, frequency_hz: Array, scale: float, averages: float, signals: Signals
 ) -> Spectra:
     """Return single-sided densities from sums.
@@ -233,7 +232,7 @@ def finished(
 def welch_spectra(
     signals: Signals, length: int, window: str | Array, hop: int, *, allow_clipped: bool = False
 ) -> Spectra:
-    """Return averages over overlapping windowed segments, less their means.
+    """Return averages over overlapping windowed segments, with their means subtracted.
 
     Welch, 1967, IEEE Transactions on Audio and Electroacoustics 15. The hop is in samples;
     `allow_clipped` lets a channel rest at its ends.
@@ -250,14 +249,14 @@ def welch_spectra(
     require_sound(signals, extremes, allow_clipped=allow_clipped)
     averages = sum(effective_averages(w, hop, count) for count in counts)
     scale = 2.0 / (fs * float(w @ w))
-    return finished(sums, line_frequencies(length, fs), scale, averages, signals)
+    return single_sided(sums, line_frequencies(length, fs), scale, averages, signals)
 
 
 def whole_spectra(signals: Signals) -> Spectra:
     """Return averages over whole records, as of one sweep each."""
     if len(set(signals.sizes)) > 1:
         raise RecordError(
-            f"sweeps that are averaged need records of one length, got {signals.sizes} samples"
+            f"averaged sweeps need records of equal length, got {signals.sizes} samples"
         )
     length = signals.sizes[0]
     window = np.ones(length)
@@ -266,28 +265,28 @@ def whole_spectra(signals: Signals) -> Spectra:
         add_segments(sums, row, window, length)
     fs = signals.sample_rate_hz
     lines = line_frequencies(length, fs)
-    return finished(sums, lines, 2.0 / (fs * length), float(sums.segments), signals)
+    return single_sided(sums, lines, 2.0 / (fs * length), float(sums.segments), signals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpectralDensity:
-    """A single-sided power spectral density."""
+    """Single-sided power spectral density."""
 
     frequency_hz: Array
     """Frequencies, from 0 to half the sample rate [Hz], shape (k,)."""
     density: Array
-    """Power in a hertz [unit^2/Hz], shape (k,)."""
+    """Power per hertz [unit^2/Hz], shape (k,)."""
     segments: int
     """Number of segments."""
     averages: float
     """Number of independent averages at one frequency."""
     integral_averages: float
-    """Number of independent values that each frequency is worth where they are added up."""
+    """Effective number of independent values of each frequency in sums over frequencies."""
     unit: str = ""
     """Unit of the signal."""
 
     def bounds(self, confidence: float = 0.95) -> tuple[Array, Array]:
-        """Return the interval that holds the true density at each frequency.
+        """Return the confidence interval of the density at each frequency.
 
         2 n G' / G is distributed as chi-squared of 2 n degrees of freedom (Bendat and Piersol,
         Random Data, 4th edition, chapter 8), of half as many at 0 and half the sample rate. In
@@ -296,37 +295,37 @@ class SpectralDensity:
         from scipy.special import chdtri
 
         if not 0.0 < confidence < 1.0:
-            raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
+            raise ModelError(f"the confidence must be between 0 and 1, got {confidence!r}")
         nu = np.full(self.density.size, 2.0 * self.averages)
         nu[[0, -1]] = self.averages
         power, tail = nu * self.density, 0.5 * (1.0 - confidence)
         return power / chdtri(nu, tail), power / chdtri(nu, 1.0 - tail)
 
     def rms(self, low_hz: float = 0.0, high_hz: float = np.inf) -> Estimate:
-        """Return the rms of what lies between two frequencies.
+        """Return the rms between two frequencies.
 
-        The root of the sum of G df over the lines between them; each line stands for half the
-        distance to its neighbours. The interval is by chi-squared.
+        It is the root of the sum of G df over the lines between them; each line extends half the
+        distance to its neighbours. The interval is from chi-squared.
 
         Validity
         --------
-        Gaussian noise. With the mean taken off each segment, what is slower than two lines is
-        missing.
+        Gaussian noise. As the mean of each segment is subtracted, content below the frequency of
+        the second line is missing.
 
         Examples
         --------
         >>> noise = np.random.default_rng(1).normal(0.0, 3e-9, 50_000)
-        >>> found = spectral_density(noise, 1e4, unit="m").rms(1e3, 3e3)
-        >>> low, high = found.interval()
-        >>> f"{found.value:.3e} m, {low:.3e} to {high:.3e}"
+        >>> rms = spectral_density(noise, 1e4, unit="m").rms(1e3, 3e3)
+        >>> low, high = rms.interval()
+        >>> f"{rms.value:.3e} m, {low:.3e} to {high:.3e}"
         '1.891e-09 m, 1.872e-09 to 1.911e-09'
         """
         f = self.frequency_hz
         inside = (f >= low_hz) & (f <= high_hz)
         if not inside.any():
             raise RecordError(
-                f"there is no line from {low_hz:g} to {high_hz:g} Hz: lines are "
-                f"{f[1]:g} Hz apart, up to {f[-1]:g} Hz"
+                f"there is no line from {low_hz:g} to {high_hz:g} Hz: the lines are {f[1]:g} Hz "
+                f"apart, up to {f[-1]:g} Hz"
             )
         g = self.density[inside] * f[1]
         power, squares = float(g.sum()), float(g @ g)
@@ -359,18 +358,18 @@ def spectral_density(
     values : array_like
         Evenly spaced samples, shape (n,).
     sample_rate_hz : float
-        Samples in a second [Hz].
+        Sample rate [Hz].
     segment : int, optional
-        Samples of a segment; a power of two up to 32768 with some 31 of them where not given.
+        Samples of a segment; by default a power of two up to 32768 with about 31 segments.
     resolution_hz : float, optional
-        Instead of it, the distance of lines [Hz].
+        Instead of a segment, the frequency resolution [Hz].
     overlap : float, optional
-        Share of a segment that the next one has too [1]; one half where not given, none without a
+        Overlap of segments, as a share of their length [1]; one half if not given, none without a
         window.
     window : str or numpy.ndarray
         ``hann``, ``hamming``, ``blackman``, ``boxcar``, or its values.
     detrend : bool
-        Whether to take the mean off each segment.
+        Whether to subtract the mean of each segment.
     unit : str
         Unit of the samples.
 
@@ -381,8 +380,8 @@ def spectral_density(
 
     Validity
     --------
-    A signal that does not change its kind over the record. A line narrower than the resolution is
-    spread over three lines by a Hann window, with its power kept.
+    A stationary signal. A Hann window spreads a spectral line narrower than the resolution over
+    three lines, and preserves its power.
 
     Raises
     ------
@@ -394,22 +393,22 @@ def spectral_density(
     Examples
     --------
     >>> noise = np.random.default_rng(1).standard_normal(100_000)
-    >>> found = spectral_density(noise, 1000.0, resolution_hz=5.0)
-    >>> f"{found.density[1:-1].mean():.4f} 1/Hz, {found.segments} segments"
+    >>> psd = spectral_density(noise, 1000.0, resolution_hz=5.0)
+    >>> f"{psd.density[1:-1].mean():.4f} 1/Hz, {psd.segments} segments"
     '0.0020 1/Hz, 999 segments'
     """
     x = np.asarray(values, dtype=np.float64)
     if not 0.0 < sample_rate_hz < np.inf:
-        raise ModelError(f"a sample rate is positive, got {sample_rate_hz!r} Hz")
+        raise ModelError(f"the sample rate must be positive, got {sample_rate_hz!r} Hz")
     if x.ndim != 1:
-        raise RecordError(f"a spectral density is that of one channel, got shape {x.shape}")
+        raise RecordError(f"a spectral density needs one channel, got shape {x.shape}")
     length = segment_length((x.size,), sample_rate_hz, segment, resolution_hz)
     hop = hop_of(length, window, overlap)
     w = window_values(window, length)
     sums = SumOfSpectra(length // 2 + 1, 1, 0)
     count = add_segments(sums, (x,), w, hop, detrend=detrend)
     if not np.isfinite(sums.power).all():
-        raise RecordError("a spectral density needs finite samples: correct those that are NaN")
+        raise RecordError("a spectral density needs finite samples: correct or remove the others")
     density = sums.power[0] * (2.0 / (sample_rate_hz * float(w @ w) * count))
     density[0] *= 0.5
     if length % 2 == 0:

@@ -1,4 +1,4 @@
-"""What a frequency response is asked of: options, and records that are even, whole and alive."""
+"""Options of frequency responses, and checks of the records."""
 
 import math
 from collections.abc import Sequence
@@ -17,61 +17,61 @@ Excitation = Literal["auto", "random", "periodic", "hammer", "step", "sweep"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HitOptions:
-    """How hits of a hammer, or steps, are found and cut out."""
+    """Detection and segmentation of hammer hits or steps."""
 
     trigger: float = 0.1
-    """Level that a hit rises above, as a share of the greatest of the record [1]."""
+    """Trigger level, as a share of the maximum of the record [1]."""
     pre_trigger: int | None = None
-    """Samples before the level that belong to the hit; where not given, some more than the contact
-    lasts.
+    """Samples before the trigger that belong to the hit; by default a little more than the duration
+    of the contact.
     """
     bounce: float = 0.05
-    """A second contact above this share of the peak makes a double hit [1]."""
+    """Level of a second contact, as a share of the peak, that makes a double hit [1]."""
     exponential: float | None = None
-    """What is left of an exponential window at the end of a hit [1]; no window where not given, as
-    for a motion that has decayed by then.
+    """Value of an exponential window at the end of a hit [1]; no window if not given, as for a
+    motion that has decayed by then.
     """
 
     def __post_init__(self) -> None:
         shares = {"trigger": self.trigger, "bounce": self.bounce, "exponential": self.exponential}
         for name, share in shares.items():
             if share is not None and not 0.0 < share < 1.0:
-                raise ModelError(f"{name} is a share between 0 and 1, got {share!r}")
+                raise ModelError(f"{name} must be a share between 0 and 1, got {share!r}")
         if self.pre_trigger is not None and self.pre_trigger < 0:
-            raise ModelError(f"samples before a hit are 0 or more, got {self.pre_trigger}")
+            raise ModelError(f"samples before a hit must be 0 or more, got {self.pre_trigger}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodOptions:
-    """How the periods of a repeated excitation are cut out."""
+    """Segmentation of the periods of a periodic excitation."""
 
     samples: int | None = None
-    """Samples in a period; found where not given."""
+    """Samples per period; estimated if not given."""
     drop: int | None = None
-    """Periods left out at the start, in which the motion settles; found where not given."""
+    """Settling periods to omit at the start; estimated if not given."""
 
     def __post_init__(self) -> None:
         if self.samples is not None and self.samples < 8:
-            raise ModelError(f"a period has eight samples or more, got {self.samples}")
+            raise ModelError(f"a period must have at least 8 samples, got {self.samples}")
         if self.drop is not None and self.drop < 0:
-            raise ModelError(f"the number of periods left out is 0 or more, got {self.drop}")
+            raise ModelError(f"the number of omitted periods must be 0 or more, got {self.drop}")
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Extremes:
-    """The least and the greatest sample of a channel, and where they were met."""
+    """Minimum and maximum of a channel, and the blocks that contain them."""
 
     low: float = np.inf
-    """The least, in the unit of the channel."""
+    """The minimum, in the unit of the channel."""
     high: float = -np.inf
-    """The greatest, in the unit of the channel."""
+    """The maximum, in the unit of the channel."""
     at_low: list[tuple[int, int]] = field(default_factory=list)
-    """First sample of each piece that holds the least, and the one behind its last."""
+    """Start and stop of each block with the minimum."""
     at_high: list[tuple[int, int]] = field(default_factory=list)
-    """First sample of each piece that holds the greatest, and the one behind its last."""
+    """Start and stop of each block with the maximum."""
 
-    def see(self, values: Array, start: int, stop: int) -> None:
-        """Look at a piece of the channel."""
+    def update(self, values: Array, start: int, stop: int) -> None:
+        """Include a block of the channel."""
         piece = values[start:stop]
         low, high = float(np.min(piece)), float(np.max(piece))
         if not (np.isfinite(low) and np.isfinite(high)):
@@ -84,11 +84,11 @@ class Extremes:
             self.high = high
 
     def rests(self, values: Array) -> bool:
-        """Say whether the channel stays at an end for some samples in a row.
+        """Return whether the channel stays at an extreme for several consecutive samples.
 
-        Only then a closer look is worth its time.
+        Only then it is examined further.
         """
-        # a channel that is cut off rests at its end for so many samples
+        # least number of consecutive samples of a clipped channel
         run = 3
         for level, places in ((self.low, self.at_low), (self.high, self.at_high)):
             for start, stop in places:
@@ -111,11 +111,11 @@ class Signals:
     units: tuple[str, ...]
     """Units of the channels."""
     inputs: int
-    """How many of them are inputs."""
+    """Number of inputs."""
     sample_rate_hz: float
-    """Samples in a second [Hz]."""
+    """Sample rate [Hz]."""
     sources: tuple[str, ...]
-    """What each record is called in a message."""
+    """Name of each record in messages."""
     rate_uncertainty: float
     """Standard uncertainty of the sample rate over it [1], by the digits of the times."""
 
@@ -130,29 +130,29 @@ class Signals:
         return tuple(c[0].size for c in self.channels)
 
 
-def gathered(
+def gather_signals(
     records: Sequence[Record], inputs: Sequence[str | int], outputs: Sequence[str | int]
 ) -> Signals:
-    """Return the channels of records, having made sure that they belong together."""
+    """Return the channels of records, after a check that they match."""
     if not records or not inputs or not outputs:
-        raise RecordError("a frequency response needs a record, an input and an output at least")
+        raise RecordError("a frequency response needs at least a record, an input and an output")
     first = records[0]
-    chosen = [first.channel(c) for c in (*inputs, *outputs)]
-    names, units = tuple(c.name for c in chosen), tuple(c.unit for c in chosen)
-    for i, channel in enumerate(chosen):
-        if any(channel is other for other in chosen[:i]):
+    selected = [first.channel(c) for c in (*inputs, *outputs)]
+    names, units = tuple(c.name for c in selected), tuple(c.unit for c in selected)
+    for i, channel in enumerate(selected):
+        if any(channel is other for other in selected[:i]):
             raise RecordError(
-                f"column '{channel.name}' is named twice: an input or output is one column each"
+                f"column '{channel.name}' is given twice: each input or output needs its own column"
             )
     rows, sources = [], []
-    # rates of records that are averaged agree to this share
+    # largest relative difference between the rates of averaged records
     same_rate = 1e-6
     for number, record in enumerate(records, start=1):
         source = f"'{record.source}'" if record.source else f"record {number}"
-        _require_even(record, source)
+        _require_uniform_time(record, source)
         if abs(record.sample_rate_hz / first.sample_rate_hz - 1.0) > same_rate:
             raise RecordError(
-                f"records that are averaged need one sample rate: {source} has "
+                f"averaged records need equal sample rates: {source} has "
                 f"{record.sample_rate_hz:.9g} Hz, the first {first.sample_rate_hz:.9g} Hz; make "
                 "them equal with resampled(record, rate)"
             )
@@ -161,7 +161,7 @@ def gathered(
             if channel.unit != unit:
                 raise RecordError(
                     f"'{name}' is in '{unit}' in the first record and '{channel.name}' in "
-                    f"'{channel.unit}' in {source}: records that are averaged need one unit"
+                    f"'{channel.unit}' in {source}: averaged records need equal units"
                 )
         rows.append(tuple(c.values for c in row))
         sources.append(source)
@@ -173,19 +173,19 @@ def gathered(
         inputs=len(inputs),
         sample_rate_hz=first.sample_rate_hz,
         sources=tuple(sources),
-        # all rates that the digits leave are as likely as the others
+        # all rates within the resolution of the digits are equally likely
         rate_uncertainty=max(step_uncertainty(r.time) for r in records) / math.sqrt(3.0),
     )
 
 
-def _require_even(record: Record, source: str) -> None:
+def _require_uniform_time(record: Record, source: str) -> None:
     if record.over != "time":
         raise RecordError(
             f"{source} is a record over {record.over}, not over time: a frequency response is "
-            "estimated from samples in time; one over frequency is taken by response_from_record"
+            "estimated from samples in time; use response_from_record for one over frequency"
         )
     low, high = extreme_steps(record.time)
-    # the criterion of Record.uniform, of which the error then tells more
+    # the criterion of Record.uniform; the error has more details
     if high - low > 1e-3 / record.sample_rate_hz:
         require_uniform(record)
 
@@ -193,9 +193,9 @@ def _require_even(record: Record, source: str) -> None:
 def require_sound(
     signals: Signals, extremes: Sequence[Sequence[Extremes]], *, allow_clipped: bool = False
 ) -> None:
-    """Refuse channels that are dead, cut off, or hold what is no number.
+    """Refuse channels that are constant, clipped or not finite.
 
-    The extremes go by record and channel.
+    The extremes are by record and channel.
     """
     for row, ends, source in zip(signals.channels, extremes, signals.sources, strict=True):
         for values, end, name in zip(row, ends, signals.names, strict=True):
@@ -203,8 +203,8 @@ def require_sound(
                 require_complete(values, name)
             if end.low == end.high:
                 raise RecordError(
-                    f"column '{name}' of {source} never changes from {end.low:g}: is its sensor "
-                    "connected, and the column the right one?"
+                    f"column '{name}' of {source} is constant, {end.low:g}: is the sensor "
+                    "connected, and is it the right column?"
                 )
             if allow_clipped or not end.rests(values):
                 continue
@@ -212,21 +212,21 @@ def require_sound(
             if cut.clipped:
                 at, count = (cut.high, cut.at_high) if cut.clipped_high else (cut.low, cut.at_low)
                 raise RecordError(
-                    f"column '{name}' of {source} is cut off at {at:g}, where {count} of its "
-                    f"{values.size} samples rest: measure again in a wider range, or pass "
-                    "allow_clipped where the signal itself rests there"
+                    f"column '{name}' of {source} is clipped at {at:g}, in {count} of its "
+                    f"{values.size} samples: measure again in a wider range, or pass allow_clipped "
+                    "if the signal itself rests there"
                 )
 
 
 def all_extremes(signals: Signals) -> list[list[Extremes]]:
-    """Return the least and greatest samples of all channels, by record and channel."""
-    found = []
-    # channels are looked through in pieces of so many samples, which stay in the cache
-    piece = 65_536
+    """Return the extremes of all channels, by record and channel."""
+    extremes = []
+    # samples per block, which fits in the cache
+    block = 65_536
     for row in signals.channels:
         ends = [Extremes() for _ in row]
         for end, values in zip(ends, row, strict=True):
-            for start in range(0, values.size, piece):
-                end.see(values, start, min(start + piece, values.size))
-        found.append(ends)
-    return found
+            for start in range(0, values.size, block):
+                end.update(values, start, min(start + block, values.size))
+        extremes.append(ends)
+    return extremes

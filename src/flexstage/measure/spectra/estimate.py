@@ -9,7 +9,7 @@ import numpy as np
 from flexstage.base.arrays import Array, Complex
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.measure.spectra.averaging import (
-    CutSpectra,
+    SegmentSpectra,
     hop_of,
     segment_length,
     welch_spectra,
@@ -23,49 +23,53 @@ from flexstage.measure.spectra.checks import (
     PeriodOptions,
     Signals,
     all_extremes,
-    gathered,
+    gather_signals,
     require_sound,
 )
-from flexstage.measure.spectra.repeated import find_period, likeness, periodic_response
+from flexstage.measure.spectra.repeated import (
+    find_period,
+    hammer_spectra,
+    periodic_response,
+    self_similarity,
+    step_spectra,
+)
 from flexstage.measure.spectra.response import MeasuredResponse
 from flexstage.measure.spectra.sums import Estimator, Spectra, require_estimator, transfer
-from flexstage.measure.spectra.transient import hammer_spectra, step_spectra
 from flexstage.records import Record
 from flexstage.records.sampling import extreme_steps
 
-# parts of a sweep have less of their spectra in common than this
+# largest correlation between the spectra of parts of a sweep
 _COMMON = 0.3
 _PARTS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseOptions:
-    """How frequency responses are estimated from records."""
+    """Options of the estimation of frequency responses from records."""
 
     estimator: Estimator = "H1"
-    """For noise of the outputs (H1), of the input (H2), or of both (Hv); that of a periodic
-    excitation needs none.
+    """H1 for noise in the outputs, H2 for noise in the input, Hv for both; not used for periodic
+    excitation.
     """
     excitation: Excitation = "auto"
-    """What excites; found from the first input of the first record where ``auto``."""
+    """Kind of excitation; ``auto`` recognises it from the first input of the first record."""
     segment: int | None = None
     """Samples of a segment, hit or step."""
     resolution_hz: float | None = None
-    """Instead of it, the distance of lines [Hz]."""
+    """Instead of a segment, the frequency resolution [Hz]."""
     overlap: float | None = None
-    """Share of a random segment that the next one has too [1]; one half where not given."""
+    """Overlap of random segments, as a share of their length [1]; one half if not given."""
     window: str | Array = "hann"
     """Window of random segments: ``hann``, ``hamming``, ``blackman``, ``boxcar``, or its values."""
     noise_ratio: float | None = None
     """For Hv: noise power of an output over that of an input [(output unit/input unit)^2]."""
     hits: HitOptions = field(default_factory=HitOptions)
-    """How hits and steps are found and cut out."""
+    """Detection and segmentation of hits and steps."""
     periods: PeriodOptions = field(default_factory=PeriodOptions)
-    """How periods are cut out."""
+    """Segmentation of periods."""
     power_floor: float = 1e-6
-    """Lines at which an input has less than this share of the power of its strongest line are left
-    out: all of them of a periodic excitation, else those before the first and after the last line
-    above [1].
+    """Share of the power of the strongest line of an input [1]. Weaker lines of a periodic
+    excitation are omitted; of others, those before the first and after the last stronger line.
     """
     allow_clipped: bool = False
     """Whether a channel may rest at its least or greatest value."""
@@ -73,33 +77,35 @@ class ResponseOptions:
     def __post_init__(self) -> None:
         kinds = get_args(Excitation)
         if self.excitation not in kinds:
-            raise ModelError(f"an excitation is one of {', '.join(kinds)}, got {self.excitation!r}")
+            raise ModelError(
+                f"the excitation must be one of {', '.join(kinds)}, got {self.excitation!r}"
+            )
         if not 0.0 <= self.power_floor < 1.0:
             raise ModelError(
-                f"a share of the power is from 0 to less than 1, got {self.power_floor!r}"
+                f"the power floor must be from 0 to less than 1, got {self.power_floor!r}"
             )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseEstimate:
-    """An estimated frequency response, and how it was come by."""
+    """Estimated frequency response, with its spectra and segments."""
 
     response: MeasuredResponse
     """The response."""
     spectra: Spectra
     """The averaged spectra behind it, at the same frequencies."""
     excitation: Excitation
-    """Kind of excitation that was taken."""
+    """Kind of excitation."""
     segment: int
     """Samples of a segment, hit or period."""
     added_damping_rate: float = 0.0
-    """Rate by which an exponential window makes every motion of the response decay faster [1/s]: to
-    be taken off the decay rates of its modes.
+    """Decay rate that an exponential window adds to every mode [1/s]: subtract it from the decay
+    rates of the modes.
     """
-    left_out: tuple[str, ...] = ()
-    """Hits that were left out, and why."""
+    rejected: tuple[str, ...] = ()
+    """Rejected hits, with reasons."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Remarks on the estimate."""
 
 
 def estimate_response(
@@ -107,15 +113,14 @@ def estimate_response(
     inputs: str | int | Sequence[str | int],
     outputs: str | int | Sequence[str | int],
     options: ResponseOptions | None = None,
-    **asked: Any,
+    **fields: Any,
 ) -> ResponseEstimate:
     """Return the frequency responses from inputs to outputs, averaged over records.
 
-    How the records are cut depends on what excites: *random* into overlapping windowed segments
-    (Welch, 1967); *periodic* into whole periods without a window, those left out in which the
-    motion settles; *hammer* into hits; *step* into steps, of which the differences are taken;
-    *sweep* not at all. See `transfer` for the estimators and their variance, `periodic_response`
-    for that of repeated periods.
+    The segmentation of the records depends on the excitation: *random* has overlapping windowed
+    segments (Welch, 1967); *periodic* has full periods without a window, except settling ones;
+    *hammer* has hits; *step* has the differences of steps; *sweep* is one segment. See `transfer`
+    for the estimators and their variance, `periodic_response` for that of periods.
 
     Parameters
     ----------
@@ -125,28 +130,27 @@ def estimate_response(
         The channels, by name or number.
     options : ResponseOptions, optional
         Estimator, excitation, segments and window.
-    **asked
+    **fields
         Fields of `ResponseOptions`, in place of those of `options`.
 
     Returns
     -------
     ResponseEstimate
-        The response, without the lines at 0 and at half the sample rate, and how it was come by.
+        The response, without the lines at 0 and at half the sample rate, and its spectra.
 
     Validity
     --------
-    A linear system that does not change. The lines of random segments must be narrower than its
-    resonances, some four to the half-power width with a Hann window, or peaks come out low and
-    wide, which the variance does not contain; `fit_modes` undoes it to second order, by
-    `MeasuredResponse.blur`. A hit or a sweep must be over, and its motion
-    decayed, at the end of the segment; before a step the motion rests, and creep is not told from
-    slow response.
+    A linear time-invariant system. The lines of random segments must be narrower than its
+    resonances, about four in the half-power width with a Hann window. Otherwise peaks are low and
+    wide, a bias that the variance does not include; `fit_modes` corrects it to second order, by
+    `MeasuredResponse.blur`. A hit or a sweep must be over, and its motion decayed, at the end of
+    the segment. Before a step the stage must be at rest; creep is not separated from slow response.
 
     Raises
     ------
     RecordError
-        Records are not over even times, not finite, dead or cut off, too short, or without hit,
-        period or step; the inputs cannot be told apart.
+        Records are not uniformly sampled, not finite, constant or clipped, too short, or without
+        hit, period or step; the inputs are not separable.
     ModelError
         The options contradict each other.
 
@@ -159,142 +163,152 @@ def estimate_response(
     ...     channels=(Channel(name="u", values=u, unit="V"), Channel(name="y", values=y, unit="m")),
     ...     time=np.arange(u.size) / 1e3,
     ... )
-    >>> found = estimate_response(record, "u", "y", resolution_hz=10.0)
-    >>> h = found.response
+    >>> h = estimate_response(record, "u", "y", resolution_hz=10.0).response
     >>> print(f"{h.frequency_hz[0]:.0f} Hz: {abs(h.response[0, 0, 0]):.3e} m/V")
     10 Hz: 4.990e-06 m/V
     """
-    signals = gathered(
+    signals = gather_signals(
         [records] if isinstance(records, Record) else list(records),
         _listed(inputs),
         _listed(outputs),
     )
-    how = replace(options or ResponseOptions(), **asked)
-    require_estimator(how.estimator, signals.inputs, how.noise_ratio)
-    kind, notes = _kind(signals, how)
+    settings = replace(options or ResponseOptions(), **fields)
+    require_estimator(settings.estimator, signals.inputs, settings.noise_ratio)
+    kind, notes = _kind(signals, settings)
     if kind in {"hammer", "step"} and signals.inputs > 1:
         raise ModelError(
             f"a {kind} has one input, got {signals.inputs}: estimate the responses one by one"
         )
     if kind == "periodic":
-        return _periodic(signals, how, notes)
-    sizes, rate, length = signals.sizes, signals.sample_rate_hz, how.segment
+        return _periodic(signals, settings, notes)
+    sizes, rate, length = signals.sizes, signals.sample_rate_hz, settings.segment
     if kind == "sweep":
-        cut = CutSpectra(spectra=whole_spectra(signals), segment=sizes[0])
+        cut = SegmentSpectra(spectra=whole_spectra(signals), segment=sizes[0])
     elif kind == "random":
-        length = segment_length(sizes, rate, length, how.resolution_hz, resolving=True)
-        hop = hop_of(length, how.window, how.overlap)
-        spectra = welch_spectra(signals, length, how.window, hop, allow_clipped=how.allow_clipped)
-        cut = CutSpectra(spectra=spectra, segment=length)
+        length = segment_length(sizes, rate, length, settings.resolution_hz, resolving=True)
+        hop = hop_of(length, settings.window, settings.overlap)
+        spectra = welch_spectra(
+            signals, length, settings.window, hop, allow_clipped=settings.allow_clipped
+        )
+        cut = SegmentSpectra(spectra=spectra, segment=length)
     else:
-        if length is not None or how.resolution_hz is not None:
-            length = segment_length(sizes, rate, length, how.resolution_hz)
+        if length is not None or settings.resolution_hz is not None:
+            length = segment_length(sizes, rate, length, settings.resolution_hz)
         work = hammer_spectra if kind == "hammer" else step_spectra
-        cut = work(signals, how.hits, length)
-    done = _completed(signals, kind, cut, how, notes)
+        cut = work(signals, settings.hits, length)
+    estimate = _estimate(signals, kind, cut, settings, notes)
     if kind != "random":
-        return done
-    blur = window_blur(window_values(how.window, cut.segment))
-    return replace(done, response=replace(done.response, blur=blur))
+        return estimate
+    blur = window_blur(window_values(settings.window, cut.segment))
+    return replace(estimate, response=replace(estimate.response, blur=blur))
 
 
 def _listed(columns: str | int | Sequence[str | int]) -> list[str | int]:
     return [columns] if isinstance(columns, str | int) else list(columns)
 
 
-def _kind(signals: Signals, how: ResponseOptions) -> tuple[Excitation, list[str]]:
-    """Kind of excitation, having looked at the channels where its averaging does not."""
-    if how.excitation == "random":
+def _kind(signals: Signals, options: ResponseOptions) -> tuple[Excitation, list[str]]:
+    """Return the kind of excitation, after the checks of channels that averaging does not do."""
+    if options.excitation == "random":
         return "random", []
     ends = all_extremes(signals)
     require_sound(signals, ends, allow_clipped=True)
-    kind, notes = how.excitation, []
+    kind, notes = options.excitation, []
     if kind == "auto":
-        kind = recognised(signals.channels[0][0], step_allowed=signals.inputs == 1)
-        notes = [f"taken as {kind} excitation"]
-    # single hits that are cut off are left out later, and a step rests where it went
+        kind = recognise_excitation(signals.channels[0][0], step_allowed=signals.inputs == 1)
+        notes = [f"recognised as {kind} excitation"]
+    # clipped hits are rejected later, and a step rests at its new level
     if kind in {"periodic", "sweep"}:
-        require_sound(signals, ends, allow_clipped=how.allow_clipped)
+        require_sound(signals, ends, allow_clipped=options.allow_clipped)
     return kind, notes
 
 
-def _periodic(signals: Signals, how: ResponseOptions, notes: list[str]) -> ResponseEstimate:
-    found = periodic_response(signals, how.periods, how.power_floor)
-    dropped = ", ".join(map(str, found.dropped))
+def _periodic(signals: Signals, options: ResponseOptions, notes: list[str]) -> ResponseEstimate:
+    periodic = periodic_response(signals, options.periods, options.power_floor)
+    settling = ", ".join(map(str, periodic.dropped))
     notes = [
         *notes,
-        f"{found.spectra.segments} periods of {found.period} samples, after {dropped} left out",
+        f"{periodic.spectra.segments} periods of {periodic.period} samples, {settling} settling "
+        "periods omitted",
     ]
     response = _measured(
-        signals, found.spectra, found.response, found.variance, found.coherence, "", notes
+        signals,
+        periodic.spectra,
+        periodic.response,
+        periodic.variance,
+        periodic.coherence,
+        "",
+        notes,
     )
     return ResponseEstimate(
         response=response,
-        spectra=found.spectra,
+        spectra=periodic.spectra,
         excitation="periodic",
-        segment=found.period,
+        segment=periodic.period,
         notes=tuple(notes),
     )
 
 
-def _completed(
+def _estimate(
     signals: Signals,
     kind: Excitation,
-    cut: CutSpectra,
-    how: ResponseOptions,
+    cut: SegmentSpectra,
+    options: ResponseOptions,
     notes: list[str],
 ) -> ResponseEstimate:
-    spectra = _excited(cut.spectra, cut.segment, how.power_floor)
-    h, variance, coherence = transfer(spectra, how.estimator, how.noise_ratio)
+    spectra = _excited(cut.spectra, cut.segment, options.power_floor)
+    h, variance, coherence = transfer(spectra, options.estimator, options.noise_ratio)
     if variance is None:
         notes = [*notes, "too few averages to separate noise from response"]
     if cut.added_damping_rate > 0.0:
         rate = f"{cut.added_damping_rate:.6g}"
         notes = [*notes, f"an exponential window adds {rate} 1/s to every decay rate"]
-    said = notes
-    if cut.left_out:
-        said = [*notes, f"{len(cut.left_out)} left out: {'; '.join(cut.left_out)}"]
+    response_notes = notes
+    if cut.rejected:
+        response_notes = [*notes, f"{len(cut.rejected)} rejected: {'; '.join(cut.rejected)}"]
     return ResponseEstimate(
-        response=_measured(signals, spectra, h, variance, coherence, how.estimator, said),
+        response=_measured(
+            signals, spectra, h, variance, coherence, options.estimator, response_notes
+        ),
         spectra=spectra,
         excitation=kind,
         segment=cut.segment,
         added_damping_rate=cut.added_damping_rate,
-        left_out=cut.left_out,
+        rejected=cut.rejected,
         notes=tuple(notes),
     )
 
 
 def _excited(spectra: Spectra, segment: int, power_floor: float) -> Spectra:
-    """The lines between the first and the last that the inputs excite."""
-    # at 0 and at half the sample rate transforms are real, and the mean has been taken off
+    """Return the spectra between the first and the last excited line."""
+    # at 0 and at half the sample rate transforms are real, and the mean was subtracted
     stop = (segment - 1) // 2 + 1
     power = np.einsum("kii->ki", spectra.input_power[1:stop]).real
     strong = np.all((power > power_floor * power.max(axis=0)) & (power > 0.0), axis=1)
     lines = 1 + np.flatnonzero(strong)
     if lines.size < 2:
         raise RecordError(
-            f"the inputs excite {lines.size} lines of {stop - 1}: take longer segments, or other "
+            f"the inputs excite {lines.size} of {stop - 1} lines: use longer segments, or other "
             "columns as inputs"
         )
-    kept = np.arange(lines[0], lines[-1] + 1)
-    # power of a line, relative to that of the strongest, that rounding gives
+    band = np.arange(lines[0], lines[-1] + 1)
+    # power of rounding errors, relative to the strongest line
     rounding = 1e-26
-    # within, lines without any power but that of rounding have no response
-    kept = kept[np.all(power[kept - 1] > rounding * power.max(axis=0), axis=1)]
+    # lines in the band whose only power is rounding have no response
+    band = band[np.all(power[band - 1] > rounding * power.max(axis=0), axis=1)]
     return replace(
         spectra,
-        frequency_hz=spectra.frequency_hz[kept],
-        input_power=spectra.input_power[kept],
-        cross=spectra.cross[kept],
-        output_power=spectra.output_power[kept],
+        frequency_hz=spectra.frequency_hz[band],
+        input_power=spectra.input_power[band],
+        cross=spectra.cross[band],
+        output_power=spectra.output_power[band],
     )
 
 
 def _measured(
     signals: Signals,
     spectra: Spectra,
-    response: Complex,
+    h: Complex,
     variance: Array | None,
     coherence: Array | None,
     estimator: str,
@@ -303,7 +317,7 @@ def _measured(
     q = signals.inputs
     return MeasuredResponse(
         frequency_hz=spectra.frequency_hz,
-        response=response,
+        response=h,
         inputs=signals.names[:q],
         outputs=signals.names[q:],
         input_units=signals.units[:q],
@@ -318,28 +332,28 @@ def _measured(
     )
 
 
-def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
-    """Say what kind of excitation a signal is.
+def recognise_excitation(values: Array, *, step_allowed: bool = True) -> Excitation:
+    """Return the kind of excitation of a signal.
 
     Hammer: it leaves its median for less than 2 % of the time. Step: its differences do, and it
-    stays where it went. Periodic: it repeats itself after less than half of the record, and of its
-    first million samples. Sweep: the spectra of its sixteenths have little in common. Random: none
-    of these. Steps and hits have one input, and are not looked for among several.
+    stays at its new level. Periodic: its period is less than half of the record, and of its first
+    million samples. Sweep: the spectra of its sixteenths have little in common. Random: none of
+    these. Steps and hits have one input, and are not expected with several.
 
     Examples
     --------
-    >>> recognised(np.random.default_rng(1).standard_normal(4096))
+    >>> recognise_excitation(np.random.default_rng(1).standard_normal(4096))
     'random'
     """
-    # samples in which a period is looked for
+    # largest number of samples for the search for a period
     look = 1_048_576
     x = values[:look]
-    # samples that are looked at together, which stay in the cache
+    # samples per block, which fits in the cache
     piece = 65_536
     if step_allowed:
         middle = float(np.median(x))
         largest = max(float(values.max()) - middle, middle - float(values.min()))
-        # a step soon after the start is rare as well, but does not come back
+        # a step soon after the start is rare too, but does not return
         back = max(abs(values[0] - middle), abs(values[-1] - middle)) <= 0.1 * largest
         starts = range(0, values.size, piece)
         if back and _rare((values[i : i + piece] - middle for i in starts), values.size, largest):
@@ -353,17 +367,17 @@ def recognised(values: Array, *, step_allowed: bool = True) -> Excitation:
     except RecordError:
         period = 0
     if period:
-        r = likeness(x)
+        r = self_similarity(x)
         last = (r.size - 1) // period * period
-        # what merely swings for a while is unlike itself after many swings
+        # a decaying oscillation is not similar to itself after many periods
         if min(r[period], r[last]) > 0.95:
             return "periodic"
     return "sweep" if _moves(values) else "random"
 
 
 def _rare(pieces: Iterable[Array], size: int, largest: float) -> bool:
-    """Whether few of so many numbers are more than a tenth of the largest."""
-    # pulses take up less of the time than this, above a tenth of their height
+    """Return whether few of the numbers exceed a tenth of the largest."""
+    # share of the time that pulses exceed a tenth of their height
     rare = 0.02
     most, count = max(rare * size, 2), 0
     for piece in pieces:
@@ -374,7 +388,7 @@ def _rare(pieces: Iterable[Array], size: int, largest: float) -> bool:
 
 
 def _moves(values: Array) -> bool:
-    """Whether the spectrum moves along the record."""
+    """Return whether the spectrum changes along the record."""
     length = values.size // _PARTS
     if length < 64:
         return False
@@ -389,5 +403,5 @@ def _moves(values: Array) -> bool:
     if loud.sum() < 4:
         return False
     shape = bands[loud] / norm[loud, None]
-    alike = (shape @ shape.T)[np.triu_indices(int(loud.sum()), 1)]
-    return float(np.median(alike)) < _COMMON
+    common = (shape @ shape.T)[np.triu_indices(int(loud.sum()), 1)]
+    return float(np.median(common)) < _COMMON

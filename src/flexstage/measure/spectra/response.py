@@ -1,4 +1,4 @@
-"""A measured frequency response: estimates and their trust; read from a record over frequency."""
+"""Measured frequency response with its variance and coherence, also from a record."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ class MeasuredResponse:
     Raises
     ------
     RecordError
-        The shapes do not belong together, the frequencies do not rise, or a value is not finite.
+        The shapes do not match, the frequencies do not rise, or a value is not finite.
     """
 
     frequency_hz: Array
@@ -30,38 +30,36 @@ class MeasuredResponse:
     response: Complex
     """Output over input, in their units, shape (k, outputs, inputs)."""
     inputs: tuple[str, ...]
-    """What the inputs are called."""
+    """Names of the inputs."""
     outputs: tuple[str, ...]
-    """What the outputs are called."""
+    """Names of the outputs."""
     input_units: tuple[str, ...] = ()
-    """SI units of the inputs, empty where nobody has said."""
+    """SI units of the inputs, empty if unknown."""
     output_units: tuple[str, ...] = ()
-    """SI units of the outputs, empty where nobody has said; ``m``, ``m/s`` or ``m/s^2`` tells
-    displacement from velocity and acceleration.
+    """SI units of the outputs, empty if unknown; ``m``, ``m/s`` or ``m/s^2`` distinguishes
+    displacement, velocity and acceleration.
     """
     variance: Array | None = None
     """Expected square of the error of each complex value, real and imaginary part together, shape
-    (k, outputs, inputs); None where it is not known, as of a single average.
+    (k, outputs, inputs); None if unknown, as for a single average.
     """
     coherence: Array | None = None
     """Share of the power of each output that the inputs explain together [1], shape (k, outputs).
     """
     averages: float = 0.0
-    """Number of independent averages behind each value; 1 where there is one, 0 where nobody has
-    said.
-    """
+    """Number of independent averages of each value; 0 if unknown."""
     estimator: str = ""
-    """``H1``, ``H2`` or ``Hv``; empty where nobody has said."""
+    """``H1``, ``H2`` or ``Hv``; empty if unknown."""
     source: str = ""
-    """Where it comes from."""
+    """Source of the response."""
     notes: tuple[str, ...] = ()
-    """What a reader should know."""
+    """Remarks on the response."""
     blur: float = 0.0
-    """By how much a window has mixed neighbouring lines: second moment of its kernel, in squares of
-    their distance [1]. 1/3 of a Hann window on noise, 0 of whole periods and of transients.
+    """Smearing of neighbouring lines by a window: second moment of its kernel, in squares of the
+    line spacing [1]. 1/3 for a Hann window on noise, 0 for full periods and transients.
     """
     rate_uncertainty: float = 0.0
-    """Standard uncertainty of the sample rate over it [1], which all frequencies share."""
+    """Relative standard uncertainty of the sample rate [1], common to all frequencies."""
 
     __repr__ = short_repr
 
@@ -69,14 +67,16 @@ class MeasuredResponse:
         f = self.frequency_hz
         shape = (f.size, len(self.outputs), len(self.inputs))
         if f.ndim != 1 or f.size < 2 or not np.all(np.diff(f) > 0.0) or f[0] < 0.0:
-            raise RecordError("the frequencies of a response must be at least two, 0 or more, rise")
-        for name, array, wanted in (
+            raise RecordError(
+                "a response needs at least two frequencies of 0 or more, in rising order"
+            )
+        for name, array, required in (
             ("response", self.response, shape),
             ("variance", self.variance, shape),
             ("coherence", self.coherence, shape[:2]),
         ):
-            if array is not None and array.shape != wanted:
-                raise RecordError(f"the {name} must have shape {wanted}, got {array.shape}")
+            if array is not None and array.shape != required:
+                raise RecordError(f"the {name} must have shape {required}, got {array.shape}")
         if not np.isfinite(self.response).all():
             raise RecordError("a frequency response must be finite at all of its frequencies")
 
@@ -97,24 +97,25 @@ class MeasuredResponse:
             )
         return self.lines(inside)
 
-    def lines(self, kept: NDArray[np.bool_]) -> "MeasuredResponse":
-        """Return the response at some of its frequencies, by a mask of shape (k,)."""
+    def lines(self, mask: NDArray[np.bool_]) -> "MeasuredResponse":
+        """Return the response at the frequencies of a mask of shape (k,)."""
         return replace(
             self,
-            frequency_hz=self.frequency_hz[kept],
-            response=self.response[kept],
-            variance=None if self.variance is None else self.variance[kept],
-            coherence=None if self.coherence is None else self.coherence[kept],
+            frequency_hz=self.frequency_hz[mask],
+            response=self.response[mask],
+            variance=None if self.variance is None else self.variance[mask],
+            coherence=None if self.coherence is None else self.coherence[mask],
         )
 
 
 def response_from_record(record: Record) -> MeasuredResponse:
     """Return the frequency responses of a record over frequency, as of a universal file.
 
-    A function is two columns, ``NAME real`` and ``NAME imaginary``, with NAME of the form
+    A function has two columns, ``NAME real`` and ``NAME imaginary``, with NAME of the form
     ``OUTPUT/INPUT``; attributes ``output of NAME``, ``input of NAME``, ``output unit of NAME`` and
-    ``input unit of NAME`` go before the name. A column ``coherence NAME`` is its coherence, where
-    there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the response.
+    ``input unit of NAME`` take precedence over the name. A column ``coherence NAME`` is the
+    coherence, if there is one input; ``variance NAME`` and ``blur NAME`` are those fields of the
+    response.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def response_from_record(record: Record) -> MeasuredResponse:
 
     Validity
     --------
-    Values and units are taken as they are in the record.
+    Values and units are those of the record.
 
     Raises
     ------
@@ -145,14 +146,14 @@ def response_from_record(record: Record) -> MeasuredResponse:
     ...     Channel(name="2:+x/1:+x real", values=h.real, unit="m/N"),
     ...     Channel(name="2:+x/1:+x imaginary", values=h.imag, unit="m/N"),
     ... )
-    >>> found = response_from_record(Record(channels=columns, time=f, over="frequency"))
-    >>> found.outputs, found.inputs, f"{abs(found.response[0, 0, 0]):.3e}"
+    >>> response = response_from_record(Record(channels=columns, time=f, over="frequency"))
+    >>> response.outputs, response.inputs, f"{abs(response.response[0, 0, 0]):.3e}"
     (('2:+x',), ('1:+x',), '1.980e-06')
     """
     if record.over != "frequency":
         raise RecordError(
-            "a frequency response is taken from a record over frequency, got one over "
-            f"{record.over}: estimate it with estimate_response"
+            f"a frequency response needs a record over frequency, got one over {record.over}: "
+            "estimate it with estimate_response"
         )
     names = _functions(record)
     if not names:
@@ -167,15 +168,15 @@ def response_from_record(record: Record) -> MeasuredResponse:
     if len(at) < len(names):
         twice = next(name for name in names if at[ends[name]] != name)
         raise RecordError(
-            f"'{twice}' and '{at[ends[twice]]}' are the same response: keep one of them in the file"
+            f"'{twice}' and '{at[ends[twice]]}' are the same response: remove one from the file"
         )
     response = np.empty((record.size, len(outputs), len(inputs)), dtype=np.complex128)
     for o, out in enumerate(outputs):
         for i, into in enumerate(inputs):
             if (out, into) not in at:
                 raise RecordError(
-                    f"there is no response of '{out}' to '{into}', though both occur in others: "
-                    "every output must be there with every input"
+                    f"the response of '{out}' to '{into}' is missing, though both occur in others: "
+                    "the file must have every output with every input"
                 )
             parts = [record.channel(at[out, into] + part).values for part in _PARTS]
             response[:, o, i] = parts[0] + 1j * parts[1]
@@ -219,15 +220,15 @@ def _units(record: Record, which: str, names: list[str]) -> tuple[str, ...]:
 
 
 def _blur(record: Record, names: list[str]) -> float:
-    """Return how far neighbouring lines are mixed, where each response says the same."""
+    """Return the smearing of neighbouring lines, if it is equal for all responses."""
     have = {c.name: c.values for c in record.channels}
-    said = [have[_BLUR + name] for name in names if _BLUR + name in have]
-    return float(said[0][0]) if said and np.ptp(np.concatenate(said)) == 0.0 else 0.0
+    blurs = [have[_BLUR + name] for name in names if _BLUR + name in have]
+    return float(blurs[0][0]) if blurs and np.ptp(np.concatenate(blurs)) == 0.0 else 0.0
 
 
 def _coherence(record: Record, names: list[str], inputs: int) -> Array | None:
     have = {c.name: c.values for c in record.channels}
-    wanted = [_COHERENCE + name for name in names]
-    if inputs > 1 or any(name not in have for name in wanted):
+    columns = [_COHERENCE + name for name in names]
+    if inputs > 1 or any(name not in have for name in columns):
         return None
-    return np.stack([have[name] for name in wanted], axis=1)
+    return np.stack([have[name] for name in columns], axis=1)

@@ -1,4 +1,4 @@
-"""Running sums of spectra over segments, and the responses H1, H2 and Hv that they give."""
+"""Sums of spectra over segments, and the frequency responses H1, H2 and Hv from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ class Spectra:
     segments: int
     """Number of segments, hits or periods."""
     averages: float
-    """Number of independent averages that they are worth."""
+    """Effective number of independent averages."""
 
 
 def channel_pairs(inputs: int, outputs: int) -> NDArray[np.int64]:
-    """Return which products of channels the estimates need, inputs before outputs.
+    """Return the products of channels that the estimates need, inputs before outputs.
 
     Numbers (y, x) of the products Y conj(X), shape (pairs, 2).
     """
@@ -54,7 +54,7 @@ class SumOfSpectra:
         self.pairs = channel_pairs(inputs, outputs)
         self.products = np.zeros((len(self.pairs), lines), dtype=np.complex128)
         self.segments = 0
-        # of real and imaginary parts by turns, which are added up when all is summed
+        # alternating real and imaginary parts, which are combined after the sums
         self._squares = np.zeros((inputs + outputs, 2 * lines))
 
     @property
@@ -69,7 +69,7 @@ class SumOfSpectra:
         They are contiguous along the lines, shape (channels, segments, lines).
         """
         self.segments += transforms.shape[1]
-        # what is not finite shows in the sums, and is then named
+        # values that are not finite appear in the sums and are reported there
         with np.errstate(invalid="ignore", over="ignore"):
             for c, z in enumerate(transforms.view(np.float64)):
                 self._squares[c] += np.einsum("sk,sk->k", z, z)
@@ -110,34 +110,33 @@ def add_segments(
 ) -> int:
     """Add the windowed segments of one record to sums of spectra.
 
-    The mean of a segment is taken off its transform: m times that of the window, which for a cosine
-    window is a few lines, so that one pass through the samples is saved. Inputs come first among
-    the channels; in `extremes` their least and greatest samples are noted, while they are at hand.
-    Returned is the number of segments.
+    The mean of a segment is subtracted from its transform, as the mean times the transform of the
+    window, which for a cosine window is a few lines. Inputs come first among the channels; their
+    minima and maxima are noted in `extremes`. The function returns the number of segments.
     """
     length = window.size
     count = (channels[0].size - length) // hop + 1
-    # samples that are transformed at a time: with their transforms they fit a second-level cache
+    # samples per block: with their transforms they fit in a second-level cache
     block = 131_072
-    # a library that transforms one row at a time plans anew for each
+    # the transform of several rows at once has one plan
     rows = min(count, max(2, block // length))
     of_window = np.fft.rfft(window)
-    # a window's own transform beyond this, relative to its largest, is rounding
+    # lines of the window's transform below this, relative to its largest, are rounding errors
     rounding = 1e-15
-    seen = np.abs(of_window) > rounding * np.abs(of_window).max()
-    of_window = of_window[: int(np.flatnonzero(seen)[-1]) + 1]
+    significant = np.abs(of_window) > rounding * np.abs(of_window).max()
+    of_window = of_window[: int(np.flatnonzero(significant)[-1]) + 1]
     buffer = np.empty((rows, length))
     transforms = np.empty((len(channels), rows, length // 2 + 1), dtype=np.complex128)
     with np.errstate(invalid="ignore", over="ignore"):
         for first in range(0, count, rows):
             size = min(rows, count - first)
             start, stop = first * hop, (first + size - 1) * hop + length
-            # the last, smaller block gets arrays of its own, as rows must follow one another
+            # the last, smaller block has its own arrays, as rows must be contiguous
             work = transforms if size == rows else np.empty_like(transforms[:, :size])
             for c, values in enumerate(channels):
-                # all that reads the samples, while they are in the cache
+                # all reading of the samples while they are in the cache
                 if extremes is not None:
-                    extremes[c].see(values, start, stop)
+                    extremes[c].update(values, start, stop)
                 segments = sliding_window_view(values[start:stop], length)[::hop]
                 means = segments.mean(axis=1, keepdims=True)
                 np.multiply(segments, window, out=buffer[:size])
@@ -149,15 +148,15 @@ def add_segments(
 
 
 def require_estimator(estimator: str, inputs: int, noise_ratio: float | None) -> None:
-    """Refuse an estimator that there is not."""
+    """Refuse an unknown or unsuitable estimator."""
     if estimator not in get_args(Estimator):
-        raise ModelError(f"an estimator is H1, H2 or Hv, got {estimator!r}")
+        raise ModelError(f"the estimator must be H1, H2 or Hv, got {estimator!r}")
     if estimator == "H2" and inputs > 1:
-        raise ModelError("H2 is defined for one input: take H1 or Hv where there are several")
+        raise ModelError("H2 is defined for one input: use H1 or Hv for several")
     if noise_ratio is not None and not (estimator == "Hv" and 0.0 < noise_ratio < np.inf):
         raise ModelError(
-            f"a ratio of the noise powers is positive and belongs to Hv, got {noise_ratio!r} for "
-            f"{estimator}"
+            f"the ratio of noise powers must be positive and is for Hv only, got {noise_ratio!r} "
+            f"for {estimator}"
         )
 
 
@@ -166,27 +165,27 @@ def transfer(
 ) -> tuple[Complex, Array | None, Array | None]:
     """Return responses, their variance and the coherence.
 
-    H1 = G_yx G_xx^-1, H2 = G_yy / G_xy. Hv is the total least-squares solution, of which the power
-    of the noise is spread over both sides: (x, y) scaled to unit power, or to the noise given, is
-    orthogonal to the eigenvector of the least eigenvalue of their spectral matrix (Rocklin, Crowley
-    and Vold, 1985, 3rd International Modal Analysis Conference). With one input and unit power it
-    is sqrt(H1 H2) with the phase of H1.
+    H1 = G_yx G_xx^-1, H2 = G_yy / G_xy. Hv is the total least-squares solution, with noise on both
+    sides: (x, y) scaled to unit power, or to the given noise, is orthogonal to the eigenvector of
+    the least eigenvalue of their spectral matrix (Rocklin, Crowley and Vold, 1985, 3rd
+    International Modal Analysis Conference). With one input and unit power it is sqrt(H1 H2) with
+    the phase of H1.
 
-    With n independent averages and q inputs, what the inputs leave of an output has the density (1
-    - coherence) G_yy n / (n - q), and the variance of H1 is that times (G_xx^-1)_ii / n, as of any
-    least-squares estimate; at one input (1 - coherence) abs(H)^2 / (coherence (n - 1)), twice the
+    With n independent averages and q inputs, the residual of an output has the density (1 -
+    coherence) G_yy n / (n - q), and the variance of H1 is that times (G_xx^-1)_ii / n, as of any
+    least-squares estimate; with one input (1 - coherence) abs(H)^2 / (coherence (n - 1)), twice the
     square of the random error of the magnitude (Bendat and Piersol, Random Data, 4th edition,
-    chapter 9) but for the degree of freedom. That of H2 is the same share of abs(H)^2, that of the
-    geometric mean Hv is (1 + coherence) / 2 times it. `noise_ratio` is for Hv: noise power of an
-    output over that of an input [(output unit/input unit)^2]; where not given, noise takes the same
+    chapter 9) except for the degree of freedom. That of H2 is the same share of abs(H)^2, that of
+    the geometric mean Hv is (1 + coherence) / 2 times it. `noise_ratio` is for Hv: noise power of
+    an output over that of an input [(output unit/input unit)^2]; if not given, noise has the same
     share of the power of each. Response and variance, the expected square of the error of each
     complex value, have shape (k, outputs, inputs); the coherence, with several inputs the multiple
-    one, has shape (k, outputs). There is no variance where there are no more averages than inputs.
+    one, has shape (k, outputs). Variance needs more averages than inputs.
 
     Validity
     --------
-    The variance is that about the expectation of the estimate: bias by noise on the side that the
-    estimator takes as clean, and by lines wider than a resonance, is not in it.
+    The variance is about the expectation of the estimate. It excludes bias by noise on the side
+    that the estimator assumes to be free of noise, and by lines wider than a resonance.
     """
     q = spectra.input_power.shape[1]
     xx, yx, yy = spectra.input_power, spectra.cross, spectra.output_power
@@ -205,14 +204,14 @@ def transfer(
     n = spectra.averages
     if n <= q:
         return response, None, None
-    left = np.maximum(yy - explained, 0.0) / (n - q)
-    variance = left[:, :, None] * np.einsum("kii->ki", inverse).real[:, None, :]
+    unexplained = np.maximum(yy - explained, 0.0) / (n - q)
+    variance = unexplained[:, :, None] * np.einsum("kii->ki", inverse).real[:, None, :]
     if q == 1 and estimator != "H1":
         # the share of the power, which is the same for H1 and H2
         factor = 0.5 * (1.0 + coherence) if estimator == "Hv" and noise_ratio is None else 1.0
-        own = np.abs(h1[:, :, 0]) ** 2
+        h1_power = np.abs(h1[:, :, 0]) ** 2
         share = np.abs(response[:, :, 0]) ** 2
-        share = np.divide(share, own, out=np.ones_like(own), where=own > 0.0)
+        share = np.divide(share, h1_power, out=np.ones_like(h1_power), where=h1_power > 0.0)
         variance = variance * (factor * share)[:, :, None]
     return response, variance, coherence
 
@@ -226,10 +225,10 @@ def _one_input(
     estimator: Estimator,
     noise_ratio: float | None,
 ) -> Complex:
-    """H2 or Hv where there is one input."""
+    """Return H2 or Hv for one input."""
     if np.any(coherence == 0.0):
         raise RecordError(
-            f"{estimator} has no value where input and output have nothing in common: take H1, or "
+            f"{estimator} is undefined where the coherence of input and output is zero: use H1, or "
             "a band in which the input excites"
         )
     h = h1[:, :, 0]
@@ -248,7 +247,7 @@ def _one_input(
 
 
 def _inverse(xx: Complex) -> Complex:
-    """Inverse of the spectral matrices of the inputs, having made sure that they differ."""
+    """Return the inverse of the spectral matrices of the inputs, after a check of correlation."""
     power = np.einsum("kii->ki", xx).real
     scale = 1.0 / np.sqrt(power)
     coherence = xx * scale[:, :, None] * scale[:, None, :]
@@ -258,7 +257,7 @@ def _inverse(xx: Complex) -> Complex:
     # 1 - 1 / (R^-1)_ii is the share of input i that the others explain
     shared = 1.0 - 1.0 / np.einsum("kii->ki", inverse).real
     worst = np.median(shared, axis=0)
-    # inputs of which, at the median line, another explains more than this share are one input
+    # largest share of an input that the others may explain, at the median line
     correlated = 0.98
     if worst.max() > correlated:
         raise _correlated(int(worst.argmax()), float(worst.max()))
@@ -269,27 +268,27 @@ def _correlated(number: int | None, share: float) -> RecordError:
     which = "an input" if number is None else f"input {number + 1}"
     return RecordError(
         f"the inputs cannot be separated: the others explain {100.0 * share:.3g} % of the power "
-        f"of {which}; drive them by signals of their own, or one after the other, with at least as "
+        f"of {which}; drive them by independent signals, or one after the other, with at least as "
         "many averages as inputs"
     )
 
 
 def _smallest(xx: Complex, yx: Complex, yy: Array, noise_ratio: float | None) -> Complex:
-    """Total least squares with several inputs, output by output."""
+    """Return the total least-squares response to several inputs, output by output."""
     lines, outputs, q = yx.shape
     response = np.empty((lines, outputs, q), dtype=np.complex128)
     power = np.einsum("kii->ki", xx).real
     for o in range(outputs):
-        whole = np.empty((lines, q + 1, q + 1), dtype=np.complex128)
-        whole[:, :q, :q], whole[:, q, q] = xx, yy[:, o]
-        whole[:, q, :q], whole[:, :q, q] = yx[:, o], np.conj(yx[:, o])
+        spectral = np.empty((lines, q + 1, q + 1), dtype=np.complex128)
+        spectral[:, :q, :q], spectral[:, q, q] = xx, yy[:, o]
+        spectral[:, q, :q], spectral[:, :q, q] = yx[:, o], np.conj(yx[:, o])
         noise = np.ones((lines, q + 1))
         if noise_ratio is None:
             noise = np.concatenate((power, yy[:, o : o + 1]), axis=1)
         else:
             noise[:, q] = noise_ratio
         d = np.sqrt(noise)
-        vectors = np.linalg.eigh(whole / (d[:, :, None] * d[:, None, :]))[1][:, :, 0]
+        vectors = np.linalg.eigh(spectral / (d[:, :, None] * d[:, None, :]))[1][:, :, 0]
         conjugate = np.conj(vectors)
         response[:, o] = -conjugate[:, :q] / conjugate[:, q:] * d[:, q:] / d[:, :q]
     return response

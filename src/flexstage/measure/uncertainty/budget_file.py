@@ -1,4 +1,4 @@
-"""Reads an uncertainty budget from a file: an equation, its influences and their correlations."""
+"""Uncertainty budgets: equation, influences and correlations from a file, and their evaluation."""
 
 import ast
 import math
@@ -10,7 +10,7 @@ from decimal import Decimal
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
 
@@ -35,9 +35,11 @@ from flexstage.files.expression import (
 )
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Mapping, Node, Scalar
+from flexstage.files.plain import picked, plain
 from flexstage.files.request import request_of
+from flexstage.files.result import Result
 from flexstage.measure.requests import UncertaintyRequest
-from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo
+from flexstage.measure.uncertainty.monte_carlo import MonteCarlo, monte_carlo, validate
 from flexstage.measure.uncertainty.propagate import (
     Influence,
     Propagated,
@@ -117,7 +119,7 @@ def equation_of(text: str) -> QuantityExpression:
     """
     equation = parse(text, INFLUENCES)
     for unit in sorted(equation.units):
-        raise UnitError(f"a number with a unit, '{unit}', is an influence of its own")
+        raise UnitError(f"enter a number with a unit, '{unit}', as an influence")
     return equation
 
 
@@ -127,9 +129,9 @@ def compute(equation: QuantityExpression, values: dict[str, Any]) -> Any:
     Numbers are floats, so that a power that is too large ends as an error.
     """
     constants = {name: float(amount.value) for name, amount in equation.constants.items()}
-    named = equation.by_name({**constants, "pi": math.pi}, values)
+    arguments = equation.by_name({**constants, "pi": math.pi}, values)
     try:
-        return fold(equation.tree, computing(named, _OPERATIONS, FUNCTIONS))
+        return fold(equation.tree, computing(arguments, _OPERATIONS, FUNCTIONS))
     except (ArithmeticError, ValueError) as error:
         raise ModelError(
             f"the equation {short_text(equation.text)} has no value: {error}"
@@ -139,12 +141,12 @@ def compute(equation: QuantityExpression, values: dict[str, Any]) -> Any:
 def require_unit(equation: QuantityExpression, units: dict[str, str], unit: str) -> None:
     """Refuse an equation that joins what is of two kinds, or whose result is not of its unit.
 
-    A number in the equation is a plain one, but beside a temperature in degrees Celsius, where it
-    is one as well: the reference of an expansion is written so, ``t - 20``. Angles are plain
-    numbers, as they are to SI.
+    A number in the equation is dimensionless, except next to a temperature in degrees Celsius,
+    where it is a temperature too: the reference of an expansion is written as ``t - 20``. Angles
+    are dimensionless, as in SI.
     """
     plain: Powers = ()
-    named = equation.by_name(
+    arguments = equation.by_name(
         dict.fromkeys([*equation.constants, "pi"], plain),
         {name: powers_in(one) for name, one in units.items()},
     )
@@ -153,37 +155,37 @@ def require_unit(equation: QuantityExpression, units: dict[str, str], unit: str)
     def in_celsius(node: ast.expr, kind: Powers) -> bool:
         return kind == _TEMPERATURE and not celsius.isdisjoint(_names(node))
 
-    def alike(does: str, nodes: list[ast.expr], kinds: tuple[Powers, ...]) -> Powers:
+    def same_kind(does: str, nodes: list[ast.expr], kinds: tuple[Powers, ...]) -> Powers:
         (a, b), (first, second) = nodes, kinds
         if first == second or (_is_number(b) and in_celsius(a, first)):
             return first
         if _is_number(a) and in_celsius(b, second):
             return second
-        hint = "; a number with a unit is an influence of its own"
+        hint = "; enter a number with a unit as an influence"
         raise ModelError(
             f"the equation {does} {equation.part(a)}, {noun_of(first)}, and {equation.part(b)}, "
-            f"{noun_of(second)}, which are of two kinds: give both the same dimension"
+            f"{noun_of(second)}, which differ in dimension: give both the same dimension"
             f"{hint if _is_number(a) or _is_number(b) else ''}"
         )
 
     def step(node: ast.expr, *kinds: Powers) -> Powers:
         match node:
             case ast.Name(id=name):
-                return named[name]
+                return arguments[name]
             case ast.UnaryOp():
                 return kinds[0]
             case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
                 does = "adds" if isinstance(op, ast.Add) else "subtracts"
-                return alike(does, [left, right], kinds)
+                return same_kind(does, [left, right], kinds)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 return _raised(equation, left, right, kinds)
             case ast.BinOp(op=op):
                 return product(kinds[0], kinds[1], 1 if isinstance(op, ast.Mult) else -1)
             case ast.Call(func=ast.Name(id="atan2" | "hypot" as name), args=args):
-                found = kinds[0]
+                common = kinds[0]
                 for one, kind in zip(args[1:], kinds[1:], strict=True):
-                    found = alike(f"takes {name} of", [args[0], one], (found, kind))
-                return found if name == "hypot" else plain
+                    common = same_kind(f"takes {name} of", [args[0], one], (common, kind))
+                return common if name == "hypot" else plain
             case ast.Call(func=ast.Name(id="abs")):
                 return kinds[0]
             case ast.Call(func=ast.Name(id="sqrt")):
@@ -191,14 +193,14 @@ def require_unit(equation: QuantityExpression, units: dict[str, str], unit: str)
             case ast.Call(func=ast.Name(id=name), args=args) if kinds[0]:
                 _refuse(
                     f"takes {name} of {equation.part(args[0])}, {noun_of(kinds[0])}, where only a "
-                    "plain number or an angle has one"
+                    "dimensionless number or an angle is allowed"
                 )
         return plain
 
-    found, wanted = fold(equation.tree, step), powers_in(unit)
-    if found != wanted:
+    powers, required = fold(equation.tree, step), powers_in(unit)
+    if powers != required:
         raise ModelError(
-            f"the equation gives {noun_of(found)}, and the result is {noun_of(wanted)}: "
+            f"the equation gives {noun_of(powers)}, but the result is {noun_of(required)}: "
             "correct the equation, the unit of the result or that of an influence"
         )
 
@@ -214,7 +216,7 @@ def _raised(
     if not _is_number(exponent):
         _refuse(
             f"raises {equation.part(base)}, {noun_of(kinds[0])}, to the power of "
-            f"{equation.part(exponent)}, where only a number can stand"
+            f"{equation.part(exponent)}, where only a number is allowed"
         )
     alone = replace(equation, tree=exponent, names=frozenset())
     return power(Amount(Fraction(1), kinds[0]), evaluate(alone, {})).powers
@@ -277,12 +279,12 @@ class Budget:
         """Propagate to first order; the result is in SI."""
         return propagate(self._result, self.influences, self._coefficients(), unit=self.si)
 
-    def monte_carlo(self, request: UncertaintyRequest | None = None, **asked: Any) -> MonteCarlo:
+    def monte_carlo(self, request: UncertaintyRequest | None = None, **fields: Any) -> MonteCarlo:
         """Draw the result at random, in SI.
 
         Fields of `UncertaintyRequest` may be named in place of those of a request.
         """
-        request = request_of(UncertaintyRequest, request, asked)
+        request = request_of(UncertaintyRequest, request, fields)
         return monte_carlo(
             self._result,
             self.influences,
@@ -385,7 +387,7 @@ def _budget(decoder: Decoder, root: Mapping) -> Budget:
     )
     places, influences = root.items, budget.influences
     if not influences:
-        decoder.refuse(places["influences"], "influences", "expected one entry at least, got none")
+        decoder.refuse(places["influences"], "influences", "expected at least one entry, got none")
     try:
         unit = budget.si
     except UnitError as error:
@@ -409,7 +411,7 @@ def _budget(decoder: Decoder, root: Mapping) -> Budget:
 def _unmatched(equation: QuantityExpression, have: list[str]) -> str:
     """Say what only one of equation and influences names; nothing where all is well."""
     for name in sorted(equation.names - set(have)):
-        return f"the equation names '{name}', which is no influence{did_you_mean(name, have)}"
+        return f"the equation names '{name}', which is not an influence{did_you_mean(name, have)}"
     for name in have:
         if name not in equation.names:
             return f"the equation does not use the influence '{name}'"
@@ -417,8 +419,8 @@ def _unmatched(equation: QuantityExpression, have: list[str]) -> str:
 
 
 def _read_correlation(decoder: Decoder, node: Node, path: str, _base: Any) -> _Correlation:
-    written = "3 entries, [name, name, coefficient]"
-    first, second, coefficient = decoder.items(node, path, 3, written)
+    form = "3 entries, [name, name, coefficient]"
+    first, second, coefficient = decoder.items(node, path, 3, form)
     return _Correlation(
         decoder.text(first, f"{path}[0]"),
         decoder.text(second, f"{path}[1]"),
@@ -428,7 +430,7 @@ def _read_correlation(decoder: Decoder, node: Node, path: str, _base: Any) -> _C
 
 def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Influence:
     if not isinstance(node, Mapping):
-        sentence = f"an influence is a mapping with 'name' and 'value', got {show(node)}"
+        sentence = f"an influence must be a mapping with 'name' and 'value', got {show(node)}"
         decoder.refuse(node, path, sentence)
     entry: _Entry = decoder.build(_Entry, node, path)
     name = entry.name.strip()
@@ -446,8 +448,8 @@ def _read_influence(decoder: Decoder, node: Node, path: str, _base: Any) -> Infl
                 decoder.refuse(
                     node.items[key],
                     f"{path}.{key}",
-                    f"the influence '{name}' has '{key}' and no uncertainty: give its uncertainty "
-                    f"or its half_width, or leave '{key}' out of a constant",
+                    f"the influence '{name}' has '{key}' but no uncertainty: give its uncertainty "
+                    f"or its half_width, or omit '{key}' for a constant",
                 )
         sizes["uncertainty"] = 0.0
     repeated = math.isfinite(entry.dof) and "half_width" not in sizes
@@ -490,9 +492,9 @@ def _read_quantity(decoder: Decoder, node: Node, path: str, _base: Any) -> _Quan
     match = _QUANTITY.fullmatch(text)
     if match is None:
         decoder.refuse(node, path, f"expected a number and a unit, as '12 nm', got {show(node)}")
-    number, written, inverse = match.groups()
+    number, unit_text, inverse = match.groups()
     try:
-        factor, unit = measured_unit(written or inverse or "1")
+        factor, unit = measured_unit(unit_text or inverse or "1")
     except UnitError as error:
         decoder.refuse_again(node, path, error)
     value = float(Decimal(number) * Decimal(repr(factor)))
@@ -528,3 +530,96 @@ BUDGET_FILE = Format(
         _Quantity: Form(read=_read_quantity, schema=lambda _: {"type": ["string", "number"]}),
     },
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EvaluatedBudget(Result):
+    """Evaluation of an uncertainty budget by the GUM and by Monte Carlo."""
+
+    table_key: ClassVar[str] = "influences"
+
+    budget: Budget
+    """The budget."""
+    propagated: Propagated
+    """Result to first order, in SI."""
+    simulated: MonteCarlo
+    """Result by Monte Carlo, in SI."""
+
+    def data(self) -> dict[str, Any]:
+        budget, propagated, simulated = self.budget, self.propagated, self.simulated
+        agreement = validate(propagated, simulated)
+        scale = 1.0 / budget.factor
+
+        def scaled(ends: tuple[float, float]) -> list[float]:
+            return [scale * end for end in ends]
+
+        ends = propagated.interval(simulated.confidence)
+        u = propagated.uncertainty
+        return {
+            "quantity": budget.quantity,
+            "unit": budget.unit,
+            "equation": budget.equation.text,
+            "confidence": simulated.confidence,
+            "influences": [
+                {
+                    **picked(line, "name", "value", "standard_uncertainty=uncertainty"),
+                    **picked(line, "unit", "degrees_of_freedom", "distribution", "kind"),
+                    "sensitivity": scale * line.sensitivity,
+                    "contribution": scale * line.contribution,
+                    **picked(line, "share", "source"),
+                }
+                for line in propagated.lines
+            ],
+            "correlations": [
+                {"between": [first, second], "coefficient": r}
+                for first, second, r in budget.correlations
+            ],
+            "gum": {
+                "value": scale * propagated.value,
+                "standard_uncertainty": scale * u,
+                "degrees_of_freedom": plain(propagated.degrees_of_freedom),
+                "coverage_factor": 0.5 * (ends[1] - ends[0]) / u if u > 0.0 else None,
+                "expanded_uncertainty": scale * 0.5 * (ends[1] - ends[0]),
+                "interval": scaled(ends),
+            },
+            "monte_carlo": {
+                "value": scale * simulated.value,
+                "standard_uncertainty": scale * simulated.uncertainty,
+                "interval": scaled(simulated.symmetric),
+                "shortest_interval": scaled(simulated.shortest),
+                "trials": simulated.trials,
+                "seed": simulated.seed,
+                "tolerance": None if simulated.tolerance is None else scale * simulated.tolerance,
+            },
+            "agreement": {
+                "valid": agreement.valid,
+                "tolerance": scale * agreement.tolerance,
+                "low": scale * agreement.low,
+                "high": scale * agreement.high,
+            },
+            "notes": [*_constants(budget), *propagated.notes, *filter(None, [budget.notes])],
+        }
+
+
+def evaluate_budget(
+    budget: Budget, request: UncertaintyRequest | None = None, **fields: Any
+) -> EvaluatedBudget:
+    """Propagate a budget to first order and by Monte Carlo.
+
+    Fields of `UncertaintyRequest` may be named in place of those of a request.
+    """
+    request = request_of(UncertaintyRequest, request, fields)
+    return EvaluatedBudget(
+        request=request,
+        budget=budget,
+        propagated=budget.propagate(),
+        simulated=budget.monte_carlo(request),
+    )
+
+
+def _constants(budget: "Budget") -> list[str]:
+    exact = [i.name for i in budget.influences if i.standard_uncertainty == 0.0]
+    if not exact:
+        return []
+    are = "is assumed constant" if len(exact) == 1 else "are assumed constant"
+    return [f"{', '.join(exact)} {are} and exact"]

@@ -171,11 +171,11 @@ def monte_carlo(
     if not influences:
         raise ModelError("a result needs at least one influence, got none")
     if not 0.0 < confidence < 1.0:
-        raise ModelError(f"a confidence lies between 0 and 1, got {confidence!r}")
+        raise ModelError(f"the confidence must be between 0 and 1, got {confidence!r}")
     if trials != "auto" and not 1000 <= trials <= BLOCK * _MOST:
         raise ModelError(f"the trials must be 1000 to {BLOCK * _MOST}, or 'auto', got {trials!r}")
     if not 1 <= digits <= 3:
-        raise ModelError(f"significant digits of an uncertainty are 1 to 3, got {digits}")
+        raise ModelError(f"the significant digits of an uncertainty must be 1 to 3, got {digits}")
     draw = sampler(influences, correlation_matrix(influences, (correlations or {}).items()))
 
     def block(index: int, count: int) -> Array:
@@ -202,20 +202,20 @@ def monte_carlo(
     )
 
 
-def _evaluated(function: Callable[..., Any], drawn: list[Array]) -> Array:
+def _evaluated(function: Callable[..., Any], samples: list[Array]) -> Array:
     with np.errstate(all="ignore"):
         try:
-            found = np.asarray(function(*drawn), dtype=np.float64)
+            results = np.asarray(function(*samples), dtype=np.float64)
         except (ArithmeticError, ValueError, TypeError) as error:
             raise ModelError(f"the result cannot be computed from arrays: {error}") from error
-    values = np.broadcast_to(found, drawn[0].shape) if found.ndim == 0 else found
-    if values.shape != drawn[0].shape:
+    values = np.broadcast_to(results, samples[0].shape) if results.ndim == 0 else results
+    if values.shape != samples[0].shape:
         raise ModelError(f"the result must be one number a trial, got an array {values.shape}")
     wrong = int(np.count_nonzero(~np.isfinite(values)))
     if wrong:
         raise ModelError(
             f"the result is not finite in {wrong} of {values.size} trials: its influences reach "
-            "where it is not defined"
+            "values at which it is undefined"
         )
     return values
 
@@ -225,14 +225,14 @@ def _adaptive(
 ) -> tuple[list[Array], float]:
     parts: list[Array] = []
     rows: list[tuple[float, float, float, float]] = []
-    wanted = _LEAST
+    count = _LEAST
     while True:
-        while len(parts) < wanted:
+        while len(parts) < count:
             one = block(len(parts), BLOCK)
             low, high = np.quantile(one, (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence))
             rows.append((float(one.mean()), float(one.std(ddof=1)), float(low), float(high)))
             parts.append(one)
-            progress.update("drawing trials", min(len(parts) / wanted, 1.0))
+            progress.update("drawing trials", min(len(parts) / count, 1.0))
         table = np.array(rows)
         # the spread of all trials, as the root of the mean square of the blocks
         u = math.sqrt(float(np.mean(table[:, 1] ** 2)) + float(np.var(table[:, 0])))
@@ -245,13 +245,13 @@ def _adaptive(
             return parts, tolerance
         if len(parts) >= _MOST:
             raise ConvergenceError(
-                f"{_MOST * BLOCK} trials leave {error:.2g} of doubt in an uncertainty of {u:.3g}, "
+                f"{_MOST * BLOCK} trials give an error of {error:.2g} in an uncertainty {u:.3g}, "
                 f"more than {tolerance:.2g}: ask for fewer significant digits, or give the number "
                 "of trials"
             )
         # errors fall with the root of the number; the estimate of it may be off
         needed = len(parts) * (error / tolerance) ** 2
-        wanted = int(min(_MOST, max(len(parts) + 1, min(1.05 * needed, 4.0 * len(parts)))))
+        count = int(min(_MOST, max(len(parts) + 1, min(1.05 * needed, 4.0 * len(parts)))))
 
 
 def _intervals(values: Array, confidence: float) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -267,14 +267,14 @@ def _intervals(values: Array, confidence: float) -> tuple[tuple[float, float], t
     )
 
 
-def validate(propagated: Propagated, drawn: MonteCarlo, *, digits: int = 2) -> Validation:
+def validate(propagated: Propagated, simulated: MonteCarlo, *, digits: int = 2) -> Validation:
     """Say whether the first-order interval agrees with the Monte Carlo one (JCGM 101:2008, 8).
 
     Parameters
     ----------
     propagated : Propagated
         The result to first order.
-    drawn : MonteCarlo
+    simulated : MonteCarlo
         The same result, drawn at random.
     digits : int
         Significant digits of the uncertainty that must be right.
@@ -282,7 +282,7 @@ def validate(propagated: Propagated, drawn: MonteCarlo, *, digits: int = 2) -> V
     Returns
     -------
     Validation
-        Distances of the ends of the symmetric intervals, and the verdict.
+        Distances of the ends of the symmetric intervals, and their assessment.
 
     Examples
     --------
@@ -293,8 +293,8 @@ def validate(propagated: Propagated, drawn: MonteCarlo, *, digits: int = 2) -> V
     True
     """
     tolerance = numerical_tolerance(propagated.uncertainty, digits)
-    ends = propagated.interval(drawn.confidence)
-    low, high = (abs(a - b) for a, b in zip(ends, drawn.symmetric, strict=True))
+    ends = propagated.interval(simulated.confidence)
+    low, high = (abs(a - b) for a, b in zip(ends, simulated.symmetric, strict=True))
     return Validation(
         valid=max(low, high) <= tolerance, tolerance=tolerance, low=low, high=high, digits=digits
     )
@@ -322,10 +322,10 @@ def sampler(influences: Sequence[Influence], matrix: Array) -> _Draw:
     ]
 
     def draw(generator: np.random.Generator, count: int) -> list[Array]:
-        found: dict[int, Array] = {}
+        columns: dict[int, Array] = {}
         for group, one in zip(together, draws, strict=True):
-            found.update(zip(group, one(generator, count), strict=True))
-        return [found[k] for k in range(len(influences))]
+            columns.update(zip(group, one(generator, count), strict=True))
+        return [columns[k] for k in range(len(influences))]
 
     return draw
 
@@ -336,9 +336,9 @@ def _group(members: Sequence[Influence], matrix: Array) -> _Draw:
     laws = {(m.law, m.degrees_of_freedom if m.law == "student" else 0.0) for m in members}
     law, freedom = laws.pop()
     if laws or law not in ("normal", "student"):
-        named = " and ".join(f"'{m.name}' ({m.law})" for m in members)
+        names = " and ".join(f"'{m.name}' ({m.law})" for m in members)
         raise ModelError(
-            f"the influences {named} are correlated, and only normal ones, or Student ones of "
+            f"the influences {names} are correlated, and only normal ones, or Student ones of "
             "equal degrees of freedom, can be drawn together: give each its standard uncertainty, "
             "with the distribution normal"
         )

@@ -74,13 +74,13 @@ class Influence:
 
     def __post_init__(self) -> None:
         size = self.half_width if self.uncertainty is None else self.uncertainty
-        given = (self.uncertainty is None) != (self.half_width is None)
-        known = self.distribution is None or self.distribution in DISTRIBUTIONS
+        has_one_width = (self.uncertainty is None) != (self.half_width is None)
+        has_distribution = self.distribution is None or self.distribution in DISTRIBUTIONS
         for fine, sentence in (
             (math.isfinite(self.value), f"the value must be finite, got {self.value!r}"),
-            (given, "give its uncertainty or its half-width, one of the two"),
+            (has_one_width, "give its uncertainty or its half-width, one of the two"),
             (
-                not given or 0.0 <= (size or 0.0) < math.inf,
+                not has_one_width or 0.0 <= (size or 0.0) < math.inf,
                 f"its uncertainty must be 0 or more and finite, got {size!r}",
             ),
             (
@@ -89,7 +89,7 @@ class Influence:
             ),
             (self.kind in ("A", "B"), f"the kind must be A or B, got {self.kind!r}"),
             (
-                known,
+                has_distribution,
                 f"unknown distribution '{self.distribution}': expected one of "
                 f"{', '.join(DISTRIBUTIONS)}",
             ),
@@ -103,7 +103,7 @@ class Influence:
             ),
             (
                 0.0 <= self.flat_share <= 1.0,
-                f"top over base lies from 0 to 1, got {self.flat_share!r}",
+                f"top over base must be from 0 to 1, got {self.flat_share!r}",
             ),
         ):
             if not fine:
@@ -143,8 +143,8 @@ class Influence:
         if self.law == "student":
             # of a mean: its scale, and not its standard deviation, is u (JCGM 101:2008, 6.4.9)
             return self.value + u * generator.standard_t(self.degrees_of_freedom, count)
-        drawn = _unit_quantile(self.law, generator.random(count), self.flat_share)
-        return self.value + u / self._shape * drawn
+        quantiles = _unit_quantile(self.law, generator.random(count), self.flat_share)
+        return self.value + u / self._shape * quantiles
 
 
 def _unit_quantile(law: str, p: Array, flat: float) -> Array:
@@ -200,19 +200,19 @@ def correlation_matrix(
     names = [i.name for i in influences]
     for name in names:
         if names.count(name) > 1:
-            raise ModelError(f"two influences are called '{name}': give each its own name")
+            raise ModelError(f"two influences have the name '{name}': give each its own name")
     matrix = np.eye(len(names))
-    seen: set[frozenset[str]] = set()
+    pairs: set[frozenset[str]] = set()
     for pair, coefficient in correlations:
         for name in pair:
             if name not in names:
                 hint = did_you_mean(name, names)
-                raise ModelError(f"a correlation names '{name}', which is no influence{hint}")
-        if pair[0] == pair[1] or frozenset(pair) in seen:
+                raise ModelError(f"a correlation names '{name}', which is not an influence{hint}")
+        if pair[0] == pair[1] or frozenset(pair) in pairs:
             raise ModelError(f"the correlation of {' and '.join(pair)} must be given once, of two")
         if not -1.0 <= coefficient <= 1.0:
-            raise ModelError(f"a correlation coefficient lies from -1 to 1, got {coefficient!r}")
-        seen.add(frozenset(pair))
+            raise ModelError(f"a correlation coefficient must be from -1 to 1, got {coefficient!r}")
+        pairs.add(frozenset(pair))
         i, j = map(names.index, pair)
         matrix[i, j] = matrix[j, i] = coefficient
     if matrix.size and float(np.linalg.eigvalsh(matrix)[0]) < -1e-9:
@@ -223,15 +223,15 @@ def correlation_matrix(
 def groups(matrix: Array) -> tuple[tuple[int, ...], ...]:
     """Return the indices of influences that hang together by their correlations, group by group."""
     left = set(range(matrix.shape[0]))
-    found = []
+    result = []
     while left:
         group, edge = set(), {min(left)}
         while edge:
             group |= edge
             edge = {int(j) for i in edge for j in np.flatnonzero(matrix[i])} - group
         left -= group
-        found.append(tuple(sorted(group)))
-    return tuple(found)
+        result.append(tuple(sorted(group)))
+    return tuple(result)
 
 
 # its square, and a sum of some, is still a number
@@ -363,7 +363,7 @@ def propagate(
     if largest > _LARGEST:
         name = influences[int(np.argmax(np.abs(parts)))].name
         raise ModelError(
-            f"influence '{name}' makes an uncertainty of {largest:.3g}, whose square is too large "
+            f"influence '{name}' gives an uncertainty of {largest:.3g}, whose square is too large "
             f"for a number (at most {_LARGEST:g} may be squared): use larger units"
         )
     covariances = parts[:, None] * matrix * parts[None, :]
@@ -376,7 +376,7 @@ def propagate(
         if len({m.degrees_of_freedom for m in members}) > 1:
             notes.append(
                 f"{' and '.join(m.name for m in members)} are correlated and differ in degrees of "
-                "freedom: all of them take the least"
+                "freedom: the smallest is used for all"
             )
     lines = (
         _line(*row) for row in zip(influences, c.tolist(), parts.tolist(), shares, strict=True)
@@ -401,8 +401,8 @@ def _derivatives(
     try:
         y: Any = function(*numbers)
         value = float(getattr(y, "x", y))
-        known = hasattr(y, "x")
-        c = [float(reporting.u_component(y, x)) if known else 0.0 for x in numbers]
+        is_uncertain = hasattr(y, "x")
+        c = [float(reporting.u_component(y, x)) if is_uncertain else 0.0 for x in numbers]
     except (ArithmeticError, ValueError, TypeError, RuntimeError) as error:
         raise ModelError(
             f"the result has no value or no derivative at the estimates of its influences: {error}"

@@ -119,9 +119,9 @@ def measured(
     model = _Model(raw, sensor, pitch, duration, abs(raw.value) if span is None else abs(span))
     errors, function = getattr(model, _MODELS.get(role, role))()
     # what is exactly known adds no line
-    found = propagate(lambda r, *e: function(r, e), (reading, *(i for _, i in errors)))
-    own, *others = found.lines
-    kept = raw.times(own.sensitivity)
+    propagated = propagate(lambda r, *e: function(r, e), (reading, *(i for _, i in errors)))
+    reading_line, *others = propagated.lines
+    scaled = raw.times(reading_line.sensitivity)
     more: dict[str, list[Component]] = {}
     for (name, _), line in zip(errors, others, strict=True):
         part = Component(
@@ -132,9 +132,9 @@ def measured(
         )
         more.setdefault(name, []).append(part)
     merged = [_merged(name, parts) for name, parts in more.items()]
-    shift = found.value - kept.value
-    ends = None if kept.bounds is None else (kept.bounds[0] + shift, kept.bounds[1] + shift)
-    moved = replace(kept, value=found.value, bounds=ends)
+    shift = propagated.value - scaled.value
+    ends = None if scaled.bounds is None else (scaled.bounds[0] + shift, scaled.bounds[1] + shift)
+    moved = replace(scaled, value=propagated.value, bounds=ends)
     return moved.plus(*(c for c in merged if c.uncertainty > 0.0))
 
 
@@ -236,10 +236,10 @@ def _cosine(alignment: float, which: str = "") -> tuple[str, Influence]:
 
 
 def _merged(name: str, parts: list[Component]) -> Component:
-    whole = Estimate(value=0.0, unit="", components=tuple(parts))
+    combined = Estimate(value=0.0, unit="", components=tuple(parts))
     return Component(
         name=name,
-        uncertainty=whole.uncertainty,
-        degrees_of_freedom=whole.degrees_of_freedom,
+        uncertainty=combined.uncertainty,
+        degrees_of_freedom=combined.degrees_of_freedom,
         kind="A" if any(p.kind == "A" and p.uncertainty > 0.0 for p in parts) else "B",
     )

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def draw_centred(centred: "CentredRecords") -> "Figure":
     """Draw the successive setups of a scale, as read by their first heads."""
-    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in centred.settings), strict=True)
+    fits, angles = zip(*((s.fits[0], s.heads[0].angle) for s in centred.setups), strict=True)
     return draw_polar(fits, angles)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.base.errors import ModelError
-from flexstage.measure.frf_result import FrfResult
+from flexstage.measure.frf import FrfResult
 from flexstage.measure.modal.result import ModalFit
 from flexstage.measure.modal.ring_down import RingDown
 from flexstage.quantities.estimate import Estimate

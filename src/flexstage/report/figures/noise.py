@@ -169,7 +169,7 @@ def _steps(axes: "Axes", staircase: Staircase, unit: str) -> None:
     at = np.arange(1, size.size + 1)
     looks = {"yes": (CYCLE[2], "o"), "undecided": (CYCLE[4], "D"), "no": (CYCLE[3], "x")}
     for answer, (colour, marker) in looks.items():
-        here = np.array([step.told == answer for step in staircase.steps])
+        here = np.array([step.resolved == answer for step in staircase.steps])
         if here.any():
             axes.errorbar(
                 at[here], factor * size[here], factor * half[here], color=colour, linestyle="none",

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from flexstage.centring.from_records import CentredRecords
     from flexstage.experiments import Campaign, Characterisation
-    from flexstage.measure.frf_result import DecayResult, FrfResult
+    from flexstage.measure.frf import DecayResult, FrfResult
     from flexstage.records import Record
     from flexstage.stage.designs import StageTemplate
     from flexstage.studies.explore import Front, Optimum, Sensitivities, Sweep, ToleranceStudy

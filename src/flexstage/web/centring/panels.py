@@ -168,7 +168,7 @@ def turns_table(state: CentringState, preferences: Preferences) -> Table:
         "turn", f"stage x [{unit}]", f"y [{unit}]", f"eccentricity [{unit}]", "direction [°]",
         "once per turn [arcsec]", "residual, rms",
     )  # fmt: skip
-    turns = state.result.settings if state.result is not None and state.up_to_date else []
+    turns = state.result.setups if state.result is not None and state.up_to_date else []
     rows = []
     for i, turn in enumerate(state.turns):
         at = [shown_number(preferences.displayed(POSITION), v) for v in turn.position]

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flexstage.base.errors import FlexstageError
-from flexstage.centring.procedure import trial_length, trial_position
+from flexstage.centring.calibration_moves import calibration_length, calibration_position
 from flexstage.centring.requests import MAGNET, CentreRequest
-from flexstage.records.likely_columns import LikelyTurn
+from flexstage.records.contents import LikelyTurn
 from flexstage.web.centring.work import (
     EXAMPLE_HEADS,
     EXAMPLE_RADIUS,
@@ -171,12 +171,16 @@ class CentringState:
             )
             return x, y
         axis, position = len(self.turns) - 1, list(self.turns[-1].position)
-        position[axis] = trial_position(position[axis], self.limits[axis], self._trial_length())
+        position[axis] = calibration_position(
+            position[axis], self.limits[axis], self._trial_length()
+        )
         return position[0], position[1]
 
     def _trial_length(self) -> float:
         """Return the trial move [m], to two digits; 20 µm for a scale without a radius."""
-        eccentricity = self.result.settings[0].get("eccentricity") if self.result else None
+        eccentricity = self.result.setups[0].get("eccentricity") if self.result else None
         if eccentricity is None:
             return 20e-6
-        return float(f"{trial_length(eccentricity['value'], eccentricity['uncertainty']):.1e}")
+        return float(
+            f"{calibration_length(eccentricity['value'], eccentricity['uncertainty']):.1e}"
+        )

@@ -17,8 +17,7 @@ from flexstage.centring.from_records import centre_files
 from flexstage.centring.requests import CentreRequest
 from flexstage.instruments.limits import check_position
 from flexstage.records import Channel, Record, write_record
-from flexstage.records.contents import contents, read_whole
-from flexstage.records.likely_columns import LikelyTurn, likely_turn
+from flexstage.records.contents import LikelyTurn, contents, likely_turn, read_whole
 from flexstage.report.figures.centring import draw_polar
 from flexstage.virtual import VirtualTable, scale_errors
 from flexstage.web.bench.link import BenchLink
@@ -57,16 +56,16 @@ class CentringResult:
     """Error over the first and the last turn, and its harmonics."""
 
     @property
-    def settings(self) -> list[dict[str, Any]]:
+    def setups(self) -> list[dict[str, Any]]:
         """Results of each turn."""
-        return self.data.get("settings", [self.data])
+        return self.data.get("setups", [self.data])
 
 
 def evaluate_files(evaluation: CentreFiles, key: str) -> CentringResult:
     """Evaluate records as `flexstage centre` does; ids in the picture begin with `key`."""
     result = centre_files(evaluation.files, evaluation.request)
-    numbers = sorted({1, len(result.settings)})
-    ends = [result.settings[number - 1] for number in numbers]
+    numbers = sorted({1, len(result.setups)})
+    ends = [result.setups[number - 1] for number in numbers]
     svg = inline(
         lambda: draw_polar(
             [setting.fits[0] for setting in ends],

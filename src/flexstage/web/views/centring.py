@@ -242,7 +242,7 @@ class CentringView:
     def _known_direction(self) -> None:
         """Offer the direct move for a known orientation of the stage."""
         result = self._state.result
-        move = None if result is None else result.settings[-1].get("move")
+        move = None if result is None else result.setups[-1].get("move")
         if move is None:
             return
         unit, factor = self._page.preferences.length_unit()
@@ -286,7 +286,7 @@ class CentringView:
             self._place_fields()
             self._record_field()
         if self._moves and state.result is not None and state.up_to_date:
-            settings = state.result.settings
+            settings = state.result.setups
             self._show_remaining(settings[0], settings[-1])
 
     def _show_remaining(self, first: dict[str, Any], last: dict[str, Any]) -> None:
@@ -362,7 +362,7 @@ class CentringView:
         result = state.result if state.up_to_date else None
         if result is not None:
             with div("row-of-figures"):
-                for row in figures(result.settings[-1], state.request.radius, preferences):
+                for row in figures(result.setups[-1], state.request.radius, preferences):
                     figure(*row)
             picture(result.svg)
         show_table(turns_table(state, preferences))

@@ -21,7 +21,7 @@ from flexstage.instruments.protocol import Waveform
 from flexstage.instruments.requests import TwinRequest
 from flexstage.instruments.transport import InProcess
 from flexstage.records import Record
-from flexstage.records.likely_columns import taken_drive
+from flexstage.records.contents import default_drive_columns
 from flexstage.records.read import read_files
 from flexstage.records.read_options import ReadOptions
 from flexstage.stage import Stage
@@ -122,7 +122,7 @@ def _require_names(given: tuple[str, ...], axes: int) -> None:
 def played(stage: Stage, file: Path, axis: str | None, request: TwinRequest) -> Record:
     """Return what a stage does under the voltage of a record; refuse what exceeds its limits."""
     name = stage.axis(axis).name if axis else stage.axes[0].name
-    ((driven,), _, _) = taken_drive(file, ((), ("none",)), ReadOptions())
+    ((driven,), _, _) = default_drive_columns(file, ((), ("none",)), ReadOptions())
     (record,) = read_files([file], [driven], even=True)
     rate, values = record.sample_rate_hz, record.channel(driven).values
     made = virtual_stage(

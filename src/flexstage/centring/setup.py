@@ -1,4 +1,4 @@
-"""One setting: harmonics and eccentricity of the scale by all heads or indicators, as data."""
+"""Harmonics and eccentricity of a scale in one measurement setup, by all heads or indicators."""
 
 import math
 from collections.abc import Sequence
@@ -18,104 +18,106 @@ from flexstage.quantities.units.text import TURN_WORDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
-    """What was found of the scale in one place."""
+class Setup:
+    """Harmonics and eccentricity of the scale in one measurement setup."""
 
     heads: Sequence[HeadReadings]
     """The heads or indicators."""
     radial: bool
-    """Whether they are indicators."""
+    """True for indicators, False for heads."""
     fits: Sequence[HarmonicFit]
-    """Harmonics of each."""
+    """Harmonics of each head."""
     harmonics: Sequence[Harmonic]
-    """Those of the scale, over the angle in it."""
+    """Harmonics of the scale, over the scale angle."""
     centre: Eccentricity | None
-    """The eccentricity; None where it was not asked for."""
+    """The eccentricity; None if it was not requested."""
     with_all: Sequence[Harmonic] | None
-    """Those with no sample set aside, where so many were that both are needed."""
+    """Harmonics without outlier rejection, if many samples were rejected."""
     centre_with_all: Eccentricity | None
-    """The eccentricity with no sample set aside, then."""
+    """Eccentricity without outlier rejection, if many samples were rejected."""
     like_magnet: bool
-    """Whether it was not said to be of a kind and looks as if it were a magnet on the axis."""
+    """True if the kind was not given and the harmonics are those of an on-axis magnet."""
     notes: tuple[str, ...]
-    """What a reader should know."""
+    """Remarks on the result."""
 
 
-def fit_setting(
+def fit_setup(
     heads: Sequence[HeadReadings],
     radial: bool,
     radius: float | None,
     kind: str | None,
     orders: list[int] | None,
     robust: bool,
-) -> Setting:
-    """Fit the heads of one setting, or the indicators where `radial`.
+) -> Setup:
+    """Fit the heads of one setup, or the indicators if `radial`.
 
-    The radius of the scale is in m, `kind` disc, drum or magnet; a disc where None.
+    The radius of the scale is in m, `kind` disc, drum or magnet; a disc if None.
     """
     unit = "m" if radial else "rad"
     fits = [fit_harmonics(h.angle, h.error, orders=orders, robust=robust, unit=unit) for h in heads]
     alphas = np.array([h.head_angle for h in heads])
     shared = sorted(set.intersection(*(set(f.orders) for f in fits)))
 
-    def centred(look: bool) -> Eccentricity | None:
-        # where order 1 is left out on purpose, there is nothing to say of the eccentricity
+    def centre_of_scale(robust: bool) -> Eccentricity | None:
+        # order 1 was excluded on purpose: no eccentricity follows
         if 1 not in shared or (radius is None and not radial):
             return None
         if radial:
-            return run_out(heads, radius=radius, orders=shared, robust=look)
-        own: Any = kind or "disc"
-        return eccentricity(heads, radius=radius or 0.0, kind=own, orders=shared, robust=look)
+            return run_out(heads, radius=radius, orders=shared, robust=robust)
+        scale_kind: Any = kind or "disc"
+        return eccentricity(
+            heads, radius=radius or 0.0, kind=scale_kind, orders=shared, robust=robust
+        )
 
     harmonics = [scale_harmonic(fits, alphas, n) for n in shared]
-    like_magnet = kind is None and not radial and _second_leads(harmonics)
-    centre = None if like_magnet else centred(robust)
-    whole = [f if f.with_all is None else f.with_all for f in fits]
+    like_magnet = kind is None and not radial and _second_order_dominates(harmonics)
+    centre = None if like_magnet else centre_of_scale(robust)
+    fits_with_all = [f if f.with_all is None else f.with_all for f in fits]
     both = any(f.with_all is not None for f in fits)
     notes = [note for f in fits for note in f.notes] + list(centre.notes if centre else ())
-    return Setting(
+    return Setup(
         heads=heads,
         radial=radial,
         fits=fits,
         harmonics=harmonics,
         centre=centre,
-        with_all=[scale_harmonic(whole, alphas, n) for n in shared] if both else None,
-        centre_with_all=centred(False) if both and centre is not None else None,
+        with_all=[scale_harmonic(fits_with_all, alphas, n) for n in shared] if both else None,
+        centre_with_all=centre_of_scale(False) if both and centre is not None else None,
         like_magnet=like_magnet,
         notes=tuple(dict.fromkeys(notes)),
     )
 
 
-def _second_leads(harmonics: Sequence[Harmonic]) -> bool:
-    """Say whether order 2 is larger than order 1, as of a magnet on the axis."""
-    found = {h.order: h.amplitude.interval() for h in harmonics}
-    return 1 in found and 2 in found and found[2][0] > found[1][1]
+def _second_order_dominates(harmonics: Sequence[Harmonic]) -> bool:
+    """Return whether order 2 is larger than order 1, as for a magnet on the axis."""
+    intervals = {h.order: h.amplitude.interval() for h in harmonics}
+    return 1 in intervals and 2 in intervals and intervals[2][0] > intervals[1][1]
 
 
 _WAVES = "A cos(n angle - phase), summed over the orders n"
-_OF_HEADS = f"angle read less true angle is {_WAVES}"
-_OF_INDICATORS = f"what is read, outwards more, is {_WAVES}"
+_OF_HEADS = f"error = reading - true angle = {_WAVES}"
+_OF_INDICATORS = f"reading, positive outwards = {_WAVES}"
 
 
-def report(setting: Setting, mirror: float, mount: float, written: str | None) -> dict[str, Any]:
-    """Return what is said of one setting, as plain data.
+def report(setup: Setup, mirror: float, mount: float, unit_text: str | None) -> dict[str, Any]:
+    """Return the report of one setup, as plain data.
 
     `mirror` is -1 where the heads travel clockwise, `mount` the direction of the stage's x axis
-    [rad], `written` the unit that harmonics are printed in.
+    [rad], `unit_text` the unit of the printed harmonics.
     """
-    radial = setting.radial
-    unit, factor = _written(written, "m" if radial else "rad")
-    fit = setting.fits[0]
+    radial = setup.radial
+    unit, factor = _printed_unit(unit_text, "m" if radial else "rad")
+    fit = setup.fits[0]
     out: dict[str, Any] = {
-        "records": list(dict.fromkeys(h.file for h in setting.heads)),
+        "records": list(dict.fromkeys(h.file for h in setup.heads)),
         "unit": unit,
-        "harmonics": [_harmonic(h, unit, factor, radial) for h in setting.harmonics],
+        "harmonics": [_harmonic(h, unit, factor, radial) for h in setup.harmonics],
         "offset": factor * fit.offset.value,
         "offset_uncertainty": factor * fit.offset.uncertainty,
         "residual_rms": factor
-        * math.sqrt(sum(f.residual_rms**2 for f in setting.fits) / len(setting.fits)),
+        * math.sqrt(sum(f.residual_rms**2 for f in setup.fits) / len(setup.fits)),
         "turns": fit.turns,
-        "samples": sum(f.samples for f in setting.fits),
+        "samples": sum(f.samples for f in setup.fits),
         "noise": fit.noise,
         "outliers": [
             {
@@ -126,7 +128,7 @@ def report(setting: Setting, mirror: float, mount: float, written: str | None) -
                 "residual": factor * o.residual,
                 "unit": unit,
             }
-            for h, f in zip(setting.heads, setting.fits, strict=True)
+            for h, f in zip(setup.heads, setup.fits, strict=True)
             for o in f.outliers
         ],
         "heads": [
@@ -134,33 +136,33 @@ def report(setting: Setting, mirror: float, mount: float, written: str | None) -
                 "column": h.name,
                 "file": h.file,
                 "angle_deg": mirror * math.degrees(h.head_angle),
-                "harmonics": [_harmonic(own, unit, factor, radial) for own in f.harmonics],
+                "harmonics": [_harmonic(n, unit, factor, radial) for n in f.harmonics],
                 "offset": factor * f.offset.value,
                 "residual_rms": factor * f.residual_rms,
             }
-            for h, f in zip(setting.heads, setting.fits, strict=True)
+            for h, f in zip(setup.heads, setup.fits, strict=True)
         ],
         "convention": _OF_INDICATORS if radial else _OF_HEADS,
-        "notes": list(setting.notes),
+        "notes": list(setup.notes),
     }
-    if setting.with_all is not None:
-        out["harmonics_with_all"] = [_harmonic(h, unit, factor, radial) for h in setting.with_all]
-    if setting.centre_with_all is not None:
-        whole = _centred(setting.centre_with_all, mirror, mount)
-        out["eccentricity_with_all"] = whole["eccentricity"]
-    if setting.centre is not None:
-        out |= _centred(setting.centre, mirror, mount)
+    if setup.with_all is not None:
+        out["harmonics_with_all"] = [_harmonic(h, unit, factor, radial) for h in setup.with_all]
+    if setup.centre_with_all is not None:
+        with_all = _centre_data(setup.centre_with_all, mirror, mount)
+        out["eccentricity_with_all"] = with_all["eccentricity"]
+    if setup.centre is not None:
+        out |= _centre_data(setup.centre, mirror, mount)
     return out
 
 
-def _written(text: str | None, si: str) -> tuple[str, float]:
-    """Return the unit that is printed, and how many of it the SI unit is."""
+def _printed_unit(text: str | None, si: str) -> tuple[str, float]:
+    """Return the printed unit, and the size of the SI unit in it."""
     if text is None:
         return si, 1.0
     if text.strip().lower() in TURN_WORDS:
         return "turn", 0.5 / math.pi
-    factor, known = si_unit(text)
-    return (text, 1.0 / factor) if known == si else (si, 1.0)
+    factor, unit = si_unit(text)
+    return (text, 1.0 / factor) if unit == si else (si, 1.0)
 
 
 def _harmonic(h: Harmonic, unit: str, factor: float, radial: bool) -> dict[str, Any]:
@@ -179,23 +181,23 @@ def _harmonic(h: Harmonic, unit: str, factor: float, radial: bool) -> dict[str, 
     }
 
 
-def _centred(found: Eccentricity, mirror: float, mount: float) -> dict[str, Any]:
-    # the other sense has y the other way
-    x, y = found.x.value, mirror * found.y.value
+def _centre_data(centre: Eccentricity, mirror: float, mount: float) -> dict[str, Any]:
+    # the opposite sense of rotation reverses y
+    x, y = centre.x.value, mirror * centre.y.value
     c, s = math.cos(mount), math.sin(mount)
-    xx, yy = found.covariance[0, 0], found.covariance[1, 1]
-    xy = mirror * found.covariance[0, 1]
-    low, high = found.amplitude.interval()
+    xx, yy = centre.covariance[0, 0], centre.covariance[1, 1]
+    xy = mirror * centre.covariance[0, 1]
+    low, high = centre.amplitude.interval()
     return {
         "eccentricity": {
-            "value": found.amplitude.value,
+            "value": centre.amplitude.value,
             "x": x,
             "y": y,
             "phase_deg": math.degrees(math.atan2(y, x)),
-            "uncertainty": found.amplitude.uncertainty,
-            "uncertainty_x": found.x.uncertainty,
-            "uncertainty_y": found.y.uncertainty,
-            "uncertainty_phase_deg": math.degrees(found.phase.uncertainty),
+            "uncertainty": centre.amplitude.uncertainty,
+            "uncertainty_x": centre.x.uncertainty,
+            "uncertainty_y": centre.y.uncertainty,
+            "uncertainty_phase_deg": math.degrees(centre.phase.uncertainty),
             "interval": [low, high],
             "unit": "m",
         },
@@ -207,18 +209,18 @@ def _centred(found: Eccentricity, mirror: float, mount: float) -> dict[str, Any]
             "mounting_angle_deg": math.degrees(mount),
             "unit": "m",
         },
-        "reference_error": _plain(found.common),
-        "counter_motion": _plain(found.counter_motion),
+        "reference_error": _plain(centre.common),
+        "counter_motion": _plain(centre.counter_motion),
     }
 
 
-def change(before: Setting, after: Setting, mirror: float, written: str | None) -> dict[str, Any]:
-    """Return how one setting differs from that before it, as plain data.
+def change(before: Setup, after: Setup, mirror: float, unit_text: str | None) -> dict[str, Any]:
+    """Return the change from one setup to the next, as plain data.
 
-    Harmonics of the difference; and of the eccentricity, which is the move in between.
+    It has the change of the harmonics, and that of the eccentricity, which is the move in between.
     """
     radial = after.radial
-    unit, factor = _written(written, "m" if radial else "rad")
+    unit, factor = _printed_unit(unit_text, "m" if radial else "rad")
     earlier = {} if radial != before.radial else {h.order: h for h in before.harmonics}
     rows = [
         _harmonic(h.less(earlier[h.order]), unit, factor, radial)
@@ -245,9 +247,9 @@ def _plain(estimate: Estimate | None) -> dict[str, Any] | None:
 
 
 def joined(reports: list[dict[str, Any]], notes: tuple[str, ...]) -> dict[str, Any]:
-    """Return the last setting, with all of them where there are several."""
+    """Return the report of the last setup, with those of all setups if there are several."""
     last = dict(reports[-1])
     last["notes"] = [*last["notes"], *notes]
     if len(reports) > 1:
-        last["settings"] = reports
+        last["setups"] = reports
     return last

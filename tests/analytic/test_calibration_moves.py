@@ -21,29 +21,29 @@ def responses(error_at, noise, seed=1):
 
 
 @pytest.mark.parametrize(
-    ("joined", "moved", "follows"),
+    ("joined", "moved", "relations"),
     [
-        ("at a point", "magnet", {1: "in proportion"}),
-        ("at a point", "probes", {1: "in proportion", 2: "as the square"}),
-        ("four", "magnet", {1: "in proportion", 3: "in proportion", 4: "as the square"}),
-        ("four", "probes", {1: "in proportion", 3: "in proportion"}),
-        ("two", "magnet", {1: "in proportion", 3: "in proportion", 4: "as the square"}),
+        ("at a point", "magnet", {1: "linear"}),
+        ("at a point", "probes", {1: "linear", 2: "quadratic"}),
+        ("four", "magnet", {1: "linear", 3: "linear", 4: "quadratic"}),
+        ("four", "probes", {1: "linear", 3: "linear"}),
+        ("two", "magnet", {1: "linear", 3: "linear", 4: "quadratic"}),
     ],
 )
-def test_a_dipole_says_by_its_own_orders_where_the_axis_is(joined, moved, follows):
+def test_a_dipole_says_by_its_own_orders_where_the_axis_is(joined, moved, relations):
     """The field is that of a point dipole, and no model of the scale is in what is found of it."""
 
     found = responses(lambda p: dipole_at(p, joined, moved), np.radians(0.005))
-    for order, relation in follows.items():
+    for order, relation in relations.items():
         r = found[order]
-        assert r.follows == relation, order
+        assert r.relation == relation, order
         at = np.array([r.x.value, r.y.value])
-        # terms beyond proportion and square pull it by some hundredths of the moves
+        # terms beyond linear and quadratic pull it by some hundredths of the moves
         np.testing.assert_allclose(at, CENTRE, atol=6e-6, err_msg=str(order))
         assert 0.0 < r.x.uncertainty < 6e-6
 
 
-def test_lines_at_a_radius_follow_in_proportion_with_their_gain():
+def test_lines_at_a_radius_respond_linearly_with_their_gain():
     own = 5.0 * ARCSEC
     turned = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
 
@@ -52,15 +52,15 @@ def test_lines_at_a_radius_follow_in_proportion_with_their_gain():
         return exact_error(THETA, tuple(turned @ (p - CENTRE)), 20e-3) + lines
 
     found = responses(error_at, 0.5 * ARCSEC)
-    assert found[1].follows == "in proportion"
+    assert found[1].relation == "linear"
     assert found[1].gain == pytest.approx(1.0 / 20e-3, rel=2e-3)
     for value, true in ((found[1].x, CENTRE[0]), (found[1].y, CENTRE[1])):
         assert abs(value.value - true) < 4.0 * value.uncertainty + 0.1e-6
     # eccentricity has an order 2 of its own, half the square of e / R
-    assert found[2].follows == "as the square"
+    assert found[2].relation == "quadratic"
     assert found[2].gain == pytest.approx(0.5 / 20e-3**2, rel=0.02)
     # what does not follow the moves, however large, gives no place
-    assert found[3].follows is None
+    assert found[3].relation is None
     assert found[3].x is None
 
 
@@ -120,8 +120,8 @@ def test_a_magnet_is_centred_from_records_at_known_positions(capsys, bench):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((*FILES, "--stage-at", "0,0; 1,0"), "a position for each setting"),
-        ((*FILES[:3], "--stage-at", "0,0; 1,0; 2"), "x,y for each setting"),
+        ((*FILES, "--stage-at", "0,0; 1,0"), "a position for each setup"),
+        ((*FILES[:3], "--stage-at", "0,0; 1,0; 2"), "x,y for each setup"),
         ((*FILES[:3], "--stage-at", "0,0; 9,0; 0,9", "--kind", "magnet"), "four positions"),
         ((*FILES[:3], "--stage-at", "0,0; 9,0; 18,0"), "lie on a line"),
         ((*FILES[:3], "--stage-at", "0,0; 9,0; 0,9 K"), "not a unit of length"),
