@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
 from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
-from flexstage.hysteresis.inversion import Feedforward, command_as_asked, command_record
+from flexstage.hysteresis.inversion import Feedforward, command_of_request, command_record
 from flexstage.hysteresis.model_file import ModelFile
 from flexstage.hysteresis.requests import CompensateRequest
 from flexstage.records import Record
@@ -65,6 +65,6 @@ def compensate(
     )
     if request.relative:
         values = values + lowest_reading(drive)
-    made = command_as_asked(drive, values, 1.0 / reference.sample_rate_hz, request)
+    made = command_of_request(drive, values, 1.0 / reference.sample_rate_hz, request)
     said = (*file.notes, *filter(None, [converted]), *made.notes, *reference.notes)
     return CompensationCommand(request=request, file=file, made=made, notes=said)

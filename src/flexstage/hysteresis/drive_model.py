@@ -3,23 +3,18 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flexstage.base.errors import ModelError, UnitError
-from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.hysteresis.models.registry import MODELS
 from flexstage.quantities.units import readable, si_unit
-
-#: What a drive did before the first command: it rested there for long; or it moved as it does then,
-#: for so many seconds since it stood at the low end of its range, infinitely many for long.
-Start = Literal["rested"] | float
 
 #: Cycles after which the memory of what was before is gone, also where it fades only.
 _CONDITIONING = 4
@@ -43,24 +38,6 @@ class ValidityRange:
     """Slowest and fastest cycles [Hz]."""
     temperature: tuple[float, float] | None = None
     """Lowest and highest temperature [K]; None where nobody has said."""
-
-
-def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Array:
-    """Return the state of creep before a sequence, by what the drive did before.
-
-    Creep remembers longer than any record. A drive that has rested at the first command has settled
-    there; one that has moved for a time t since it stood at its low end has come from there to the
-    mean of its motion in each lag by ``1 - exp(-t / tau)``. The input x is what the hysteresis
-    gives, shape (n,), or several of it, (m, n), as is the state one step before the first sample. A
-    number of `start` is seconds of motion; an array is the state itself.
-    """
-    if isinstance(start, np.ndarray):
-        return start
-    state = x[..., :1] * creep.settled(1.0, dt)
-    if start != "rested":
-        mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
-        state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
-    return state
 
 
 def start_in_words(*starts: Start) -> str:

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from flexstage.base.errors import ModelError
-from flexstage.hysteresis.chain.creep import Creep
+from flexstage.hysteresis.chain.creep import Creep, Start, creep_start
 from flexstage.hysteresis.chain.element import positive_step
-from flexstage.hysteresis.drive_model import DriveModel, Start, creep_start, unsuited
+from flexstage.hysteresis.drive_model import DriveModel, unsuited
 from flexstage.hysteresis.limited_inverse import (
     HIGHEST,
     command_limits,
@@ -76,7 +76,7 @@ class Feedforward:
         return float(np.max(np.abs(self.predicted - self.wanted)))
 
 
-def command_as_asked(
+def command_of_request(
     model: DriveModel,
     reference: ArrayLike,
     dt: float,

@@ -17,10 +17,10 @@ from flexstage.files.decoder import Decoder, read, read_file, show
 from flexstage.files.format import Form, Format
 from flexstage.files.nodes import Node, Scalar
 from flexstage.files.yaml_text import plain_dumper
-from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep
+from flexstage.hysteresis.chain.creep import Creep, CreepSpectrum, LogCreep, Start
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
-from flexstage.hysteresis.drive_model import DriveModel, Start, ValidityRange
+from flexstage.hysteresis.drive_model import DriveModel, ValidityRange
 from flexstage.hysteresis.model import HysteresisModel
 from flexstage.hysteresis.models.registry import MODELS
 

@@ -11,18 +11,19 @@ import numpy as np
 from flexstage.base.errors import ModelError, RecordError
 from flexstage.files.plain import picked
 from flexstage.files.result import Result
-from flexstage.hysteresis.drive_model import DriveModel, Start, start_data, unsuited
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import DriveModel, start_data, unsuited
 from flexstage.hysteresis.identification.cycles import (
     Cycles,
     by_rate,
     cycles,
-    early_text,
     first_moving,
+    unknown_history_warning,
     warm_up,
 )
-from flexstage.hysteresis.identification.input_noise import denoised, smoothed_text
+from flexstage.hysteresis.identification.faults import denoised, input_noise_warning
 from flexstage.hysteresis.identification.measurement import require_usable
-from flexstage.hysteresis.identification.misfit import root_mean_square
+from flexstage.hysteresis.identification.residuals import root_mean_square
 from flexstage.hysteresis.model import Array
 from flexstage.hysteresis.model_file import ModelFile, read_model_file
 from flexstage.hysteresis.requests import PredictRequest
@@ -249,7 +250,9 @@ def predict(
             f"column '{read.name}' of {record.source or 'the record'} stands still after the first "
             f"{begin} samples, which are not counted: give a record that moves on"
         )
-    early = early_text([(u[first:], moves, dt, begin - first, first * dt)] if whole else [])
+    early = unknown_history_warning(
+        [(u[first:], moves, dt, begin - first, first * dt)] if whole else []
+    )
     percent = 100.0 / stroke
     error = (y - predicted) * percent
     counted = error[begin:][np.isfinite(error[begin:])]
@@ -270,7 +273,7 @@ def predict(
         notes=(
             *_notes(model, u, y[np.isfinite(y)], dt, moves),
             *([early] if early else []),
-            *((smoothed_text(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
+            *((input_noise_warning(noise / float(np.ptp(u))),) if noise > 0.0 else ()),
         ),
     )
 

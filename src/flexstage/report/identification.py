@@ -114,10 +114,10 @@ def identification_in_words(found: Identification) -> list[str]:
     return said
 
 
-def verdict_in_words(found: Identification) -> str:
+def quality_in_words(found: Identification) -> str:
     """Say whether the model explains its records, and what it leaves of held-out cycles."""
-    if not found.verdict.fits:
-        return found.verdict.reason
+    if not found.quality.fits:
+        return found.quality.reason
     records = "records" if len(found.measurement.sections) > 1 else "record"
     title = MODELS[found.kind].title
     error = found.heldout_rms_percent
@@ -128,7 +128,7 @@ def verdict_in_words(found: Identification) -> str:
     )
     return (
         f"{title} explains the {records}: {left}; the noise is {found.noise_percent:.2g} %, a "
-        f"straight line leaves {found.verdict.line_percent:.2g} %"
+        f"straight line leaves {found.quality.line_percent:.2g} %"
     )
 
 

@@ -3,6 +3,7 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,10 @@ from flexstage.hysteresis.chain.element import (
 from flexstage.hysteresis.chain.lag import decay_share, ramp_share
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, Response, checked, samples
+
+#: Motion of a drive before the first command: it rested there for long; or it moved as after the
+#: first command, for a time [s] since the low end of its range, which may be infinite.
+Start = Literal["rested"] | float
 
 
 class Creep(ChainElement):
@@ -299,6 +304,24 @@ class CreepSpectrum(Creep):
         """
         weights = tuple(rate_per_decade * self.lag_shares)
         return CreepSpectrum(times=self.times, weights=weights)
+
+
+def creep_start(creep: Creep, x: Array, dt: float, start: Start | Array) -> Array:
+    """Return the state of creep before a sequence, by the motion of the drive before it.
+
+    Creep has a longer memory than any record. After a rest at the first command, all lags have
+    settled there; after motion for a time t since the low end of the range, each lag has moved from
+    there to the mean of the motion by ``1 - exp(-t / tau)``. The input x is the output of the
+    hysteresis, shape (n,), or several of them, (m, n), as is the state one step before the first
+    sample. A number as `start` is the time of motion [s]; an array is the state itself.
+    """
+    if isinstance(start, np.ndarray):
+        return start
+    state = x[..., :1] * creep.settled(1.0, dt)
+    if start != "rested":
+        mean, low = (by(x, axis=-1, keepdims=True) for by in (np.mean, np.min))
+        state[..., 1:] = mean + (low - mean) * np.exp(-start / creep.time_constants)
+    return state
 
 
 @compiled

@@ -13,7 +13,7 @@ from flexstage.report.identification import (
     failures,
     identification_in_words,
     parameters_table,
-    verdict_in_words,
+    quality_in_words,
 )
 from flexstage.web.figures import figure, in_page, picture, save, sentence, show_lines, show_table
 from flexstage.web.hysteresis.state import HysteresisState, OpenModel
@@ -80,8 +80,8 @@ class ModelPanel:
     def _tell(self, model: OpenModel, made: Identified) -> None:
         found = made.found
         PanelHeading(f"{MODELS[found.kind].title}: {model.name}")
-        ui.label(in_page_words(sentence(verdict_in_words(found)))).classes(
-            "issue good" if found.verdict.fits else "issue error"
+        ui.label(in_page_words(sentence(quality_in_words(found)))).classes(
+            "issue good" if found.quality.fits else "issue error"
         )
         unit, stroke = found.model.output_unit, found.stroke
         with div("row-of-figures"):

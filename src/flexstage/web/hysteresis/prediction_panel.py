@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from flexstage.hysteresis.drive_model import Start
+from flexstage.hysteresis.chain.creep import Start
 from flexstage.report.identification import (
     band_in_words,
     prediction_in_words,

@@ -17,10 +17,11 @@ from flexstage.hysteresis import (
     model_text,
     read_model_file,
 )
-from flexstage.hysteresis.drive_model import DriveModel, Start, in_unit_of_model, lowest_reading
+from flexstage.hysteresis.chain.creep import Start
+from flexstage.hysteresis.drive_model import DriveModel, in_unit_of_model, lowest_reading
 from flexstage.hysteresis.identification.identify import identified_file
 from flexstage.hysteresis.inversion import (
-    command_as_asked,
+    command_of_request,
     command_record,
     reading_in_proportion,
 )
@@ -212,7 +213,7 @@ def command(drive: DriveModel, motion: WantedMotion) -> tuple[Feedforward, tuple
     else:
         reference, dt, notes = _repeated(motion)
         periods = motion.periods
-    made = command_as_asked(drive, reference, dt, motion.asked, periods=periods)
+    made = command_of_request(drive, reference, dt, motion.asked, periods=periods)
     return made, (*notes, *made.notes)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.searched_fit import SearchedFit
+from flexstage.hysteresis.identification.nonlinear_fit import SearchedFit
 from flexstage.hysteresis.models.duhem.law import Duhem, duhem_columns
 
 #: Range of alpha times the range of the input, in powers of ten.

@@ -4,7 +4,7 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.refined_fit import RefinedFit
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit
 from flexstage.hysteresis.models.bouc_wen.law import BoucWen
 from flexstage.hysteresis.models.generalised_bouc_wen.law import GeneralisedBoucWen

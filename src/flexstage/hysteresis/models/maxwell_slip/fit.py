@@ -6,9 +6,9 @@ import numpy as np
 
 from flexstage.base.arrays import Array
 from flexstage.hysteresis.compiled import compiled
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData
-from flexstage.hysteresis.identification.record_section import RecordSection
-from flexstage.hysteresis.identification.refined_fit import RefinedFit, roughness
+from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, roughness
 from flexstage.hysteresis.models.maxwell_slip.law import GeneralisedMaxwellSlip
 from flexstage.hysteresis.models.modified_prandtl_ishlinskii.fit import interior_kinks
 from flexstage.hysteresis.models.play import play_columns

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import FitData, LinearFit
-from flexstage.hysteresis.identification.record_section import RecordSection
 from flexstage.hysteresis.models.play import play_columns
 from flexstage.hysteresis.models.prandtl_ishlinskii.law import PrandtlIshlinskii
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexstage.base.arrays import Array
+from flexstage.hysteresis.identification.cycles import RecordSection
 from flexstage.hysteresis.identification.model_fit import (
     FitData,
     FitResult,
@@ -13,8 +14,7 @@ from flexstage.hysteresis.identification.model_fit import (
     equations,
     folds_of,
 )
-from flexstage.hysteresis.identification.projection import Normal, square_left
-from flexstage.hysteresis.identification.record_section import RecordSection
+from flexstage.hysteresis.identification.projection import Normal, residual_square
 from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 #: Weights of the penalty on second differences of the density that are tried: for records with
@@ -111,7 +111,7 @@ class PreisachFit(LinearFit):
                 continue
             # the nuisance is what the fitted part says, as it will be in use
             solution = method.solution(whole - part, data)
-            left.append(square_left(part, solution) / part.count)
+            left.append(residual_square(part, solution) / part.count)
         return np.array(left)
 
 
