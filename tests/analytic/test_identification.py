@@ -501,7 +501,7 @@ def chosen_of(without_inverse=(), **parts):
         left = Residuals(of_fit=nothing, of_prediction=nothing, nuisance=(), offset=0.0)
         model = FALLING if name in without_inverse else DAHL
         tried[method.kind] = FittedModel(
-            method=method, fit=FitResult(model=model), left=left, folds=folds
+            method=method, fit=FitResult(model=model), residuals=left, folds=folds
         )
     return choose(tried, data)[0]
 
@@ -600,7 +600,7 @@ def test_the_search_for_a_chain_leaves_what_columns_behind_it_leave(delay: float
     m = measurement(records, "u", "y")
     search = ChainResidual(m, None)
     starts = ("rested", 7.3)
-    search.begin(starts)
+    search.set_starts(starts)
     sections = tuple(replace(s, start=a) for s, a in zip(m.sections, starts, strict=True))
     chain = ChainValues(delay=delay, creep_per_decade=0.023)
     data = replace(whole(replace(m, sections=sections)), chain=chain)
@@ -752,7 +752,7 @@ BAD = {
     "infinite": (lambda u, y: (np.where(np.arange(u.size) == 9, np.inf, u), y), "inf at sample 9"),
     "huge": (lambda u, y: (u, y * 1e200), "give it another unit"),
     "half a cycle": (lambda u, y: (u[:38], y[:38]), "has 38 samples"),
-    "rising": (lambda u, y: (np.sort(u), np.sort(y)), "no whole cycle"),
+    "rising": (lambda u, y: (np.sort(u), np.sort(y)), "no complete cycle"),
     "unrelated": (lambda u, y: (u, np.random.default_rng(4).normal(size=y.size)), "not follow"),
 }
 
@@ -788,7 +788,7 @@ def test_more_that_cannot_serve():
         identify([record(u, y), volts], "u", "y")
     with pytest.raises(ModelError, match="'hammerstein' is not known: choose from auto, dahl"):
         identify(record(u, y), "u", "y", model="hammerstein")
-    with pytest.raises(RecordError, match="leave 0 to fit"):
+    with pytest.raises(RecordError, match="give 0 fitted"):
         identify(record(u, y), "u", "y", model="dahl", train=(0, 5))
     for bad in ({"delay": -0.001}, {"creep_per_decade": float("nan")}, {"resonance_hz": -3.0}):
         with pytest.raises(ModelError, match="finite and not negative"):

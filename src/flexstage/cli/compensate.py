@@ -54,7 +54,7 @@ def compensate(
     figure
         Draw command, loop and what is left. (.svg, .png or .pdf)
     """
-    from flexstage.hysteresis.compensation import compensate as run
+    from flexstage.hysteresis.inversion import compensate as run
     from flexstage.hysteresis.inversion import command_record
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.records.likely_columns import taken_drive
@@ -71,12 +71,12 @@ def compensate(
     (record,) = read_files([reference], [wanted], options=how, even=True)
     found = run(file, record, wanted, request)
     if out is not None:
-        write_file(out, record_bytes(command_record(found.made, found.drive), kind))
+        write_file(out, record_bytes(command_record(found.feedforward, found.drive), kind))
     drawn = write_picture(figure, found.plot)
     if json:
         print_json(found.to_dict() | {"file": None if out is None else str(out)})
         return
-    for line in command_in_words(found.made, found.drive):
+    for line in command_in_words(found.feedforward, found.drive):
         console().print(line)
     written = ([] if out is None else [out]) + drawn
     print_notes(console(), found.notes, written, style="yellow")

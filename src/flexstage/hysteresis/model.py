@@ -1,4 +1,4 @@
-"""What every hysteresis model is: frozen parameters, an explicit state, one step."""
+"""Base class of the hysteresis models: frozen parameters, an explicit state, one step."""
 
 import dataclasses
 import math
@@ -16,26 +16,26 @@ from flexstage.base.errors import ModelError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelProperty:
-    """A property of a model by a condition on its parameters, and whether it holds."""
+    """Property of a model, by a condition on its parameters."""
 
     name: str
-    """What holds if it does: ``invertible``, ``dissipative``, ``bounded``..."""
+    """Name of the property: ``invertible``, ``dissipative``, ``bounded``..."""
     holds: bool
-    """Whether it does."""
+    """True if the condition is satisfied."""
     detail: str
-    """The condition with its numbers, and what follows where it does not hold."""
+    """The condition with its numbers, and the consequence if it is not satisfied."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """What a model answers to a sequence."""
+    """Response of a model to a sequence."""
 
     values: Array
     """Output of a simulation, or input found by an inverse, shape (n,)."""
     state: Array
     """State after the last sample."""
     missed: int = -1
-    """First sample that no input reaches, of the nearest inputs; -1 for none."""
+    """First sample out of reach of the inputs; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,25 +81,25 @@ class Segments:
 
     @property
     def numbers(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Start, constant, slope, amplitude and rate, as compiled loops take them."""
+        """Start, constant, slope, amplitude and rate, the arguments of compiled loops."""
         return self.start, self.constant, self.slope, self.amplitude, self.rate
 
 
 class HysteresisModel(ABC):
     """A rate-independent relation with memory from an input u to an output y.
 
-    A model is a frozen dataclass of parameters. What it remembers is an array, whose first element
-    is the last input. The input moves on a straight line from one sample to the next, and the
-    output is exact for it: it does not depend on how the line is cut into steps.
+    A model is a frozen dataclass of parameters. Its state is an array, whose first element is the
+    last input. The input is a straight line between samples, and the output is exact for it: it
+    does not depend on the division of the line into steps.
 
-    The output at rest at no input is zero; an offset belongs to the sensor.
+    The output at zero input without history is zero; an offset belongs to the sensor.
     """
 
     __slots__ = ()
 
     #: Name of the model in files and on the command line.
     kind: ClassVar[str]
-    #: What it is called in text.
+    #: Name of the model in text.
     title: ClassVar[str]
     #: Units of the parameters that have one, from the units {u} of the input and {y} of the output;
     #: of a model with an exponent those for 1.
@@ -107,7 +107,7 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def initial_state(self) -> Array:
-        """Return the state that has no history, at no input.
+        """Return the state without history, at zero input.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class HysteresisModel(ABC):
         Returns
         -------
         Response
-            What `inverse` returns; where an output is out of reach, the input stops at the end.
+            As by `inverse`; if an output is out of reach, the input stops at the end.
 
         Raises
         ------
@@ -185,12 +185,13 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def properties(self) -> tuple[ModelProperty, ...]:
-        """Return what is required of the parameters, and whether it holds.
+        """Return the conditions on the parameters, and whether they are satisfied.
 
         Returns
         -------
         tuple of ModelProperty
-            Conditions for bounded output, passivity (no energy out of nothing) and invertibility.
+            Conditions for bounded output, passivity (no gain of energy in a cycle) and
+            invertibility.
         """
 
     def step(self, state: ArrayLike, u: float) -> tuple[Array, float]:
@@ -231,7 +232,7 @@ class HysteresisModel(ABC):
 
     @property
     def input_limits(self) -> tuple[float, float] | None:
-        """Lowest and highest input at which the model stands; None where it has no such ends."""
+        """Lowest and highest valid input of the model; None if unlimited."""
         return None
 
     def parameters(self) -> dict[str, object]:
@@ -246,28 +247,28 @@ class HysteresisModel(ABC):
 
     def _reaching(self, y: ArrayLike, state: ArrayLike | None, where: str, hint: str) -> Response:
         """Return the nearest inputs after checking that they give the outputs."""
-        found = self.nearest(y, state)
-        if found.missed >= 0:
+        response = self.nearest(y, state)
+        if response.missed >= 0:
             raise ModelError(
-                f"no input {where} gives {samples(y, 'output')[found.missed]:g}, wanted at sample "
-                f"{found.missed}: {hint}"
+                f"no input {where} gives {samples(y, 'output')[response.missed]:g}, requested at "
+                f"sample {response.missed}: {hint}"
             )
-        return found
+        return response
 
     def _state(self, state: ArrayLike | None) -> Array:
         """Return a private copy of a state after checking that it is one of this model."""
-        rest = self.initial_state()
+        initial = self.initial_state()
         if state is None:
-            return rest
-        given = np.array(state, dtype=np.float64)
-        if given.shape != rest.shape or not np.all(np.isfinite(given)):
+            return initial
+        copy = np.array(state, dtype=np.float64)
+        if copy.shape != initial.shape or not np.all(np.isfinite(copy)):
             raise ModelError(
-                f"a state of {self.kind} is {rest.size} finite numbers, got shape {given.shape}"
+                f"a state of {self.kind} is {initial.size} finite numbers, got shape {copy.shape}"
             )
-        return given
+        return copy
 
 
-#: What a number may be asked to be beside finite, in the words of the refusal.
+#: Kinds of finite numbers, in the words of the error message.
 _NUMBERS: Mapping[str, Callable[[float], bool]] = {
     "finite": lambda value: True,
     "finite, not 0": lambda value: value != 0.0,
@@ -304,7 +305,9 @@ def samples(values: ArrayLike, what: str) -> Array:
 
 def sampled(u: ArrayLike) -> Array:
     """Return a sequence of at least two finite inputs."""
-    given = samples(u, "input")
-    if given.size < 2:
-        raise ModelError("between samples there must be two at least, got 1: give a longer input")
-    return given
+    inputs = samples(u, "input")
+    if inputs.size < 2:
+        raise ModelError(
+            "a motion between samples needs at least two of them, got 1: give a longer input"
+        )
+    return inputs

@@ -70,9 +70,9 @@ def quality_report(data: FitData, error_percent: float, noise_percent: float) ->
             "output is recorded"
         )  # fmt: skip
         reason = (
-            f"no model fits: the smallest residual is {error_percent:.2g} % of the stroke, the noise "
-            f"is {noise_percent:.2g} %, the residual of a straight line is {line:.2g} %, and that "
-            f"of a piezo drive is usually at most {_USUAL:g} %; {remedy}"
+            f"no model fits: the smallest residual is {error_percent:.2g} % of the stroke, the "
+            f"noise is {noise_percent:.2g} %, the residual of a straight line is {line:.2g} %, and "
+            f"that of a piezo drive is usually at most {_USUAL:g} %; {remedy}"
         )
     return QualityReport(fits=not reason, reason=reason, line_percent=line, findings=tuple(faults))
 

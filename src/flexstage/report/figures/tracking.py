@@ -262,7 +262,7 @@ def _command_error(
     axes: "Axes", made: "Feedforward", model: "DriveModel", band_percent: float | None
 ) -> None:
     dress(axes)
-    error = made.predicted - made.wanted
+    error = made.predicted - made.requested
     band = 0.0
     if band_percent is not None and model.validity is not None:
         low, high = model.validity.output_range
@@ -287,13 +287,13 @@ def _command_error(
 def _command_loop(axes: "Axes", made: "Feedforward", model: "DriveModel") -> None:
     dress(axes)
     unit, factor = scale(model.output_unit)
-    at = np.unique(np.concatenate((shown_lines(made.command), shown_lines(made.wanted))))
+    at = np.unique(np.concatenate((shown_lines(made.command), shown_lines(made.requested))))
     axes.plot(
-        factor * made.wanted[at], made.command[at], color=CYCLE[0], linewidth=0.9, label="command"
+        factor * made.requested[at], made.command[at], color=CYCLE[0], linewidth=0.9, label="command"
     )
-    ends = [int(made.wanted.argmin()), int(made.wanted.argmax())]
+    ends = [int(made.requested.argmin()), int(made.requested.argmax())]
     axes.plot(
-        factor * made.wanted[ends], made.command[ends], color=MUTED, linewidth=0.8,
+        factor * made.requested[ends], made.command[ends], color=MUTED, linewidth=0.8,
         linestyle=LONG_DASHED, label="in proportion",
     )  # fmt: skip
     axes.set(xlabel=f"wanted{unit}", ylabel=f"command{scale(model.input_unit)[0]}")

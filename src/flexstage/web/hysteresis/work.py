@@ -197,7 +197,7 @@ def compensated(file: ModelFile, motion: WantedMotion, key: str) -> Compensated:
     endless = motion.shape != "file" and motion.periods == 0
     before = motion.asked.start
     start = {"conditioned": None, "rest": "rested"}[before] if isinstance(before, str) else before
-    left = reading_in_proportion(file.model, made, endless=endless, start=start) - made.wanted
+    left = reading_in_proportion(file.model, made, endless=endless, start=start) - made.requested
     band = file.errors.get("heldout_95")
     says = "The command and what it leaves"
     svg = inline(lambda: draw_feedforward(made, file.model, band), key, says)
