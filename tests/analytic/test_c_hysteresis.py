@@ -7,7 +7,7 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis import MODELS, BoucWen, Dahl
-from flexstage.hysteresis.chain.stage_modes import values_at_samples
+from flexstage.hysteresis.chain.element import values_at_samples
 from flexstage.hysteresis.model import Array, HysteresisModel
 from flexstage.hysteresis.models.registry import hysteresis_code
 from tests.c_hysteresis import (

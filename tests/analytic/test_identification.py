@@ -46,7 +46,7 @@ from flexstage.hysteresis.identification.nonlinear_fit import RefinedFit, Search
 from flexstage.hysteresis.identification.projection import normal_equations, solve
 from flexstage.hysteresis.identification.residuals import Folds, Residuals, estimates, residuals
 from flexstage.hysteresis.models import registry
-from flexstage.hysteresis.models.play import play_columns
+from flexstage.hysteresis.models.play_sum import play_columns
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack

@@ -15,8 +15,7 @@ from flexstage.hysteresis import (
     PrandtlIshlinskii,
 )
 from flexstage.hysteresis.model import HysteresisModel
-from flexstage.hysteresis.models.play import play_columns
-from flexstage.hysteresis.models.play_sum import dead_zone_line
+from flexstage.hysteresis.models.play_sum import dead_zone_line, play_columns
 from flexstage.hysteresis.models.preisach.law import Preisach, preisach_columns
 
 STROKE = 60e-6

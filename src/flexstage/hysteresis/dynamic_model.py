@@ -11,8 +11,12 @@ from flexstage.base.errors import ModelError
 from flexstage.base.short_repr import short_repr
 from flexstage.hysteresis.chain.amplifier import Amplifier
 from flexstage.hysteresis.chain.creep import Creep
-from flexstage.hysteresis.chain.element import checked_state, positive_step
-from flexstage.hysteresis.chain.fitted_segments import forcing
+from flexstage.hysteresis.chain.element import (
+    checked_state,
+    forcing,
+    positive_step,
+    values_at_samples,
+)
 from flexstage.hysteresis.chain.lag import lags_through_segments
 from flexstage.hysteresis.chain.modal import (
     modes_along_lines,
@@ -20,7 +24,6 @@ from flexstage.hysteresis.chain.modal import (
     unit_step,
 )
 from flexstage.hysteresis.chain.sensor import Sensor
-from flexstage.hysteresis.chain.stage_modes import values_at_samples
 from flexstage.hysteresis.compiled import compiled
 from flexstage.hysteresis.model import Array, HysteresisModel, samples
 from flexstage.system import MechanicalSystem, drive_stiffness

@@ -5,7 +5,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,16 @@ class Response:
     """State after the last sample."""
     missed: int = -1
     """First sample out of reach of the inputs; -1 for none."""
+
+
+class SegmentArrays(NamedTuple):
+    """Arrays of `Segments`, one argument of compiled loops; shape (m,) each."""
+
+    start: Array
+    constant: Array
+    slope: Array
+    amplitude: Array
+    rate: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,9 +90,9 @@ class Segments:
         )
 
     @property
-    def numbers(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Start, constant, slope, amplitude and rate, the arguments of compiled loops."""
-        return self.start, self.constant, self.slope, self.amplitude, self.rate
+    def arrays(self) -> SegmentArrays:
+        """The arrays, as compiled loops take them."""
+        return SegmentArrays(self.start, self.constant, self.slope, self.amplitude, self.rate)
 
 
 class HysteresisModel(ABC):
@@ -311,3 +321,43 @@ def sampled(u: ArrayLike) -> Array:
             "a motion between samples needs at least two of them, got 1: give a longer input"
         )
     return inputs
+
+
+def rising(
+    values: ArrayLike, what: str, *, lowest: float = -np.inf, above: float = -np.inf, least: int = 1
+) -> Array:
+    """Return a finite, strictly rising, read-only sequence after checking it.
+
+    Its first number is at least `lowest` and more than `above`; there are at least `least` of them.
+    """
+    array = fixed(values, what, (-1,))
+    if array.size < least:
+        raise ModelError(f"the {what} must be at least {least}, got {array.size}")
+    if np.any(np.diff(array) <= 0.0):
+        i = int(np.argmax(np.diff(array) <= 0.0))
+        raise ModelError(
+            f"the {what} must rise, got {array[i]:g} and then {array[i + 1]:g}: "
+            f"sort them, and name each once"
+        )
+    if array.size and (array[0] < lowest or array[0] <= above):
+        bound = f"more than {above:g}" if array[0] <= above else f"at least {lowest:g}"
+        raise ModelError(f"the {what} must be {bound}, got {array[0]:g}")
+    return array
+
+
+def fixed(values: ArrayLike, what: str, shape: tuple[int, ...]) -> Array:
+    """Return finite, read-only numbers of a given shape after checking them.
+
+    A size of -1 in the shape is any size.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    fits = array.ndim == len(shape) and all(
+        want in (-1, got) for want, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        expected = ", ".join("any" if want < 0 else str(want) for want in shape)
+        raise ModelError(f"the {what} must have shape ({expected}), got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ModelError(f"the {what} must be finite, got {array[~np.isfinite(array)][0]}")
+    array.setflags(write=False)
+    return array

@@ -253,7 +253,7 @@ def _result(
             best.folds.rms, best.folds.standard_error or 0.0, np.sqrt(stretches.mean_square)
         )
         errors = replace(
-            errors, held_band=stretches.band * percent, held_error=standard_error * percent
+            errors, heldout_band=stretches.band * percent, heldout_error=standard_error * percent
         )
     parts = tuple(f for f in (best.folds, stretches) if f is not None)
     parameters, offset, parameter_warnings = estimates(
@@ -263,18 +263,18 @@ def _result(
     m = data.measurement
     drive = _drive_model(best, data)
     noise = max(s.noise for s in m.sections) * 100.0 / m.stroke
-    error = max(errors.rms, errors.held or 0.0)
+    error = max(errors.rms, errors.heldout or 0.0)
     report = quality_report(data, error, noise)
     return Identification(
         model=drive,
         kind=best.method.kind,
         rms_percent=errors.rms,
         max_percent=errors.largest,
-        heldout_rms_percent=errors.held,
-        heldout_free_rms_percent=errors.held_free,
-        heldout_standard_error=errors.held_error,
-        heldout_max_percent=errors.held_largest,
-        heldout_band_percent=errors.held_band,
+        heldout_rms_percent=errors.heldout,
+        heldout_free_rms_percent=errors.heldout_free,
+        heldout_standard_error=errors.heldout_error,
+        heldout_max_percent=errors.heldout_largest,
+        heldout_band_percent=errors.heldout_band,
         stroke=m.stroke,
         noise_percent=noise,
         parameters=parameters,

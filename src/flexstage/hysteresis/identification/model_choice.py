@@ -107,15 +107,15 @@ class PredictionErrors:
     """Rms error on fitted samples."""
     largest: float
     """Largest absolute value there."""
-    held: float | None = None
+    heldout: float | None = None
     """Rms error on held-out samples."""
-    held_free: float | None = None
+    heldout_free: float | None = None
     """The same, with the constant refitted."""
-    held_error: float | None = None
+    heldout_error: float | None = None
     """Standard error of that root mean square."""
-    held_largest: float | None = None
+    heldout_largest: float | None = None
     """Largest absolute value there."""
-    held_band: float | None = None
+    heldout_band: float | None = None
     """Half the width of the band that holds 95 % there."""
 
 
@@ -132,23 +132,23 @@ def prediction_errors(model: FittedModel, data: FitData) -> PredictionErrors:
         held_errors = np.concatenate(parts) * percent
         return replace(
             errors,
-            held=root_mean_square(held_errors),
-            held_free=root_mean_square(free_constant(parts)) * percent,
-            held_error=_scaled(
+            heldout=root_mean_square(held_errors),
+            heldout_free=root_mean_square(free_constant(parts)) * percent,
+            heldout_error=_scaled(
                 rms_standard_error(model.residuals.of_prediction, data.with_use(held_out)), percent
             ),
-            held_largest=float(np.max(np.abs(held_errors))),
-            held_band=float(np.quantile(np.abs(held_errors), BAND)),
+            heldout_largest=float(np.max(np.abs(held_errors))),
+            heldout_band=float(np.quantile(np.abs(held_errors), BAND)),
         )
     if model.folds is None:
         return errors
     return replace(
         errors,
-        held=model.folds.rms * percent,
-        held_free=model.folds.free_rms * percent,
-        held_error=_scaled(model.folds.standard_error, percent),
-        held_largest=model.folds.largest * percent,
-        held_band=model.folds.band * percent,
+        heldout=model.folds.rms * percent,
+        heldout_free=model.folds.free_rms * percent,
+        heldout_error=_scaled(model.folds.standard_error, percent),
+        heldout_largest=model.folds.largest * percent,
+        heldout_band=model.folds.band * percent,
     )
 
 
@@ -162,7 +162,7 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
     percent = 100.0 / data.stroke
     # held-out samples without motion are no test: the fitted samples are cross-validated then
     score = {
-        n: t.folds.rms * percent if t.folds is not None else (rows[n].held or rows[n].rms)
+        n: t.folds.rms * percent if t.folds is not None else (rows[n].heldout or rows[n].rms)
         for n, t in models.items()
     }
     # one that has no inverse cannot compensate, however well it fits
@@ -184,8 +184,8 @@ def choose(models: Mapping[str, FittedModel], data: FitData) -> tuple[str, tuple
             kind=n,
             size=models[n].method.size,
             rms_percent=rows[n].rms,
-            heldout_rms_percent=rows[n].held,
-            heldout_free_rms_percent=rows[n].held_free,
+            heldout_rms_percent=rows[n].heldout,
+            heldout_free_rms_percent=rows[n].heldout_free,
             failed=_DIVERGES if score[n] > _NO_PREDICTION else "",
         )
         for n in order

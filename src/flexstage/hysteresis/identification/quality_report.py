@@ -156,7 +156,7 @@ def stands_still(data: FitData) -> bool:
 
 def _earlier_motion(settling: float, errors: PredictionErrors, data: FitData) -> tuple[str, ...]:
     """Warn if creep from earlier motion exceeds the error of the model."""
-    error = errors.held if errors.held is not None else errors.rms
+    error = errors.heldout if errors.heldout is not None else errors.rms
     change = 100.0 * settling / data.stroke
     if change <= error:
         return ()

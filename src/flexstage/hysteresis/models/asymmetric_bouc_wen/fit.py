@@ -1,4 +1,4 @@
-"""How a Bouc-Wen model on a cubic is fitted."""
+"""Fit of the Asymmetric Bouc-Wen model."""
 
 import numpy as np
 

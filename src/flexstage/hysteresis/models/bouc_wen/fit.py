@@ -1,4 +1,4 @@
-"""How a Bouc-Wen model is fitted."""
+"""Fit of the Bouc-Wen model."""
 
 import numpy as np
 

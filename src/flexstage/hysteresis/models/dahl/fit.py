@@ -1,4 +1,4 @@
-"""How a Dahl model is fitted."""
+"""Fit of the Dahl model."""
 
 import numpy as np
 
