@@ -816,7 +816,7 @@ def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified()
             identify([], "u", "y", model="elsewhere")
         with pytest.raises(ModelError, match="no C for hysteresis of the kind 'elsewhere'"):
             registry.hysteresis_code(law)
-        with pytest.raises(ModelError, match="elsewhere model is not written for Simulink"):
+        with pytest.raises(ModelError, match="no Simulink code for the model 'elsewhere'"):
             registry.matlab_code(law)
     finally:
         del MODELS["elsewhere"]

@@ -147,8 +147,8 @@ class StageModes(ChainElement):
 
         and for several modes the polynomial quotient of this kind, and a stable filter for the
         remainder, stepped exactly along the spline. Stages of relative degree two have no inverse
-        sample by sample: the zeros that sampling adds are unstable (K. J. Astrom, P. Hagander, J. Sternby,
-        Automatica 20 (1984) 31), so the whole output is needed.
+        sample by sample: the zeros that sampling adds are unstable (K. J. Astrom, P. Hagander,
+        J. Sternby, Automatica 20 (1984) 31), so the complete output is needed.
 
         Parameters
         ----------

@@ -110,7 +110,7 @@ def matlab_code(model: HysteresisModel) -> MatlabCode:
     """Return the code in MATLAB of a hysteresis model."""
     if not _has_code(model, "matlab_code"):
         raise ModelError(
-            f"there is no Simulink code for a {model.kind} model: identify the record with one of "
+            f"there is no Simulink code for the model '{model.kind}': identify the record with one of "
             f"{', '.join(sorted(MODELS))}"
         )
     code: MatlabCode = part(model.kind, "law").matlab_code(model)
