@@ -814,7 +814,7 @@ def test_a_law_from_elsewhere_is_known_and_one_without_a_fit_is_not_identified()
         assert tuple(fits()) == before
         with pytest.raises(ModelError, match="'elsewhere' is not known: choose from auto"):
             identify([], "u", "y", model="elsewhere")
-        with pytest.raises(ModelError, match="no C for hysteresis of the kind 'elsewhere'"):
+        with pytest.raises(ModelError, match="no C code for hysteresis of the kind 'elsewhere'"):
             registry.hysteresis_code(law)
         with pytest.raises(ModelError, match="no Simulink code for the model 'elsewhere'"):
             registry.matlab_code(law)

@@ -115,7 +115,7 @@ def dynamic_model(
             refuse_stroke(drive, model_drive.hysteresis, scale)
         drives.append(model_drive if scale == 1.0 else _scaled(model_drive, scale))
     linear = [d.name for d in stage.drives if isinstance(d, PiezoStack) and d.name not in models]
-    notes = [f"Commands are straight lines between samples {request.time_step:g} s apart."]
+    notes = [f"Commands move on straight lines between samples {request.time_step:g} s apart."]
     if hysteresis == "usual" and models:
         notes.append(
             "The hysteresis of the stacks is not measured: a Bouc-Wen loop of a usual width, "

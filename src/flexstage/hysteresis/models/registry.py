@@ -110,8 +110,8 @@ def matlab_code(model: HysteresisModel) -> MatlabCode:
     """Return the code in MATLAB of a hysteresis model."""
     if not _has_code(model, "matlab_code"):
         raise ModelError(
-            f"there is no Simulink code for the model '{model.kind}': identify the record with one of "
-            f"{', '.join(sorted(MODELS))}"
+            f"there is no Simulink code for the model '{model.kind}': identify the record with "
+            f"one of {', '.join(sorted(MODELS))}"
         )
     code: MatlabCode = part(model.kind, "law").matlab_code(model)
     return code
