@@ -125,7 +125,7 @@ def dynamic_model(
         notes.append(f"Stacks without hysteresis: {', '.join(linear)}.")
     if any(isinstance(m, DriveModel) for m in models.values()):
         notes.append(
-            "Hysteresis and creep of identified drives are used; their identified delay, offset "
+            "Of identified drives, hysteresis and creep are used; their identified delay, offset "
             "and modes are not, and the modes are those of the stage."
         )
     return replace(
@@ -225,7 +225,7 @@ def assembled_model(
             "the others follows without delay."
         )
     if any(s.noise_rms > 0.0 for s in sensors_by_probe.values()):
-        notes.append("Files for other programs do not include the noise of the sensors.")
+        notes.append("The noise of the sensors is not included in files for other programs.")
     return DynamicModel(
         name=system.name,
         title="",

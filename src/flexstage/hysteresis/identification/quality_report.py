@@ -173,7 +173,7 @@ def _unusual_creep(chain: ChainEstimate, data: FitData) -> tuple[str, ...]:
     if (
         not chain.searched
         or creep <= _UNUSUAL_CREEP
-        or any("the creep is" in n for n in chain.notes)
+        or any(n.startswith("the creep reached") for n in chain.notes)
     ):
         return ()
     return (
