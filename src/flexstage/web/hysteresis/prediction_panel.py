@@ -85,19 +85,19 @@ class PredictionPanel:
                 if looked is not None:
                     show_contents(looked)
             return
-        first, drive = found.predictions[0], model.file.model
+        first, drive = found.found[0], model.file.model
         with self._shown:
             with div("row-of-figures"):
                 figure("As predicted", f"{first.as_predicted_rms_percent:.3f} % rms")
                 figure("With a free constant", f"{first.free_constant_rms_percent:.3f} % rms")
                 figure("Largest", f"{first.largest_percent:.2f} %")
             picture(found.svg)
-            show_table(in_page(predictions_table(found.predictions)))
+            show_table(in_page(predictions_table(found.found)))
             band = model.file.errors.get("heldout_95")
-            lines = [line for p in found.predictions for line in prediction_in_words(p, drive)]
-            lines += [] if band is None else [band_in_words(found.predictions, band)]
+            lines = [line for p in found.found for line in prediction_in_words(p, drive)]
+            lines += [] if band is None else [band_in_words(found.found, band)]
             show_lines([sentence(line) for line in lines], "small")
-            show_lines([sentence(note) for p in found.predictions for note in p.notes], "issue")
+            show_lines([sentence(note) for p in found.found for note in p.notes], "issue")
 
     def _other_record(self) -> None:
         self._state.predicted = None
