@@ -393,7 +393,7 @@ def bad_records(table):
         "constant output": (u, np.full_like(y, 3.3), "constant"),
         "constant input": (np.full_like(u, -1.0), y, "constant"),
         "short": (u[:30], y[:30], "at least 50"),
-        "half a cycle": (half, 0.3 * half + 0.001 * half**2, "no whole cycle"),
+        "half a cycle": (half, 0.3 * half + 0.001 * half**2, "no complete cycle"),
         "unrelated": (u, noise, "does not follow"),
         "swapped": (y, u, "leads the input"),
         "falling and swapped": (-y, u, "leads the input"),
