@@ -82,7 +82,7 @@ def test_the_table_says_what_is_run_and_what_is_not(capsys):
     assert (status, err) == (0, "")
     for part in ("sine", "conditioning", "nested loops about the middle", "turns", "omitted:"):
         assert part in out
-    assert "memory visited" in out
+    assert "memory covered" in out
     assert "warning: no limit of slope" in out
     assert "mA" not in out
 
