@@ -149,7 +149,7 @@ DRAWINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("CentredRecords", ""): ("centring.draw_centred", "found"),
     ("CompensationCommand", ""): (
         "tracking.draw_feedforward",
-        "made=made model=drive band_percent=band",
+        "made=feedforward model=drive band_percent=band",
     ),
     ("DecayResult", ""): ("modal_fit.draw_ring_down", "fit=fit record=record"),
     ("EvaluatedBudget", ""): (

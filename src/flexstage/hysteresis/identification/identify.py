@@ -99,7 +99,7 @@ def identify(
         selected that is as good as the best on held-out cycles, within noise.
     chain : ChainValues, optional
         The chain, if all of it is known; identified where not given.
-    **asked
+    **options
         Fields of `IdentifyRequest`, in place of those of `request`.
 
     Returns
