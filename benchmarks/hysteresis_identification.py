@@ -26,8 +26,8 @@ from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.identification.chain_search import find_chain
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
-from flexstage.hysteresis.identification.residuals import cross_validate, residuals
 from flexstage.hysteresis.identification.model_fit import FitData, behind_chain, fit_data, fits
+from flexstage.hysteresis.identification.residuals import cross_validate, residuals
 from flexstage.hysteresis.models.bouc_wen.fit import BoucWenFit, shape_at
 from flexstage.hysteresis.models.preisach.fit import PreisachFit
 from flexstage.records import Channel, Record

@@ -51,7 +51,9 @@ def test_a_model_of_an_unknown_kind_is_refused_by_name() -> None:
     class Other(BoucWen):
         kind = "other"
 
-    with pytest.raises(ModelError, match="no C code for hysteresis of the kind 'other': use one of"):
+    with pytest.raises(
+        ModelError, match="no C code for hysteresis of the kind 'other': use one of"
+    ):
         hysteresis_code(Other(gain=1.0, hysteresis_gain=0.3, beta=0.1, gamma=0.02))
 
 

@@ -11,13 +11,13 @@ from flexstage.hysteresis import Dahl, PrandtlIshlinskii
 from flexstage.hysteresis.chain.creep import CreepSpectrum, LogCreep
 from flexstage.hysteresis.chain.lag import Lag
 from flexstage.hysteresis.chain.stage_modes import StageModes
+from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.hysteresis.identification.cycles import cycles
 from flexstage.hysteresis.identification.faults import butterfly, clipped, without_spikes
 from flexstage.hysteresis.identification.fit_rows import ChainValues
 from flexstage.hysteresis.identification.identify import identify
 from flexstage.hysteresis.identification.measurement import measurement
 from flexstage.hysteresis.identification.model_fit import fit_data
-from flexstage.hysteresis.identification.baseline_shift import baseline_shifts
 from flexstage.records import Channel, Record
 from flexstage.virtual.stack import virtual_stack
 
@@ -293,7 +293,10 @@ def test_a_jump_of_the_zero_is_placed(share, place):
     assert jump.kind == "jump"
     assert jump.at[0] == pytest.approx(place * DT, abs=3.0 * DT)
     assert jump.size == pytest.approx(share * STROKE, rel=0.1)
-    assert f"at {jump.at[0]:.6g} s and keeps the new level" in found.warnings[int(not found.quality.fits)]
+    assert (
+        f"at {jump.at[0]:.6g} s and keeps the new level"
+        in found.warnings[int(not found.quality.fits)]
+    )
 
 
 #: What a search makes of a record with a jump: creep at its limit, none, a spectrum.

@@ -13,8 +13,8 @@ from flexstage.hysteresis.identification.measurement import (
     measurement,
     without_history,
 )
-from flexstage.hysteresis.identification.residuals import residuals
 from flexstage.hysteresis.identification.model_fit import fit_data
+from flexstage.hysteresis.identification.residuals import residuals
 from flexstage.records import Channel, Record
 
 DT = 0.01

@@ -5,7 +5,12 @@ import pytest
 
 from flexstage.base.errors import ModelError
 from flexstage.hysteresis import Dahl
-from flexstage.hysteresis.drive_model import DriveModel, ValidityRange, in_unit_of_model, range_warnings
+from flexstage.hysteresis.drive_model import (
+    DriveModel,
+    ValidityRange,
+    in_unit_of_model,
+    range_warnings,
+)
 
 DT = 1e-3
 DRIVE = DriveModel(

@@ -54,8 +54,8 @@ def compensate(
     figure
         Draw command, loop and what is left. (.svg, .png or .pdf)
     """
-    from flexstage.hysteresis.inversion import compensate as run
     from flexstage.hysteresis.inversion import command_record
+    from flexstage.hysteresis.inversion import compensate as run
     from flexstage.hysteresis.model_file import read_model_file
     from flexstage.records.likely_columns import taken_drive
     from flexstage.records.read import read_files

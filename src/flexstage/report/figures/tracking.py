@@ -289,7 +289,11 @@ def _command_loop(axes: "Axes", made: "Feedforward", model: "DriveModel") -> Non
     unit, factor = scale(model.output_unit)
     at = np.unique(np.concatenate((shown_lines(made.command), shown_lines(made.requested))))
     axes.plot(
-        factor * made.requested[at], made.command[at], color=CYCLE[0], linewidth=0.9, label="command"
+        factor * made.requested[at],
+        made.command[at],
+        color=CYCLE[0],
+        linewidth=0.9,
+        label="command",
     )
     ends = [int(made.requested.argmin()), int(made.requested.argmax())]
     axes.plot(
